@@ -1,1 +1,1 @@
-"""The service: pipeline, capture, publisher, health."""
+"""Measurement service of one arm."""

@@ -1,4 +1,4 @@
-"""The daemon as a program: reads its files, runs the service, gives the exit status."""
+"""The daemon as a program: read the inputs, run the service, return the exit status."""
 
 import contextlib
 import logging
@@ -17,10 +17,10 @@ log = logging.getLogger(__name__)
 async def run_service(
     path: Path, *, embedded: bool, embedded_port: int = 1883, keep_trying: bool = False
 ) -> int:
-    """Run the daemon until SIGTERM or SIGINT; gives the exit status.
+    """Run the daemon until SIGTERM or SIGINT; return the exit status.
 
-    With ``embedded`` it starts an own broker on loopback, at a free port for 0; with
-    ``keep_trying`` it begins without a device or broker that cannot be reached.
+    With ``embedded`` it starts a broker on loopback, at a free port for 0; with
+    ``keep_trying`` it starts without unreachable devices or broker.
     """
     limit_malloc_arenas()
     try:

@@ -1,4 +1,4 @@
-"""The host's two clocks: monotonic for work, UTC for messages and files."""
+"""Clocks of the host: monotonic for work, UTC for messages and files."""
 
 import time
 from collections.abc import Callable
@@ -9,43 +9,39 @@ STEP_NS = 10_000_000  # UTC that moves by more was set, not adjusted gradually
 
 
 class HostClock:
-    """Injected wherever time is read, so that tests can set it."""
+    """System clocks, passed to everything that reads time."""
 
     def monotonic_ns(self) -> int:
-        """Time that never jumps [ns]."""
         return time.monotonic_ns()
 
     def elapsed_ns(self) -> int:
-        """Time that never jumps and counts while the computer is suspended, too."""
+        """Return monotonic time that includes suspension [ns]."""
         return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
     def utc_offset_ns(self) -> int:
-        """What to add to monotonic time to get nanoseconds since 1970, UTC."""
+        """Return UTC since 1970 minus monotonic time [ns]."""
         return time.time_ns() - time.monotonic_ns()
 
     def to_utc_ns(self, monotonic_ns: int) -> int:
-        """UTC of a monotonic time, by the present relation of the two."""
         return monotonic_ns + self.utc_offset_ns()
 
     def step(self) -> int:
-        """Advance to the present, where time is stepped; return it [ns]."""
+        """Advance a stepped clock to the present; return it [ns]."""
         return self.monotonic_ns()
 
     @property
     def running(self) -> "HostClock":
-        """The running clock, for durations."""
         return self
 
 
 class FrozenClock(HostClock):
-    """Time for measuring: frozen during a step, so that steps can be repeated.
+    """Clock that stands still within a step, so that steps can be repeated.
 
-    Whatever is decided by the time, within one step, is decided by the same time. The
-    relation to UTC is frozen too; it is checked regularly, and adopted where it has
-    changed by more than jitter; a step of it at once.
+    The offset to UTC is frozen too. It is checked regularly and adopted when it differs
+    by more than jitter; at once when the clock was set.
 
     Args:
-        related: called with (now_ns, utc_offset_ns) when the relation to UTC changes.
+        related: called with (now_ns, utc_offset_ns) when the offset changes.
     """
 
     def __init__(
@@ -61,11 +57,9 @@ class FrozenClock(HostClock):
 
     @property
     def running(self) -> HostClock:
-        """The running clock."""
         return self._host
 
     def step(self) -> int:
-        """Go on to the present; gives it."""
         now_ns = self._now_ns = self._host.monotonic_ns()
         offset_ns, limit_ns = self._host.utc_offset_ns(), STEP_NS
         if now_ns - self._looked_ns >= LOOK_NS:
@@ -84,9 +78,7 @@ class FrozenClock(HostClock):
         return abs(utc_offset_ns - self._utc_offset_ns)
 
     def monotonic_ns(self) -> int:
-        """The time of this step."""
         return self._now_ns
 
     def utc_offset_ns(self) -> int:
-        """What to add to monotonic time to get UTC."""
         return self._utc_offset_ns

@@ -1,9 +1,8 @@
-"""The request of the command that is being executed.
+"""Context variable with the request of the running command.
 
-A point that a command takes is stored together with that, so that the same request,
-repeated after a crash, gets its first answer and takes no second point. It is a context
-variable: each command is executed by a task of its own, and between the two lie modules
-that do not concern themselves with commands.
+A point is stored with the request that took it, so that the same request repeated after
+a crash gets its first answer and takes no second point. Each command runs in a task of
+its own; the modules between need not pass the request on.
 """
 
 from contextvars import ContextVar

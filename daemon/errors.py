@@ -1,4 +1,4 @@
-"""Refusals that are returned to requesters, and results of requests."""
+"""Refusals for requesters, and results of requests."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,7 +7,7 @@ Result = Mapping[str, Any]
 
 
 class RequestRefusedError(Exception):
-    """A request that cannot be executed; its sender gets code, text and remedy."""
+    """A refused request; its sender gets code, text and remedy."""
 
     def __init__(self, code: str, text: str, remedy: str) -> None:
         super().__init__(text)
@@ -16,7 +16,7 @@ class RequestRefusedError(Exception):
 
 
 class CaptureRefusedError(RequestRefusedError):
-    """No point was captured, or none retracted, with the reason."""
+    """A point was not captured or retracted, with the reason."""
 
     def __init__(self, text: str, remedy: str, code: str = "capture.refused") -> None:
         super().__init__(code, text, remedy)

@@ -1,8 +1,8 @@
-"""Commands of the measurement as values, which the service and a replay execute.
+"""Commands of the measurement as values, executed by the service and by a replay.
 
-`MeasurementCommand.execute` notifies the listener first, so that a
-recording holds every command. A class of commands states how it is recorded and what it
-does, and is found by its recorded name: no command exists live that a replay lacks.
+`MeasurementCommand.execute` notifies the listener first, so that a recording holds
+every command. A command class states how it is recorded and is found by its recorded
+name, so that a replay knows every live command.
 """
 
 import asyncio
@@ -33,11 +33,11 @@ HOME_REFUSED = "home.refused"
 
 
 class MeasurementCommand(ABC, Generic[T_co]):
-    """Base of all commands; a subclass is a frozen dataclass.
+    """Base of all commands; subclasses are frozen dataclasses.
 
     Attributes:
         recorded_name: in recordings, and the key in `classes`.
-        inner: the one field whose own values are recorded, and its class.
+        inner: the one field that is recorded by its own values, and its class.
     """
 
     recorded_name: ClassVar[str]
@@ -50,7 +50,6 @@ class MeasurementCommand(ABC, Generic[T_co]):
             MeasurementCommand.classes[recorded_name] = cls
 
     def to_record(self) -> dict[str, Any]:
-        """The values as recorded: plain values by name."""
         if self.inner is None:
             return dict(vars(self))
         value = getattr(self, self.inner[0])
@@ -58,14 +57,13 @@ class MeasurementCommand(ABC, Generic[T_co]):
 
     @classmethod
     def from_record(cls, values: Mapping[str, Any]) -> Self:
-        """The command of recorded values."""
         if cls.inner is None:
             return cls(**values)
         name, kind = cls.inner
         return cls(**{name: kind(**values)})
 
     def execute(self, measurement: Measurement) -> T_co:
-        """Execute it now, after it has been recorded; gives its result."""
+        """Record the command, execute it, and return its result."""
         measurement.evaluate_readings()
         now_ns = measurement.clock.step()
         record = self.to_record()
@@ -75,32 +73,32 @@ class MeasurementCommand(ABC, Generic[T_co]):
 
     @abstractmethod
     def _apply(self, measurement: Measurement, now_ns: int) -> T_co:
-        """Do it at an instant."""
+        """Execute it at an instant."""
 
 
 class OrderedCommand(MeasurementCommand["asyncio.Future[Any]"]):
-    """Base of what takes effect after all points that were requested before."""
+    """Base of commands that take effect after all points requested before."""
 
     def _apply(self, measurement: Measurement, now_ns: int) -> "asyncio.Future[Any]":
         return measurement.points.in_order(lambda: self._act(measurement, now_ns))
 
     @abstractmethod
     def _act(self, measurement: Measurement, now_ns: int) -> object:
-        """Do it, when its turn has come."""
+        """Execute it in its turn."""
 
 
 def recorded_command(name: str, values: Mapping[str, Any]) -> MeasurementCommand[Any]:
-    """The command of a recording.
+    """Create the command of a recording.
 
     Raises:
-        KeyError: there is none of this name.
-        TypeError: its values are not those that it has.
+        KeyError: unknown name.
+        TypeError: unexpected values.
     """
     return MeasurementCommand.classes[name].from_record(values)
 
 
 def stop_scan(measurement: Measurement) -> int:
-    """Stop the running scan if there is one; gives how many points it has."""
+    """Stop a running scan; return its number of points."""
     return StopScan().execute(measurement) if measurement.scanner.is_running else 0
 
 
@@ -109,7 +107,7 @@ def stop_scan(measurement: Measurement) -> int:
 
 @dataclass(frozen=True)
 class TakeNow(MeasurementCommand[PointFuture], recorded_name="take_now"):
-    """Take a point at this instant, out of the stream."""
+    """Take a point of the stream at this instant."""
 
     def _apply(self, measurement: Measurement, now_ns: int) -> PointFuture:
         return measurement.points.take_now()
@@ -117,7 +115,7 @@ class TakeNow(MeasurementCommand[PointFuture], recorded_name="take_now"):
 
 @dataclass(frozen=True)
 class TakeMean(MeasurementCommand[PointFuture], recorded_name="take_mean"):
-    """Take a point that is the mean of the samples from now on."""
+    """Take a point that is the mean of the following samples."""
 
     samples: int | None
     dwell_ns: int | None
@@ -132,7 +130,7 @@ class TakeMean(MeasurementCommand[PointFuture], recorded_name="take_mean"):
 
 @dataclass(frozen=True)
 class AwaitLatch(MeasurementCommand[PointFuture], recorded_name="await_latch"):
-    """Take a point of the latch with this token, requested from a device."""
+    """Take a point of the latch with this token."""
 
     token: int
 
@@ -151,7 +149,7 @@ class AwaitLatch(MeasurementCommand[PointFuture], recorded_name="await_latch"):
 
 @dataclass(frozen=True)
 class GiveUpLatch(MeasurementCommand[None], recorded_name="give_up_latch"):
-    """Take no point of that latch any more; its requester has given up."""
+    """Discard the latch with this token; its requester has given up."""
 
     token: int
 
@@ -164,7 +162,7 @@ class GiveUpLatch(MeasurementCommand[None], recorded_name="give_up_latch"):
 
 @dataclass(frozen=True)
 class Undo(OrderedCommand, recorded_name="undo"):
-    """Retract the last point; with an id it must be that one."""
+    """Retract the last point; with an id only that one."""
 
     id: str | None
 
@@ -174,7 +172,7 @@ class Undo(OrderedCommand, recorded_name="undo"):
 
 @dataclass(frozen=True)
 class SetLabel(OrderedCommand, recorded_name="label"):
-    """Label the points that are requested after it."""
+    """Label points requested after it."""
 
     artefact: str | None
     feature: str | None
@@ -192,7 +190,7 @@ class SetLabel(OrderedCommand, recorded_name="label"):
 
 @dataclass(frozen=True)
 class NewSession(OrderedCommand, recorded_name="session"):
-    """Number points from 0 again; gives the id of the new session."""
+    """Begin a session; returns its id."""
 
     note: str
 
@@ -219,7 +217,7 @@ class StartScan(MeasurementCommand[None], recorded_name="start_scan"):
 
 @dataclass(frozen=True)
 class StopScan(MeasurementCommand[int], recorded_name="stop_scan"):
-    """Stop the running scan; gives how many points it has."""
+    """Stop the running scan; returns its number of points."""
 
     def _apply(self, measurement: Measurement, now_ns: int) -> int:
         return measurement.scanner.stop()
@@ -230,7 +228,7 @@ class StopScan(MeasurementCommand[int], recorded_name="stop_scan"):
 
 @dataclass(frozen=True)
 class SetAlignment(OrderedCommand, recorded_name="align"):
-    """Set or clear the alignment for all points that are requested after it."""
+    """Set or clear the alignment of points requested after it."""
 
     inner = "args", AlignArgs
     args: AlignArgs
@@ -250,17 +248,15 @@ class SetAlignment(OrderedCommand, recorded_name="align"):
 
 @dataclass(frozen=True)
 class SetProbe(OrderedCommand, recorded_name="probe"):
-    """Measure with a probe of the library; gives the arm with it."""
+    """Measure with a probe of the library; returns the arm with it."""
 
     probe: LibraryProbe
 
     def to_record(self) -> dict[str, Any]:
-        """The probe as JSON."""
         return {"probe": self.probe.model_dump_json()}
 
     @classmethod
     def from_record(cls, values: Mapping[str, Any]) -> Self:
-        """The command of recorded values."""
         return cls(LibraryProbe.model_validate_json(values["probe"]))
 
     def _act(self, measurement: Measurement, now_ns: int) -> ArmModel:
@@ -283,7 +279,7 @@ class SetProbe(OrderedCommand, recorded_name="probe"):
 
 @dataclass(frozen=True)
 class JudgeUtc(MeasurementCommand[None], recorded_name="utc"):
-    """Doubt the computer's UTC for a reason, or, without one, believe it."""
+    """Doubt the computer's UTC for a reason, or, without one, trust it."""
 
     doubt: str
     remedy: str
@@ -295,7 +291,7 @@ class JudgeUtc(MeasurementCommand[None], recorded_name="utc"):
 
 @dataclass(frozen=True)
 class ConfirmReference(OrderedCommand, recorded_name="reference"):
-    """Accept devices and the positions of their encoders; gives what was in doubt."""
+    """Accept devices and encoder positions; returns what was in doubt."""
 
     inner = "args", ReferenceArgs
     args: ReferenceArgs
@@ -326,7 +322,7 @@ class ConfirmReference(OrderedCommand, recorded_name="reference"):
 
 @dataclass(frozen=True)
 class HomeJoints(OrderedCommand, recorded_name="home"):
-    """Take the present posture of joints as the home posture of the arm file."""
+    """Take the present posture of joints as the arm file's home posture."""
 
     inner = "args", HomeArgs
     args: HomeArgs
@@ -347,7 +343,6 @@ class HomeJoints(OrderedCommand, recorded_name="home"):
         return {"homed": list(offsets_rad), "accepted": accepted}
 
     def _angles_rad(self, measurement: Measurement) -> dict[str, float]:
-        """Where the joints are, by name."""
         home = measurement.model.arm.home
         if home is None:
             raise CaptureRefusedError(

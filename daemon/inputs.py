@@ -1,4 +1,4 @@
-"""Read the files that the daemon measures by; report all that is wrong with them."""
+"""Read the daemon's input files; report all mistakes."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -24,9 +24,9 @@ class StartupError(Exception):
     """The daemon cannot start.
 
     Attributes:
-        status: exit status, 2 where an input was refused, 3 where a device, the broker
-            or a file could not be reached, which may mend itself.
-        files: those of the failures that are mistakes in files.
+        status: exit status: 2 for refused input, 3 for an unreachable device, broker
+            or file.
+        files: failures that are mistakes in files.
     """
 
     def __init__(self, failures: Sequence[str | FileError], status: int) -> None:
@@ -40,11 +40,11 @@ class StartupError(Exception):
 
 
 class Inputs(NamedTuple):
-    """What the daemon measures by.
+    """Inputs of the daemon.
 
     Attributes:
-        probes: names of the probe library's; None where there is no library.
-        signer: of points; None where they are not signed.
+        probes: names in the probe library; None without one.
+        signer: of points; None if they are not signed.
     """
 
     configuration: Configuration
@@ -54,13 +54,11 @@ class Inputs(NamedTuple):
 
 
 def address_of(section: BrokerSection, folder: Path) -> BrokerAddress:
-    """The address that a table [broker] gives."""
     values = section.model_dump(exclude={"response_topics", "encoding"})
     return BrokerAddress(**values, folder=folder)
 
 
 def credentials_problems(section: BrokerSection, folder: Path) -> Iterator[Problem]:
-    """Why the files of [broker] cannot be used, as mistakes of the configuration."""
     try:
         read_credentials(address_of(section, folder))
     except CredentialsError as error:
@@ -68,10 +66,10 @@ def credentials_problems(section: BrokerSection, folder: Path) -> Iterator[Probl
 
 
 def read_inputs(path: Path, embedded: bool) -> Inputs:
-    """Read the configuration and the arm file that it names.
+    """Read the configuration and its arm file.
 
     Raises:
-        StartupError: with everything that is wrong with both.
+        StartupError: lists all mistakes of both.
     """
     try:
         configuration = read_configuration(path)
@@ -121,7 +119,7 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
 
 
 def _end_stop_problems(configuration: Configuration, model: ArmModel) -> list[Problem]:
-    """End stops of joints that the arm does not have, or has once only."""
+    """Find end stops of unknown joints, and duplicates."""
     problems, seen = [], set()
     for index, stop in enumerate(configuration.quality.end_stops):
         where = f"quality.end_stops[{index}].joint"

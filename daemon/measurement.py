@@ -1,7 +1,7 @@
-"""The measuring path: every delivery of a device to points, scans and live poses.
+"""The measuring path: from deliveries of devices to points, scans and live poses.
 
-Runs on the event loop, in plain calls; nothing here waits. `Measurement` composes it,
-for the service, a replay and tests; `traverse.daemon.executor` executes its commands.
+Plain calls on the event loop; nothing waits. `Measurement` is used by the service,
+replays and tests; `traverse.daemon.executor` has its commands.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -74,16 +74,16 @@ DEFERRED_NS = 50_000_000  # readings wait no longer for others to be evaluated w
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sinks:
-    """Where results go; the defaults ignore them.
+    """Consumers of results; the defaults ignore them.
 
     Attributes:
-        write_point: sends a point to the disk; gives None if there is no room.
+        write_point: writes a point to the disk; None if there is no room.
         offer_scan: takes a block of a scan; False if it is dropped. Calls its second
-            argument where it is dropped later.
-        on_action: called with actions of buttons that are not about points.
-        status_changed: called after a change of what a status message contains.
+            argument if it is dropped later.
+        on_action: called with button actions that do not concern points.
+        status_changed: called when the content of the status message changes.
         latencies: by name, see `LATENCIES`.
-        references: what has to be known of them after a restart.
+        references: memory of confirmed devices.
     """
 
     events: EventLog
@@ -99,18 +99,18 @@ class Sinks:
 class Measurement(MeasurementContext):
     """Turns deliveries into points, scan blocks, live poses and events.
 
-    Composes the measuring path, with a new session unless one is given.
+    Begins a session unless one is given.
 
     Attributes:
-        listener: notified of each step, before it is taken.
-        devices: all of the configuration, by id.
-        joint_devices: those of them that read the arm's joints.
-        conditions: that all numbers rest on.
-        latches: what waits for a requested latch, by its token, with its request.
-        latch_points: all requests of such points that are not done, by the same.
-        probe: that of the library which measures; None for that of the arm file.
-        probes: names of the library's when it was last read; None without a library.
-        rate_hz: of the arm's present sample stream.
+        listener: notified before each step.
+        devices: all configured ones, by id.
+        joint_devices: those that read joints.
+        conditions: of all numbers.
+        latches: requests waiting for a latch, by its token.
+        latch_points: unfinished requests of such points, by token.
+        probe: probe of the library in use; None for the arm file's.
+        probes: names in the library when last read; None without one.
+        rate_hz: of the present sample stream.
     """
 
     def __init__(
@@ -194,7 +194,7 @@ class Measurement(MeasurementContext):
 
     @property
     def clock_device(self) -> Device:
-        """The device whose sampling instants are those of the arm's samples."""
+        """Device whose sampling instants are those of the arm's samples."""
         clock = self.resampler.clock
         return next(d for d in self.joint_devices.devices if d.section.id == clock)
 
@@ -205,18 +205,16 @@ class Measurement(MeasurementContext):
 
     @property
     def is_idle(self) -> bool:
-        """No point is being taken."""
         return self.points.is_idle and not self.latches
 
     @property
     def model(self) -> ArmModel:
-        """The arm that is measured with."""
         return self.pipeline.model
 
     # -- settings -------------------------------------------------------------
 
     def apply_settings(self, configuration: Configuration, model: ArmModel) -> None:
-        """Change to another arm file and configuration; only while `is_idle`."""
+        """Change arm file and configuration; only while `is_idle`."""
         self.configuration, capture = configuration, configuration.capture
         self.set_model(model)
         self.quality.use(configuration.quality, model)
@@ -228,7 +226,7 @@ class Measurement(MeasurementContext):
         self._set_batch_window()
 
     def _use_conditions(self) -> None:
-        """Follow which conditions apply, and feed that of the arm's geometry."""
+        """Set the conditions that apply, and feed that of the geometry."""
         model, section = self.model, self.configuration.quality
         identities = {name: it.identity for name, it in self.devices.items()}
         subjects = subjects_by_condition(model, section, identities)
@@ -239,7 +237,7 @@ class Measurement(MeasurementContext):
             self.conditions.establish("geometry")
 
     def set_model(self, model: ArmModel) -> None:
-        """Measure with another probe on the same arm from the next sample on."""
+        """Measure with another probe from the next sample on."""
         self.evaluate_readings()
         self.pipeline.use_model(model)
         self._use_conditions()
@@ -248,10 +246,10 @@ class Measurement(MeasurementContext):
         self.points.arm_changed()
 
     def with_probe(self, model: ArmModel) -> ArmModel:
-        """An arm, as its file describes it, with the probe that is in use.
+        """Return an arm with the probe in use.
 
         Raises:
-            ValueError: it cannot have that probe.
+            ValueError: the arm cannot have that probe.
         """
         return model if self.probe is None else model_with_probe(model, self.probe)
 
@@ -273,7 +271,7 @@ class Measurement(MeasurementContext):
         )
 
     def _note_motion(self, poses: PoseBlock) -> None:
-        """Collect samples for longer while the arm rests and nothing measures."""
+        """Collect larger batches while the arm rests and nothing measures."""
         now_ns, xyz_mm = int(poses.sample_time_ns[-1]), poses.xyz_mm
         moves = not np.abs(xyz_mm - self._rest_mm).max() < REST_MM  # also of NaN
         if moves or not self.is_quiet:
@@ -286,16 +284,15 @@ class Measurement(MeasurementContext):
 
     @property
     def is_quiet(self) -> bool:
-        """Nothing is under way that a snapshot does not contain."""
+        """Whether a snapshot would be complete."""
         return self.is_idle and not self.scanner.is_running
 
     @property
     def probe_json(self) -> str | None:
-        """`probe` as recorded."""
         return None if self.probe is None else self.probe.model_dump_json()
 
     def snapshot(self) -> dict[str, object]:
-        """All that a recording which begins now must know, as values and arrays."""
+        """Return the state that a recording begins with, as values and arrays."""
         air_mm, alignment = self.points.evaluator.tip.air_mm, self.alignment.alignment
         return {
             "idle": self.is_quiet,
@@ -314,11 +311,11 @@ class Measurement(MeasurementContext):
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Continue from the state of a recording, with its devices and `fresh`.
+        """Continue from a recorded state, with its devices and `fresh`.
 
         Raises:
             ValueError: it is of another arm.
-            KeyError: it lacks something.
+            KeyError: something is missing.
         """
         if state["model"] != self.model.digest:
             raise ValueError(
@@ -348,10 +345,10 @@ class Measurement(MeasurementContext):
     # -- deliveries and time --------------------------------------------------
 
     def process_timeouts(self) -> None:
-        """Process timeouts; call it every 20 ms.
+        """Process timeouts; call every 20 ms.
 
-        Nothing else checks the time, so that deliveries which already wait after a
-        busy moment of the loop are processed first.
+        Only here time is checked, so that deliveries that queued up are processed
+        first.
         """
         now_ns = self.clock.step()
         self.listener.passed(now_ns, self)
@@ -373,18 +370,17 @@ class Measurement(MeasurementContext):
             self.conditions.doubt("utc", HOST, "the computer's clock is years behind")
 
     def judge_utc(self, doubt: str, remedy: str) -> None:
-        """Doubt the computer's UTC from now on for a reason; believe it without one."""
+        """Doubt UTC for a reason, or trust it without one."""
         self._utc_doubt = doubt, remedy
         self._check_host_clock()
 
     def dispatch(
         self, device: Device, delivery: Delivery, *, is_before_edge: bool = False
     ) -> None:
-        """Process one delivery of a device.
+        """Process a delivery of a device.
 
-        An edge or latch that has arrived with samples needs their readings, but seldom
-        their poses. So poses of samples before one are computed later, many at once;
-        no point depends on that.
+        Edges and latches that arrive with samples need readings, but seldom poses.
+        Poses of samples before an edge are therefore computed later, in larger blocks.
         """
         device.last_ns = self.clock.step()
         self.listener.delivered(device.last_ns, delivery, self)
@@ -465,7 +461,6 @@ class Measurement(MeasurementContext):
         self.points.settle()
 
     def _note_device_clock(self, samples: CountSamples) -> None:
-        """Feed the condition of the device's clock by what its driver says."""
         condition = "device_clock", samples.device
         if (samples.status & STATUS_TIME_UNCERTAIN).any():
             doubt = self.devices[samples.device].clock_doubt
@@ -484,7 +479,6 @@ class Measurement(MeasurementContext):
         return readings
 
     def evaluate_readings(self) -> None:
-        """Compute the poses of readings for which that was deferred."""
         if self._readings:
             readings, self._readings = ArmReadings.joined(self._readings), []
             self._measure(readings, None)
@@ -524,7 +518,7 @@ class Measurement(MeasurementContext):
         error_bounds_counts: Floats | None,
         time_bound_ns: int,
     ) -> Live:
-        """The live pose of a block's last pose, with its covariance."""
+        """Add the covariance to a live pose."""
         time_ns, angles_rad = int(poses.sample_time_ns[-1]), poses.angles_rad[-1]
         block = self.pipeline.block_at(
             time_ns, angles_rad, self.joint_devices.temperature_c
@@ -548,7 +542,6 @@ class Measurement(MeasurementContext):
             self.points.add_latched(latch, *waiting)
 
     def _hold_scan(self, device: str, number: int, latch: LatchedCounts) -> None:
-        """Pass the edge of a button to a scan, which may depend on it."""
         key = device, number
         late_s = self.scanner.edge(key, latch.sample_time_ns, latch.active)
         if late_s:

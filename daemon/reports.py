@@ -1,4 +1,4 @@
-"""The messages `status` and `health`: the daemon's state, and its figures."""
+"""The messages `status` and `health`."""
 
 import resource
 import time
@@ -58,7 +58,7 @@ def status_message(
     public_key: str | None = None,
     online: bool = True,
 ) -> Status:
-    """The state now, or that of a daemon which is not there any more."""
+    """Return the status, or that of a daemon that has ended."""
     arrangement: dict[str, Any] = {}  # which the last will cannot tell
     if online:
         probe, probes = measurement.probe, measurement.probes
@@ -118,7 +118,7 @@ def _alarm(what: Occurrence, clock: HostClock) -> Alarm:
 
 
 class HealthReporter:
-    """Makes health messages; remembers the figures of the last one, for rates."""
+    """Makes health messages; keeps the last figures for rates."""
 
     def __init__(self, clock: HostClock, latencies: Mapping[str, Latencies]) -> None:
         self._clock = clock
@@ -140,7 +140,7 @@ class HealthReporter:
         counters: Mapping[str, int],
         anew: bool = True,
     ) -> Health:
-        """The figures since the last call with ``anew``."""
+        """Return the figures since the last call with ``anew``."""
         now_ns, cpu_s = self._clock.monotonic_ns(), time.process_time()
         elapsed_s = max(1e-3, (now_ns - self._last_ns) * 1e-9)
         devices = measurement.devices.values()
@@ -194,7 +194,7 @@ class HealthReporter:
 
 
 def _resident_bytes() -> int:
-    """Resident memory; the largest so far where the system does not report it."""
+    """Return resident memory; its maximum if the system reports no more."""
     try:
         pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
     except (OSError, IndexError, ValueError):
@@ -209,7 +209,7 @@ def health_counters(
     connection: BrokerConnection,
     queue: OutgoingQueue,
 ) -> dict[str, int]:
-    """All counters, by the name that they have in the health message."""
+    """Return all counters by their names in the health message."""
     capture, scanner = measurement.capture, measurement.scanner
     return {
         "points_captured": capture.captured,

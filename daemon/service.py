@@ -1,6 +1,6 @@
-"""The daemon composed: driver -> pipeline -> MQTT, from start to orderly end.
+"""The daemon composed: drivers, pipeline and MQTT, from start to orderly end.
 
-`Service` builds all parts, and `run` keeps them at work until the daemon is to end.
+`Service` builds all parts, and `run` runs them until the daemon is to end.
 """
 
 import asyncio
@@ -78,12 +78,12 @@ LOOP_PASSES = 4  # in which deliveries that already wait are processed
 
 
 class Service:
-    """All parts of one arm's daemon, built in order; needs a running event loop.
+    """All parts of one arm's daemon; needs a running event loop.
 
     Attributes:
         latencies: by name, see `LATENCIES`.
         status_due: set when the published status is out of date.
-        phase: what the daemon does, for the service manager.
+        phase: activity, for the service manager.
 
     Raises:
         StartupError: a file has gone since it was read.
@@ -248,7 +248,6 @@ class Service:
 
     @property
     def heartbeats(self) -> tuple[Heartbeat, ...]:
-        """Signs of life of the threads that write."""
         stores = (*self.outbox.heartbeats, *self.spool.heartbeats)
         return (*stores, self.recorder.heartbeat)
 
@@ -263,7 +262,7 @@ class Service:
         return self.commands.receive(incoming)
 
     def status(self, online: bool) -> Status:
-        """The state now, or that of a daemon which is not there any more."""
+        """Return the status, or that of a daemon that has ended."""
         signer = self.outbox.signer
         message = status_message(
             self.measurement,
@@ -314,16 +313,15 @@ class Service:
         )
 
     def publish_status(self) -> None:
-        """Publish the state now."""
         self.publisher.publish("status", self.status(True))
 
     def publish_clock(self) -> None:
-        """Publish the clock by which commands expire; it is in no recording."""
+        """Publish the clock by which commands expire; it is not recorded."""
         message = self.publisher.outgoing("clock", self.expiry.message())
         self.queue.offer("clock", replace(message, expiry_s=KEPT_S))
 
     def health_message(self, *, anew: bool) -> Health:
-        """The figures; with ``anew`` another period begins."""
+        """Return the figures; ``anew`` begins another period."""
         queue, connection = self.queue, self.connection
         return self.health.message(
             self.measurement,
@@ -338,7 +336,6 @@ class Service:
         )
 
     def metrics(self) -> str:
-        """The figures as Prometheus reads them."""
         health = self.health_message(anew=False)
         cpu_s = time.process_time()
         conditions = {
@@ -349,7 +346,7 @@ class Service:
         return exposition(health, self.latencies, cpu_s, about, conditions)
 
     def update_status_line(self) -> None:
-        """Send the line that `systemctl status` shows, if it has changed."""
+        """Update the line that `systemctl status` shows."""
         states = {device.section.id: device.state for device in self.devices}
         unsent = self.outbox.health().unsent
         line = self.status_line.text(self.phase, states, self.connection.state, unsent)
@@ -371,7 +368,7 @@ def _probe_library(path: Path, configuration: Configuration) -> Path | None:
 async def run(service: Service, *, keep_trying: bool) -> None:
     """Start, measure until SIGTERM or SIGINT, end in order.
 
-    With ``keep_trying`` also without a device or broker that cannot be reached.
+    With ``keep_trying`` it starts without unreachable devices or broker.
 
     Raises:
         StartupError: a device or the broker could not be reached.
@@ -431,7 +428,7 @@ async def run(service: Service, *, keep_trying: bool) -> None:
 
 
 async def _remember_answers(service: Service) -> None:
-    """Take no second point for a request that an earlier run has executed."""
+    """Load answers of an earlier run, so that no request takes a second point."""
     with contextlib.suppress(RequestRefusedError):  # the outbox reports its own trouble
         for request, point in await service.outbox.answered(MAX_REMEMBERED):
             name = "point" if point.retracts is None else "undo"
@@ -440,7 +437,7 @@ async def _remember_answers(service: Service) -> None:
 
 @contextlib.asynccontextmanager
 async def _in_background(*works: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
-    """Work while the block lasts."""
+    """Run a task within the block."""
     tasks = [asyncio.create_task(work) for work in works]
     try:
         yield
@@ -468,7 +465,7 @@ async def _measure(service: Service, stopping: asyncio.Event) -> None:
 
 
 async def _drain(service: Service) -> None:
-    """End scans and send what waits, for a limited time."""
+    """End scans and send waiting messages, for a limited time."""
     service.phase = "stopping"
     service.notifier.stopping(DRAIN_S + CLOSE_S + SPARE_S)
     service.update_status_line()
@@ -484,7 +481,7 @@ async def _drain(service: Service) -> None:
 
 
 async def _consume(service: Service, device: Device) -> None:
-    """Process what a device delivers, in the very call that wakes the loop for it."""
+    """Process a device's deliveries in the call that wakes the loop."""
     clock, measurement = service.clock, service.measurement
     handling = service.latencies["handling"]
     failed = asyncio.get_running_loop().create_future()
@@ -511,7 +508,7 @@ async def _consume(service: Service, device: Device) -> None:
 
 
 async def _process_timeouts(measurement: Measurement) -> None:
-    """Process what waits for readings, or for time to pass; else sleep."""
+    """Process timeouts while something waits; else sleep."""
     while True:
         if not measurement.may_wait:
             await measurement.points.has_pending.wait()
@@ -522,7 +519,7 @@ async def _process_timeouts(measurement: Measurement) -> None:
 
 
 async def _poll_periodically(service: Service) -> None:
-    """Continue deferred work a few times a second; publish health now and then."""
+    """Continue deferred work a few times a second, and publish health."""
     due_s = clock_due_s = 0.0
     loop = asyncio.get_running_loop()
     while True:

@@ -1,7 +1,7 @@
-"""Check at the start that devices and broker answer, and report those that do not.
+"""Check of devices and broker at the start.
 
-Started by hand, a daemon that lacks one of them reports it and ends. A service reports
-it and begins without; it keeps trying, and what is there is used.
+Started by hand, a daemon without one of them reports it and ends; a service reports it,
+begins, and keeps trying.
 """
 
 import asyncio
@@ -20,7 +20,7 @@ BROKER_ANSWER_S = 12.0  # in either version of MQTT
 
 
 def startup_limit_s(devices: Sequence[Device]) -> float:
-    """How long the check may take."""
+    """Return the time limit of the check."""
     return DEVICES_ANSWER_S * len(devices) + BROKER_ANSWER_S
 
 
@@ -34,7 +34,7 @@ async def check_startup(
     """Wait for all devices and the broker, or only report those that are absent.
 
     Raises:
-        StartupError: something is missing, or does not match; lists all.
+        StartupError: lists all that are absent or mismatched.
     """
     failures = await check_devices(devices)
     reason = await connection.probe()
@@ -65,7 +65,7 @@ async def check_startup(
 
 
 async def check_devices(devices: Iterable[Device]) -> list[tuple[int, str]]:
-    """Wait for all devices; gives what is wrong with each, with its exit status."""
+    """Wait for all devices; return failures with their exit status."""
     failures = []
     for device in devices:
         name = f"device {device.section.id}"

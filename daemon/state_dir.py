@@ -1,4 +1,4 @@
-"""Where the daemon keeps what must outlive it: one folder for each arm."""
+"""The state folder of an arm's daemon."""
 
 import os
 from pathlib import Path
@@ -12,9 +12,9 @@ OWNER_ONLY = 0o700
 
 
 def state_path(configuration_path: Path) -> Path:
-    """Where the folder is, or would be.
+    """Return the path of the state folder.
 
-    The first entry of `$STATE_DIRECTORY`, which systemd sets for a unit with
+    It is the first entry of `$STATE_DIRECTORY`, which systemd sets for
     `StateDirectory=`; else `state` beside the configuration.
     """
     folder = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
@@ -22,7 +22,7 @@ def state_path(configuration_path: Path) -> Path:
 
 
 def state_folder(configuration_path: Path) -> Path:
-    """The folder, made for its owner alone where it is missing.
+    """Create the state folder for its owner alone if it is missing.
 
     Raises:
         OSError: it cannot be made.

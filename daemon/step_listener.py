@@ -1,8 +1,7 @@
-"""Base class of what is notified of each step of a measurement; it ignores them.
+"""Base class of listeners to the steps of a measurement.
 
-A step is a delivery, the passing of time, or a command: with its instant, the steps
-are all that points depend on. `traverse.daemon.recorder.recorder.StepRecorder` records
-them.
+A step is a delivery, the passing of time, or a command: with its instant, points depend
+on nothing else. `traverse.daemon.recorder.recorder.StepRecorder` records them.
 """
 
 from collections.abc import Mapping
@@ -13,32 +12,32 @@ from traverse.protocol.messages import Message
 
 
 class StateSource(Protocol):
-    """What measures, as far as a listener may look at it before a step."""
+    """A measurement as listeners see it before a step."""
 
     @property
     def is_quiet(self) -> bool:
-        """Nothing is under way that a snapshot does not contain."""
+        """Whether a snapshot would be complete."""
 
     def snapshot(self) -> dict[str, object]:
-        """All that a recording which begins now must know."""
+        """Return the state that a recording begins with."""
 
 
 class StepListener:
     """Called on the event loop before each step; never waits."""
 
     def delivered(self, now_ns: int, delivery: Delivery, state: StateSource) -> None:
-        """A device has delivered something."""
+        """Take a delivery of a device."""
 
     def passed(self, now_ns: int, state: StateSource) -> None:
-        """Time has passed."""
+        """Take the passing of time."""
 
     def asked(
         self, now_ns: int, what: str, values: Mapping[str, object], state: StateSource
     ) -> None:
-        """A request was executed."""
+        """Take a command."""
 
     def related(self, now_ns: int, utc_offset_ns: int) -> None:
-        """UTC is so much more than host monotonic time from now on."""
+        """Take the present offset from host monotonic time to UTC."""
 
     def published(self, now_ns: int, message: Message) -> None:
-        """A message has been queued to be published."""
+        """Take a message that was queued for publication."""

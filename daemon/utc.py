@@ -1,11 +1,10 @@
-"""Whether the computer's UTC can be believed.
+"""Judgement of the computer's UTC.
 
 A computer without a clock battery starts in 1970, one with a wrong one years ahead; NTP
-sets it right later, or never. The kernel knows whether a program keeps the clock
-synchronised; in a laboratory without a network nothing does, and the clock is right all
-the same. So that is no doubt, as long as the time is possible: not before this version
-was made, not years after it, and neither before the latest time that was believed here
-nor much later. Nobody but the operator can tell more.
+corrects it later, or never. The kernel knows whether a program synchronises the clock;
+without a network nothing does, and the clock may still be right. So UTC is trusted as
+long as it is possible: not before this version was made, not years after it, and
+neither before the latest trusted time nor much later. Only the operator can tell more.
 """
 
 import ctypes
@@ -41,7 +40,7 @@ _STA_UNSYNC = 0x40
 
 
 class _Timex(ctypes.Structure):
-    """The beginning of `struct timex` of adjtimex(2), with room for its rest."""
+    """Beginning of `struct timex` of adjtimex(2), with room for its rest."""
 
     _fields_ = (
         ("modes", ctypes.c_uint),
@@ -55,7 +54,7 @@ class _Timex(ctypes.Structure):
 
 
 def is_synchronised() -> bool:
-    """Whether the kernel says that a program keeps its clock; False also: unknown."""
+    """Return whether the kernel's clock is synchronised; False also if unknown."""
     try:
         adjtimex = ctypes.CDLL(None, use_errno=True).adjtimex
     except (OSError, AttributeError):
@@ -67,7 +66,7 @@ def is_synchronised() -> bool:
 
 
 def as_text(utc_ns: int) -> str:
-    """A UTC time for people, to the minute; a computer may show any."""
+    """Format UTC to the minute; a computer may show any."""
     try:
         return f"{datetime.fromtimestamp(utc_ns * 1e-9, UTC):%Y-%m-%d %H:%M} UTC"
     except (ValueError, OverflowError, OSError):
@@ -76,11 +75,11 @@ def as_text(utc_ns: int) -> str:
 
 @dataclass
 class UtcMemory:
-    """What outlives the daemon.
+    """State that outlives the daemon.
 
     Attributes:
-        good_ns: the latest time that was believed; 0 for none.
-        confirmed_ns: the latest that the operator confirmed.
+        good_ns: latest trusted time; 0 for none.
+        confirmed_ns: latest time that the operator confirmed.
     """
 
     good_ns: int = 0
@@ -91,8 +90,8 @@ class UtcJudge:
     """Judges the computer's UTC.
 
     Args:
-        memory: of before.
-        synchronised: whether the kernel says so.
+        memory: of earlier runs.
+        synchronised: whether the kernel's clock is.
     """
 
     def __init__(
@@ -104,14 +103,14 @@ class UtcJudge:
         self._synchronised = synchronised
 
     def doubt(self, utc_ns: int) -> str:
-        """Why a time of now cannot be believed; empty where it can: remembered."""
+        """State why a present time is in doubt; empty if not, and remembered."""
         text = self._doubt(utc_ns)
         if not text:
             self.memory.good_ns = utc_ns
         return text
 
     def confirm(self, utc_ns: int) -> None:
-        """The operator says that a time of now is right."""
+        """Accept a present time on the operator's word."""
         self.memory.good_ns = self.memory.confirmed_ns = utc_ns
 
     def _doubt(self, utc_ns: int) -> str:
@@ -154,7 +153,7 @@ class UtcFile:
             log.warning("%s cannot be read, and is begun anew: %s", path, error)
 
     def keep(self) -> None:
-        """Write the memory where it is new by more than some minutes."""
+        """Write the memory if it is newer by some minutes."""
         good_ns, confirmed_ns = self.memory.good_ns, self.memory.confirmed_ns
         written = self._written
         if (
@@ -167,7 +166,6 @@ class UtcFile:
         self._thread.submit(self._write, text).add_done_callback(self._report)
 
     def close(self) -> None:
-        """Wait until all is written."""
         self._thread.shutdown()
 
     def _write(self, text: str) -> None:

@@ -1,4 +1,4 @@
-"""Watch the computer's UTC for the service: doubt it, believe it, remember it."""
+"""Watch over the computer's UTC for the service."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,12 +10,12 @@ LOOK_NS = 1_000_000_000
 
 
 class UtcWatch:
-    """Judges the time of now again and again.
+    """Judges the present time repeatedly.
 
     Args:
-        path: of the file with what is remembered.
-        judged: called with the reason for doubt and its remedy, when that changes; both
-            are empty for none.
+        path: of the memory's file.
+        judged: called with reason and remedy when the doubt changes; both are empty
+            for none.
     """
 
     def __init__(
@@ -29,7 +29,7 @@ class UtcWatch:
         self._looked_ns = -LOOK_NS
 
     def check(self) -> None:
-        """Judge the time; call it often."""
+        """Judge the time; call often."""
         now_ns = self._clock.monotonic_ns()
         if now_ns - self._looked_ns < LOOK_NS:
             return
@@ -41,7 +41,7 @@ class UtcWatch:
         self._file.keep()
 
     def confirm(self) -> None:
-        """The operator says that the computer's UTC is right."""
+        """Accept the computer's UTC on the operator's word."""
         self._judge.confirm(self._clock.to_utc_ns(self._clock.monotonic_ns()))
         self._looked_ns = -LOOK_NS
         self.check()

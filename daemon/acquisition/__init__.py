@@ -1,1 +1,1 @@
-"""Devices and their readings: state, resampling to common instants, warnings."""
+"""Devices, their readings, and resampling to common instants."""

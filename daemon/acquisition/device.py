@@ -1,4 +1,4 @@
-"""One device of the configuration: its driver, its state, what is known about it."""
+"""A configured device: driver, state, identity and clock."""
 
 import asyncio
 import contextlib
@@ -22,13 +22,13 @@ class Device:
     """A device as the service sees it.
 
     Attributes:
-        answered: set once the device has answered or been given up for the first time.
-        last_ns: host monotonic time of the last byte from it; 0 for never.
-        up_ns: since when it is there.
-        max_speed_rad_s: no joint turns faster; None where its options do not say.
-        temperatures_c: of its sensors; empty until the first report.
-        clock_text: how its clock runs, in words; empty until the first report.
-        clock_doubt: the same when it was in doubt last.
+        answered: set once the device has answered, or has been given up at first.
+        last_ns: host monotonic time of the last byte; 0 for none.
+        up_ns: since when it is connected.
+        max_speed_rad_s: fastest joint; None if its options do not state one.
+        temperatures_c: of its sensors; empty before the first report.
+        clock_text: state of its clock, in words; empty before the first report.
+        clock_doubt: `clock_text` when the clock was last in doubt.
     """
 
     section: DeviceSection
@@ -54,11 +54,10 @@ class Device:
 
     @property
     def temperature_c(self) -> float | None:
-        """That of the first sensor which has one."""
+        """Temperature of the first sensor that has one."""
         return next((c for c in self.temperatures_c if c is not None), None)
 
     def status(self) -> DriverStatus:
-        """Its entry in the status message."""
         identity: dict[str, Any] = {}
         if self.identity is not None:
             identity = {"name": self.identity.name, "firmware": self.identity.firmware}
@@ -73,7 +72,7 @@ class Device:
     def health(
         self, rate_hz: float, now_ns: int, lacks: Mapping[str, int]
     ) -> DeviceHealth:
-        """Its entry in the health message, with what the arm lacked of it."""
+        """Return figures for the health message, with shortfalls due to this device."""
         return DeviceHealth(
             id=self.section.id,
             state=self.state,
@@ -91,7 +90,7 @@ class Device:
 
 
 def open_device(section: DeviceSection, loop: asyncio.AbstractEventLoop) -> Device:
-    """The configured device; its driver is not yet started."""
+    """Create a configured device; its driver is not started."""
     delivery_queue = DeliveryQueue(loop)
     driver = driver_class(section.driver)(section.id, section.options, delivery_queue)
     return Device(section, delivery_queue, driver)
@@ -99,7 +98,7 @@ def open_device(section: DeviceSection, loop: asyncio.AbstractEventLoop) -> Devi
 
 @contextlib.asynccontextmanager
 async def running_drivers(devices: Sequence[Device]) -> AsyncIterator[None]:
-    """Read all devices while the block lasts."""
+    """Read all devices within the block."""
     try:
         for device in devices:
             device.driver.start()

@@ -1,4 +1,4 @@
-"""Interpolate readings of one encoder linearly at other instants.
+"""Linear interpolation of one encoder's readings at other instants.
 
 Between readings at t_0 and t_1 = t_0 + h the count at t_0 + s is taken as
 
@@ -35,7 +35,7 @@ class EncoderReadings(NamedTuple):
         times_ns: host monotonic, strictly increasing.
         counts: over all turns.
         status: bits ``STATUS_*``.
-        numbers: (n,) consecutive where none was lost between.
+        numbers: (n,) consecutive where none was lost.
     """
 
     times_ns: Integers
@@ -46,17 +46,15 @@ class EncoderReadings(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Interpolated:
-    """What an encoder showed at m instants, (m,), or k of them, (m, k).
+    """Counts of one encoder at m instants, (m,), or of k encoders, (m, k).
 
     Attributes:
-        counts: over all turns, rounded; ``fractions``: what rounding left.
-        status: bits of all readings that were used or could not be, with
-            ``STATUS_INTERPOLATED`` where it was, ``STATUS_LATE`` where the last
-            reading was used because a later one is missing, and ``STATUS_MISSING``
-            where readings are lacking around the instant.
-        error_bounds_counts: (m, 2) or (m, k, 2) how far the count may be off, see
-            above: by the motion, at most; by the instants, as likely one way as the
-            other.
+        counts: over all turns, rounded; ``fractions`` holds the remainder.
+        status: bits of all readings used, with ``STATUS_INTERPOLATED``;
+            ``STATUS_LATE`` where the last reading stands in for a later one;
+            ``STATUS_MISSING`` where readings around the instant are lacking.
+        error_bounds_counts: (m, 2) or (m, k, 2) error by motion (greatest), and by
+            the instants (of either sign).
     """
 
     counts: Integers
@@ -67,12 +65,12 @@ class Interpolated:
 
 @dataclass(frozen=True, slots=True)
 class InterpolationLimits:
-    """How far readings are trusted.
+    """Bounds on readings that are interpolated.
 
     Attributes:
-        max_gap_ns: readings further apart have lost others between them.
-        late_ns: a last reading that is older than this is no reading at all.
-        jitter_ns: how far the instant of a reading may be off.
+        max_gap_ns: a longer interval means lost readings.
+        late_ns: greatest age of a last reading that may stand in.
+        jitter_ns: error of the instant of a reading.
     """
 
     max_gap_ns: int
@@ -83,7 +81,6 @@ class InterpolationLimits:
 def interpolate(
     readings: EncoderReadings, instants_ns: Integers, limits: InterpolationLimits
 ) -> Interpolated:
-    """Interpolate readings, at least one, at instants (m,)."""
     valid = np.flatnonzero(are_valid(readings.status))
     if not len(valid):  # else the last valid count
         return _last_known(readings, len(instants_ns))
@@ -122,13 +119,12 @@ def interpolate(
 
 
 def _last_known(readings: EncoderReadings, n: int) -> Interpolated:
-    """No reading is valid: the last count, marked missing."""
     status = np.bitwise_or.reduce(readings.status) | STATUS_MISSING
     return exact(np.full(n, readings.counts[-1]), np.full(n, status, np.uint8))
 
 
 def exact(counts: Integers, status: NDArray[np.uint8]) -> Interpolated:
-    """Counts that were read at the very instants."""
+    """Wrap counts that were read at the instants themselves."""
     no_bounds = np.zeros((*counts.shape, 2))
     return Interpolated(counts, np.zeros(counts.shape), status, no_bounds)
 
@@ -137,7 +133,7 @@ _COLUMNS = tuple(field.name for field in fields(Interpolated))
 
 
 def combined(parts: Sequence[Interpolated], how: Callable[..., Any]) -> Interpolated:
-    """Several joints as columns of one; ``how`` is `np.stack` or `np.concatenate`."""
+    """Join joints as columns; ``how`` is `np.stack` or `np.concatenate`."""
     columns = ([getattr(part, name) for part in parts] for name in _COLUMNS)
     return Interpolated(*(how(column, axis=1) for column in columns))
 
@@ -149,7 +145,7 @@ def _error_bounds(
     run_ns: Integers,
     limits: InterpolationLimits,
 ) -> Floats:
-    """How far interpolated counts may be off, (m, 2); 0 where nothing was."""
+    """Compute error bounds of interpolated counts, (m, 2); 0 where none was."""
     if len(t) < 2:
         return np.zeros((len(run_ns), 2))
     left, right = ends

@@ -1,4 +1,4 @@
-"""The devices that read the arm's joints, taken together."""
+"""The devices that read the joints, as one."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ BLOCKS_AT_REST = 4  # in one: a block costs more than its samples
 
 
 class JointDevices:
-    """Those of all devices that the arm file names."""
+    """The devices that the arm file names."""
 
     def __init__(self, model: ArmModel, devices: Sequence[Device]) -> None:
         by_id = {device.section.id: device for device in devices}
@@ -24,39 +24,38 @@ class JointDevices:
 
     @property
     def is_single(self) -> bool:
-        """One device reads all joints."""
         return len(self.devices) == 1
 
     @property
     def has_simultaneous_latch(self) -> bool:
-        """One device latches all joints at one instant, at edges and on request."""
+        """Whether one device latches all joints at one instant."""
         identity = self.devices[0].identity
         return self.is_single and identity is not None and identity.latches
 
     @property
     def first_mismatched(self) -> Device | None:
-        """The first that does not match the arm file."""
+        """First device that does not match the arm file."""
         return next((device for device in self.devices if device.problems), None)
 
     @property
     def first_unavailable(self) -> Device | None:
-        """The first that is not ready to measure."""
         return next(
             (device for device in self.devices if device.state != "ready"), None
         )
 
     @property
     def temperature_c(self) -> float | None:
-        """Of the arm: the first reading of a sensor."""
+        """Temperature of the arm: the first sensor's."""
         temperatures_c = (device.temperature_c for device in self.devices)
         return next((c for c in temperatures_c if c is not None), None)
 
     def set_batch_window(
         self, settings: CaptureSection, *, may_wait: bool, rests: bool = False
     ) -> None:
-        """Collect samples as long as no consumer, nor a waiting point, needs them.
+        """Set for how long samples are collected before they are passed on.
 
-        Longer while the arm rests: it does not move, and nothing measures.
+        They are passed on at once if a consumer or a point waits, and later if the arm
+        rests and nothing measures.
         """
         # A little longer, or a block that lacks a sample would wait for as much again.
         gather_s = 1.04 * min(settings.scan_block_s, 1.0 / settings.live_rate_hz)
@@ -69,7 +68,7 @@ class JointDevices:
             device.delivery_queue.batch_window_ns = window_ns
 
     def request_stream(self, rate_hz: float) -> None:
-        """Read all of them at a rate, or each as fast as possible."""
+        """Request a stream of each device, as fast as possible without a rate."""
         for device in self.devices:
             fastest_hz = device.identity.max_rate_hz if device.identity else rate_hz
             device.driver.request_stream(min(rate_hz, fastest_hz))

@@ -1,7 +1,4 @@
-"""Buffer the readings of one device's encoders and interpolate them at any instant.
-
-Readings are kept over all turns; the buffer is bounded.
-"""
+"""Bounded buffer of one device's readings, interpolated at any instant."""
 
 from collections import deque
 from dataclasses import InitVar, dataclass
@@ -26,7 +23,7 @@ NEVER_NS, LONG_AGO_NS = 2**62, -(2**62)
 
 
 class ReadingBuffer:
-    """Buffer of the last readings of the encoders that one device reads.
+    """Latest readings of the encoders on one device, over all turns.
 
     Args:
         channels: of the device that are joints, (n_joints,).
@@ -39,7 +36,7 @@ class ReadingBuffer:
         self.reset()
 
     def reset(self) -> None:
-        """Start anew: the device has been without power."""
+        """Forget all readings, as after a loss of power."""
         n_joints = len(self._channels)
         self._blocks: deque[EncoderReadings] = deque()
         self._size = 0
@@ -52,18 +49,16 @@ class ReadingBuffer:
 
     @property
     def begin_ns(self) -> int:
-        """Since when every encoder has been read; `NEVER_NS` while one has not."""
+        """Since when every encoder has been read; `NEVER_NS` if one has not."""
         if not self._blocks:
             return NEVER_NS
         return max(int(self._begin_ns.max()), int(self._blocks[0].times_ns[0].max()))
 
     @property
     def reach_ns(self) -> int:
-        """Until when every encoder has been read."""
         return int(self._reach_ns.min())
 
     def add(self, samples: CountSamples) -> None:
-        """Continue by a block of the device's samples."""
         times_ns = np.repeat(
             samples.sample_time_ns[:, np.newaxis], len(self._channels), axis=1
         )
@@ -89,7 +84,7 @@ class ReadingBuffer:
             self._size -= len(self._blocks.popleft().numbers)
 
     def readings_around(self, instant_ns: int, back_ns: int) -> list[EncoderReadings]:
-        """For each joint its readings from some time before an instant to the last."""
+        """Return each joint's readings, from ``back_ns`` before an instant on."""
         chosen: list[EncoderReadings] = []
         for block in reversed(self._blocks):
             chosen.append(block)
@@ -105,7 +100,6 @@ class ReadingBuffer:
         ]
 
     def _numbered(self, samples: CountSamples) -> Integers:
-        """Numbers that continue from stream to stream."""
         if samples.stream != self._stream:
             self._stream, self._first_number = samples.stream, self._next_number
         numbers = samples.seq + self._first_number
@@ -113,7 +107,7 @@ class ReadingBuffer:
         return numbers
 
     def _ordered(self, times_ns: Integers) -> Booleans:
-        """Which rows are later than all before them."""
+        """Return which rows are later than all before them."""
         if int((times_ns[0] - self._times_ns).min()) < -CLOCK_RESET_NS:
             self._blocks.clear()
             self._size = 0
@@ -126,7 +120,7 @@ class ReadingBuffer:
     def _unwrapped(
         self, raw: Integers, times_ns: Integers, valid: Booleans
     ) -> Integers:
-        """Counts over all turns; those that are not valid repeat the last that was."""
+        """Unwrap counts; an invalid one repeats the last valid one."""
         rows = np.where(valid, np.arange(len(raw))[:, np.newaxis], -1)
         latest = np.maximum.accumulate(rows, axis=0)
         known = np.where(
@@ -149,22 +143,21 @@ MAX_GAP_PERIODS = 3  # readings further apart than so many periods have lost oth
 
 @dataclass(eq=False)
 class JointStream:
-    """Interpolate the joints on one device.
+    """Interpolates the joints on one device.
 
     Args:
-        joints: which of the arm, (k,).
-        channels: on which channels of the device, (k,).
+        joints: of the arm, (k,).
+        channels: of the device, (k,).
         wraps_counts: where each wraps to 0, (k,).
-        wait_ns: how long readings are waited for.
+        wait_ns: longest wait for readings.
 
     Attributes:
-        period_ns: of its stream; 0 while unknown.
-        stated_jitter_ns: how far the instants of readings may be off, as the driver
-            states once and for all.
-        time_bound_ns: the same, as the device's clock is known now.
-        jitter_ns: how far they may be off against those of other joints.
+        period_ns: of its stream; 0 if unknown.
+        stated_jitter_ns: error of the instants by the driver's constant statement.
+        time_bound_ns: error of the instants by the present state of the clock.
+        jitter_ns: error of the instants against those of other joints.
         is_alone: it has all joints of the arm.
-        lost: nothing is to be waited for.
+        lost: no further reading is awaited.
     """
 
     joints: Indices
@@ -180,20 +173,18 @@ class JointStream:
         self.lost = False
 
     def record(self, samples: CountSamples) -> None:
-        """Continue by a block of the device's samples."""
         self.time_bound_ns = samples.time_bound_ns or self.stated_jitter_ns
         is_common = self.is_alone and samples.skew_ns is None
         self.jitter_ns = 0 if is_common else self.time_bound_ns
         self.history.add(samples)
 
     def latched(self, latch: LatchedCounts) -> Interpolated:
-        """What the device latched, one instant."""
         counts = np.array([latch.counts], np.int64)[:, self.channels]
         status = np.array([latch.status], np.uint8)[:, self.channels]
         return exact(counts, status)
 
     def at_own_instants(self, block: CountSamples) -> Interpolated:
-        """The device's own samples at their own instants."""
+        """Return the device's own samples at their own instants."""
         status = block.status[:, self.channels]
         if block.skew_ns is None and are_valid(status).all():
             # What `at` would find, at once.
@@ -201,7 +192,7 @@ class JointStream:
         return self.at(block.sample_time_ns)
 
     def at(self, instants_ns: Integers) -> Interpolated:
-        """The readings interpolated at any instants (n,)."""
+        """Interpolate at instants (n,)."""
         max_gap_ns = max(MAX_GAP_PERIODS * self.period_ns, self.wait_ns)
         limits = InterpolationLimits(
             max_gap_ns, 0 if self.lost else self.wait_ns, self.jitter_ns

@@ -1,4 +1,4 @@
-"""Report on devices and their readings: states, late readings, missing temperature."""
+"""Reports on devices: states, late readings, missing temperatures."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -25,11 +25,11 @@ MATCH = "correct the arm file, or set the device up for it"
 
 @dataclass(eq=False)
 class DeviceStateTracker:
-    """Track states of devices and report their changes.
+    """Tracks and reports the states of devices.
 
     Args:
-        pipeline: restarted where turns are no longer known.
-        conditions: are notified whether a device is present.
+        pipeline: restarted where turns are lost.
+        conditions: told whether a device is present.
     """
 
     clock: HostClock
@@ -41,7 +41,7 @@ class DeviceStateTracker:
     changed: Callable[[], None]
 
     def on_up(self, device: Device, up: DeviceUp) -> None:
-        """The device answered; it may not be the one of the arm file."""
+        """Record that a device answered, perhaps another than the arm file's."""
         name = device.section.id
         device.identity = up.identity
         device.up_ns = self.clock.monotonic_ns()
@@ -82,7 +82,6 @@ class DeviceStateTracker:
         self.changed()
 
     def on_lost(self, device: Device, lost: DeviceLost) -> None:
-        """The device was lost."""
         device.last_loss = lost
         if device in self.devices:
             self.resampler.on_lost(device.section.id)
@@ -94,7 +93,6 @@ class DeviceStateTracker:
         self.changed()
 
     def on_alarm(self, device: Device, alarm: DeviceAlarm) -> None:
-        """A condition of the device begins or ends."""
         source, joint = device.section.id, None
         if alarm.channel is not None:
             joint = self.pipeline.model.joint_of(source, alarm.channel)
@@ -111,7 +109,6 @@ class DeviceStateTracker:
         )
 
     def on_clock(self, device: Device, clock: DeviceClockState) -> None:
-        """The device's clock is tied, or in doubt; its rate may be far off."""
         name = device.section.id
         device.clock_text = text = clock_text(name, clock)
         if not clock.is_certain:  # else once its samples are no longer marked
@@ -139,7 +136,6 @@ class DeviceStateTracker:
         )
 
     def on_fault(self, device: Device, fault: DeviceFault) -> None:
-        """The driver reports a fault that it survived."""
         self.events.report(
             "warning",
             f"device.{fault.code}",
@@ -155,7 +151,6 @@ USUAL_RATE_ERROR = 5e-4  # five times that of a crystal
 
 
 def clock_text(name: str, clock: DeviceClockState) -> str:
-    """How a device's clock runs, in words."""
     ppm = clock.rate_error * 1e6
     rate = (
         f"{abs(ppm):.0f} ppm ({abs(ppm) * 1e-4:.3f} %) {'fast' if ppm > 0 else 'slow'}"
@@ -186,12 +181,12 @@ CONDITIONS = {
         "see the other events of this device; check its encoders and their line",
     ),
 }
-"""By code: what is reported when it begins and when it is over, and the remedy."""
+"""By code: texts of begin and end, and the remedy."""
 
 
 @dataclass(eq=False)
 class LateReadingMonitor:
-    """Report devices with late or missing readings, once when it begins and ends."""
+    """Reports devices with late or missing readings, at begin and end."""
 
     resampler: Resampler
     clock: HostClock
@@ -202,7 +197,7 @@ class LateReadingMonitor:
         self._last_ns: dict[tuple[str, str], int] = {}
 
     def check(self) -> None:
-        """Check the counters; call it periodically."""
+        """Compare the counters with those of the last call; call periodically."""
         now_ns = self.clock.monotonic_ns()
         for code, counter in (
             (LATE, self.resampler.late),
@@ -236,13 +231,13 @@ PATIENCE_NS = 5_000_000_000  # boards report the temperature every 2 s
 
 @dataclass(eq=False)
 class TemperatureMonitor:
-    """Feed the condition of the temperature that effects of the arm need."""
+    """Feeds the condition of the temperature that effects of the arm need."""
 
     clock: HostClock
     conditions: ConditionMonitor
 
     def check(self, model: ArmModel, devices: JointDevices) -> None:
-        """Check the devices that read the arm; call it with every block."""
+        """Check the devices that read the arm; call with every block."""
         if not model.uses_temperature:
             return
         if devices.temperature_c is not None:

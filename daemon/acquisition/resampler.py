@@ -1,12 +1,13 @@
-"""Joints that are not read at one instant, interpolated at common ones.
+"""Resampling of joints that are read at different instants.
 
-The instants are those of one device's samples, the clock device. Readings of all
-others, and its own where it reads one encoder after the other, are interpolated
-linearly in time (see `traverse.daemon.acquisition.interpolation`). For a later reading
-to interpolate to it waits, but not for ever; then the last one has to do, and the
-sample is flagged.
+The instants are those of one device's samples, the clock device. Readings of all other
+encoders are interpolated linearly in time
+(`traverse.daemon.acquisition.interpolation`); so are its own where it reads one encoder
+after another. A sample waits for the next readings for a limited time; then the last
+ones stand in, and it is flagged.
 
-No clock and no events here: late readings are counted and returned.
+This module neither reads a clock nor reports events: late readings are counted and
+returned.
 """
 
 from collections import Counter, deque
@@ -31,18 +32,19 @@ from traverse.drivers.base.values import (
 )
 
 ResampledSamples = tuple[CountSamples, Floats]
-"""Samples of the whole arm, whose channels are the joints, interpolated to common
-instants; (n, n_joints, 2) how far each count may be off for that, see `Interpolated`.
+"""Samples with joints as channels, and error bounds of their counts.
+
+The bounds are (n, n_joints, 2), see `Interpolated`.
 """
 
 
 class Resampler:
-    """Make samples of the whole arm, and its counts at single instants.
+    """Makes samples of the whole arm, and counts at single instants.
 
     Attributes:
-        late: per device, samples for which its last readings had to do.
-        incomplete: per device, samples that lack readings of it.
-        dropped: per device, samples not passed on because its readings are missing.
+        late: by device, samples in which its last readings stand in.
+        incomplete: by device, samples that lack its readings.
+        dropped: by device, samples dropped for want of its readings.
     """
 
     def __init__(self, model: ArmModel, settings: AssemblySection) -> None:
@@ -56,7 +58,7 @@ class Resampler:
         self.use_model(model)
 
     def use_model(self, model: ArmModel) -> None:
-        """Resample for another arm from now on."""
+        """Use another arm from the next sample on."""
         self.clock = self._settings.clock or model.devices[0]
         self._model = model
         self._wraps = model.wraps_counts(self._moduli)
@@ -74,11 +76,10 @@ class Resampler:
 
     @property
     def time_bound_ns(self) -> int:
-        """How far the instants of any device's readings may be off now."""
+        """Greatest present error of the instants of any device."""
         return max(source.time_bound_ns for source in self._sources.values())
 
     def lacks(self) -> dict[str, dict[str, int]]:
-        """Shortfall counters by device that has any."""
         return {
             device: {
                 "samples_late": self.late[device],
@@ -89,7 +90,6 @@ class Resampler:
         }
 
     def on_up(self, device: str, identity: Identity, *, restarted: bool) -> None:
-        """A device is connected."""
         source = self._sources[device]
         source.lost = False
         source.stated_jitter_ns = source.time_bound_ns = identity.jitter_ns
@@ -101,25 +101,22 @@ class Resampler:
             source.history.reset()
 
     def on_lost(self, device: str) -> None:
-        """Do not wait for this device."""
         self._sources[device].lost = True
 
     def set_rate(self, device: str, rate_hz: float) -> None:
-        """Set the rate at which a device is read."""
         self._sources[device].period_ns = int(1e9 / rate_hz) if rate_hz > 0 else 0
 
     def record(self, samples: CountSamples) -> None:
-        """Record readings of a device for `at`."""
         self._sources[samples.device].record(samples)
 
     def add(self, samples: CountSamples, now_ns: int) -> None:
-        """Add readings of a device; those of the clock device become samples."""
+        """Add readings; those of the clock device become samples."""
         self.record(samples)
         if samples.device == self.clock:
             self._waiting.append((samples, now_ns + self._wait_ns))
 
     def resampled(self, now_ns: int | None = None) -> list[ResampledSamples]:
-        """All samples that are complete, or have waited long enough by some time."""
+        """Return samples that are complete, or have waited long enough."""
         made: list[ResampledSamples | None] = []
         while self._waiting:
             block, deadline_ns = self._waiting[0]
@@ -137,9 +134,9 @@ class Resampler:
         return [counts for counts in made if counts is not None]
 
     def at(self, instant_ns: int, latch: LatchedCounts | None) -> JointCounts | None:
-        """The arm at a host monotonic time; None while readings after it are missing.
+        """Return the arm at a host monotonic time; None if later readings are missing.
 
-        The latch is what one device has latched at that very instant.
+        ``latch`` has the counts of one device at that instant.
         """
         latched = {}
         instants_ns = np.array([instant_ns])
@@ -156,7 +153,7 @@ class Resampler:
         )
 
     def missing_reason(self, instant_ns: int, latch: LatchedCounts | None) -> str:
-        """Why `at` gives nothing for an instant."""
+        """State why `at` returns None."""
         for device, source in self._sources.items():
             if latch is not None and latch.device == device and latch.counts:
                 continue
@@ -169,13 +166,13 @@ class Resampler:
         return "nothing is lacking"
 
     def _reach_ns(self) -> int:
-        """Until when nothing more is to be waited for."""
+        """Return until when readings are complete or no longer awaited."""
         sources = self._sources.values()
         awaited = [s.history.reach_ns for s in sources if not s.lost]
         return min(awaited, default=NEVER_NS)
 
     def _resample(self, block: CountSamples) -> ResampledSamples | None:
-        """Samples of the whole arm at the instants of a block of the clock device."""
+        """Resample the whole arm at the instants of the clock device's block."""
         begin_ns = max(s.history.begin_ns for s in self._sources.values())
         known = block.sample_time_ns >= begin_ns
         if not known.all():
@@ -207,7 +204,7 @@ class Resampler:
     def _concatenate(
         self, readings: Mapping[str, Interpolated]
     ) -> tuple[NDArray[np.uint32], Floats, NDArray[np.uint8], Floats]:
-        """Counts within their turns, fractions, status and error bounds."""
+        """Return counts within their turns, fractions, status and error bounds."""
         order = np.argsort(np.concatenate([s.joints for s in self._sources.values()]))
         columns = combined(list(readings.values()), np.concatenate)
         return (

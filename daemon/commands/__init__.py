@@ -1,1 +1,1 @@
-"""Commands over MQTT: validation, limits, replies, and one handler each."""
+"""Commands over MQTT: validation, limits, replies, handlers."""

@@ -1,9 +1,8 @@
-"""Validate commands, execute each request once, always reply.
+"""Dispatch of commands: validated, executed once for each request, always answered.
 
-A command with the `request` of an earlier one is not executed again: it gets the
-first answer. Retained commands are ignored, since they are out of date, and what comes
-too late is refused (`daemon/commands/expiry.py`). What is beyond the limits is answered
-so, or dropped and counted; see docs/security.md.
+A repeated `request` gets the first answer. Retained commands are ignored; late ones are
+refused (`daemon/commands/expiry.py`). Commands beyond the limits are answered so, or
+dropped and counted; see docs/security.md.
 """
 
 import asyncio
@@ -46,13 +45,12 @@ Answer = asyncio.Future[bytes]
 
 @dataclass(eq=False, kw_only=True)
 class CommandDispatcher:
-    """Takes commands in and sends answers out.
+    """Receives commands and sends answers.
 
     Args:
-        carry_out: what carries out each command that this daemon has, by name;
-            called with the command's typed arguments.
-        expiry: judges whether a command comes too late.
-        response_topics: filters of topics that answers may go to; see [broker].
+        carry_out: handlers by command name, called with typed arguments.
+        expiry: judges whether a command is too late.
+        response_topics: filters of topics for answers, see [broker].
     """
 
     arm: str
@@ -73,9 +71,9 @@ class CommandDispatcher:
         self.refused = 0
 
     def receive(self, incoming: IncomingCommand) -> float:
-        """A command has arrived; its answer follows when there is one.
+        """Process a command; its answer follows when it is known.
 
-        Gives for how long the broker is to keep further commands [s]: mostly 0.
+        Returns how long the broker should keep further commands [s], mostly 0.
         """
         self.received += 1
         if not self._limits.admit():
@@ -105,17 +103,16 @@ class CommandDispatcher:
         return 0.0
 
     def check_flood_end(self) -> None:
-        """Report the end of a flood, and unlogged refusals; call regularly."""
+        """Report the end of a flood and unlogged refusals; call regularly."""
         self._limits.check_flood_end()
         self._refusals.write_rest()
 
     def remember(self, name: str, request: str, result: Result) -> None:
-        """Answer a request of an earlier run with its result, if it is repeated."""
+        """Store the result of an earlier run's request, for repetitions."""
         reply = Reply(request=request, ok=True, result=dict(result))
         self._answers.remember(name, request, encode(reply, self.encoding))
 
     async def close(self) -> None:
-        """Abandon what is still running."""
         tasks: list[asyncio.Future[Any]] = [*self._running, *self._answers.executing]
         for task in tasks:
             task.cancel()
@@ -185,7 +182,7 @@ class CommandDispatcher:
         return encode(Reply(request=request, ok=False, error=error), self.encoding)
 
     def _check_way_back(self, incoming: IncomingCommand) -> None:
-        """The answer can be sent to the requested topic."""
+        """Check that the answer may go to the requested topic."""
         topic, correlation = incoming.response_topic, incoming.correlation
         if topic is not None and not is_response_topic(
             topic, self.arm, self.response_topics
@@ -216,7 +213,7 @@ class CommandDispatcher:
             )
 
     def _refuse(self, text: str) -> None:
-        """Count a command that was not executed; senders cannot flood the log."""
+        """Count a refused command; senders cannot flood the log."""
         self.refused += 1
         self._refusals.write(text)
 
@@ -238,9 +235,9 @@ class CommandDispatcher:
 
 
 class ReplyCache:
-    """The first answer to each request, by the command's name and the request.
+    """First answer to each request, by command name and request.
 
-    An answer that is still being worked on, in `executing`, is never forgotten.
+    Answers in `executing` are never evicted.
     """
 
     def __init__(self) -> None:
@@ -249,7 +246,6 @@ class ReplyCache:
         self._bytes = 0
 
     def remember(self, name: str, request: str, payload: bytes) -> None:
-        """Remember an answer that was given by an earlier run."""
         answer: Answer = asyncio.get_running_loop().create_future()
         answer.set_result(payload)
         self.answers[name, request] = answer
@@ -258,7 +254,6 @@ class ReplyCache:
     def begin(
         self, name: str, request: str, work: Coroutine[Any, Any, bytes]
     ) -> Answer:
-        """Work on an answer and remember it."""
         task = asyncio.create_task(work)
         self.executing.add(task)
         self.answers[name, request] = task

@@ -1,19 +1,18 @@
-"""Refuse commands that come too late to be worth executing.
+"""Refuse commands that arrive too late.
 
-Whoever sends a command waits some seconds for it. A daemon, a broker, or a network that
-stood still delivers it later, when somebody else may have the arm in his hands.
+The sender of a command waits some seconds for it. If the daemon, the broker or the
+network stands still, it arrives later, when another person may be handling the arm.
 
-Strategy: UTC of two computers is not compared. The daemon publishes its own clock twice
+Strategy: the UTC of two computers is not compared. The daemon publishes its clock twice
 a second. A sender that reads it states in `expires` until when, by that clock, the
-command may be begun: it counts from the message's arrival, so that delays on either way
-make the command expire earlier, never later.
+command may begin. The sender counts from the message's arrival, so that delays either
+way shorten the validity.
 
-Of a command without it the daemon knows this much: it subscribes to its own clock, and
-a broker keeps the order. Whatever arrives after one of these messages reached the
-broker after that message was sent. The time since then bounds how long a command
-waited at the broker, on the network, or unread while this process was stopped. After a
-standstill, what waited on the other side of the broker arrives within moments and looks
-new; for this time all commands without `expires` are refused.
+For commands without `expires` the daemon subscribes to its own clock. A broker keeps
+the order: a command that arrives after a clock message reached the broker after that
+message was sent. The time since then bounds how long the command waited at the broker,
+on the network or unread in this process. After a standstill, old commands arrive within
+moments and look new; for that time all without `expires` are refused.
 """
 
 import uuid
@@ -29,24 +28,24 @@ from traverse.protocol.topics import clock_topic
 
 EXPIRED = "command.expired"
 VALID_S = 5.0
-"""How long a command is valid whose sender does not say."""
+"""Validity of a command whose sender states none."""
 STANDSTILL_S = 2.0
 SETTLING_S = 1.0
 PERIOD_S = 0.5
 KEPT_S = 10
-"""A broker keeps no older clock."""
+"""Oldest clock message that a broker keeps."""
 REMEDY = "send it as a new request, if it is still wanted"
 
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """What is known of how a command came.
+    """Evidence on how old a command is.
 
     Attributes:
         since_ns: the broker did not have it before.
-        is_clock_returned: whether the broker returns the messages of the clock.
-        standstill_s: how long the connection had stood still until just before; or 0.
-        valid_s: how long it is valid, of which the broker kept account.
+        is_clock_returned: the broker returns messages of the clock.
+        standstill_s: length of a standstill that has just ended; else 0.
+        valid_s: validity that the broker enforces.
     """
 
     since_ns: int
@@ -56,12 +55,7 @@ class Arrival:
 
 
 class CommandExpiry:
-    """Publishes the clock, follows its messages, and judges commands by it.
-
-    Args:
-        arm: its name.
-        clock: of the host.
-    """
+    """Publishes the clock, follows its messages, and judges commands by it."""
 
     def __init__(self, arm: str, clock: HostClock) -> None:
         self.topic = clock_topic(arm)
@@ -74,7 +68,6 @@ class CommandExpiry:
         self._standstill_s = 0.0
 
     def message(self) -> Clock:
-        """The clock now."""
         return Clock(arm=self._arm, clock=self._name, now_ns=self._clock.elapsed_ns())
 
     def receive(self, incoming: IncomingCommand) -> None:
@@ -94,7 +87,7 @@ class CommandExpiry:
         self._since_ns = message.now_ns
 
     def arrival(self, incoming: IncomingCommand) -> Arrival:
-        """What is known of how a command came, as soon as it has been received."""
+        """Collect the evidence on a command; call on receipt."""
         expiry_s = incoming.expiry_s
         is_settled = self._clock.elapsed_ns() >= self._settled_ns
         return Arrival(
@@ -105,10 +98,10 @@ class CommandExpiry:
         )
 
     def check(self, expires: Expiry | None, arrival: Arrival) -> None:
-        """See that a command may be begun now.
+        """Check that a command may begin now.
 
         Raises:
-            RequestRefusedError: it is too late, or that cannot be excluded.
+            RequestRefusedError: it is late, or that cannot be excluded.
         """
         if expires is None:
             self._check_arrival(arrival)

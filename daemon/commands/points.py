@@ -1,4 +1,4 @@
-"""The commands on points, and on the alignment and the probe that they depend on."""
+"""Commands on points, alignment and probe."""
 
 import asyncio
 from collections.abc import Callable
@@ -48,10 +48,10 @@ PROBE_REFUSED = "capture.probe_refused"
 
 @dataclass(eq=False)
 class PointCommands:
-    """Executes commands that concern points, in order with the edges.
+    """Executes commands on points, in order with edges.
 
     Args:
-        probe_library: the file of probes; None where the configuration names none.
+        probe_library: file of probes; None if the configuration names none.
         confirm_utc: accepts the computer's UTC.
     """
 
@@ -63,7 +63,7 @@ class PointCommands:
         self._devices = self.measurement.joint_devices
 
     async def take_point(self, args: PointArgs) -> Result:
-        """Capture now, one sample or a mean; gives session, seq and id of the point."""
+        """Capture one sample or a mean; return session, seq and id of the point."""
         check_ready(self._devices)
         if (args.samples or 1) > 1 or args.dwell_s is not None:
             point = await self._mean(args).execute(self.measurement)
@@ -74,28 +74,26 @@ class PointCommands:
         return point_result(point)
 
     async def undo(self, args: UndoArgs) -> Result:
-        """Take the last point back; gives the retraction and what it retracts."""
+        """Retract the last point; return ids of retraction and point."""
         return point_result(await Undo(args.id).execute(self.measurement))
 
     async def label(self, args: LabelArgs) -> Result:
-        """Set the label of the next points."""
         label = await SetLabel(args.artefact, args.feature).execute(self.measurement)
         return {"label": label.model_dump()}
 
     async def begin_session(self, args: SessionArgs) -> Result:
-        """Number from 0 again; gives the new session."""
         return {"session": await NewSession(args.note or "").execute(self.measurement)}
 
     async def align(self, args: AlignArgs) -> Result:
-        """Set or clear the alignment; gives which.
+        """Set or clear the alignment and return it.
 
-        Points that were requested before the command keep their alignment.
+        Points requested before the command keep their alignment.
         """
         await SetAlignment(args).execute(self.measurement)
         return {"aligned": args.action != "clear", "name": args.name}
 
     async def confirm_reference(self, args: ReferenceArgs) -> Result:
-        """Accept devices and present positions; gives what was in doubt."""
+        """Accept devices and present positions; return what was in doubt."""
         if args.utc:
             self.confirm_utc()
             accepted = ["the computer's UTC"]
@@ -110,7 +108,7 @@ class PointCommands:
         }
 
     async def home(self, args: HomeArgs) -> Result:
-        """Set the counts at the home posture; gives joints and what is confirmed."""
+        """Set the counts at the home posture; return joints and what is confirmed."""
         check_ready(self._devices)
         result = await HomeJoints(args).execute(self.measurement)
         accepted = result["accepted"]
@@ -123,7 +121,7 @@ class PointCommands:
         }
 
     async def _is_remembered(self) -> bool:
-        """Whether what was accepted is on the disk, once that is known."""
+        """Wait for the write to the disk; return whether it succeeded."""
         writing = self.measurement.quality.references.memory.writing
         if writing is None:
             return False
@@ -134,7 +132,7 @@ class PointCommands:
         return True
 
     async def change_probe(self, args: ProbeArgs) -> Result:
-        """Measure with a probe of the library; gives its name and the new model."""
+        """Measure with a probe of the library; return its name and the new model."""
         path = self.probe_library
         if path is None:
             raise RequestRefusedError(
@@ -170,7 +168,6 @@ class PointCommands:
         }
 
     async def covariance(self, args: CovarianceArgs) -> Result:
-        """State how the errors of points belong together."""
         if cause := self.measurement.model.geometry_doubt:
             raise RequestRefusedError(
                 "command.not_available",
@@ -252,7 +249,7 @@ class PointCommands:
 
 
 def point_result(point: Point) -> dict[str, Any]:
-    """What is answered to the command that took this point, or took it back."""
+    """Return the reply to a command that captured or retracted a point."""
     result = {"session": point.session, "seq": point.seq, "id": point.id}
     if point.retracts is not None:
         return result | {"retracts": point.retracts}
@@ -262,7 +259,7 @@ def point_result(point: Point) -> dict[str, Any]:
 
 
 def check_ready(devices: JointDevices) -> None:
-    """See that all devices of the arm can measure now.
+    """Check that all devices of the arm can measure.
 
     Raises:
         RequestRefusedError: one cannot.

@@ -1,7 +1,7 @@
-"""How many commands are taken: so many in a second, of all and of each kind.
+"""Rate limits of commands, in all and by kind.
 
-MQTT does not identify senders, so these hold for all senders together. The
-log of those that are refused is limited likewise.
+MQTT does not identify senders; the limits hold for all together. Logging of refusals is
+limited likewise.
 """
 
 import logging
@@ -17,7 +17,7 @@ NS: Final = 1_000_000_000
 
 
 class Limit(NamedTuple):
-    """So many a second in the long run, so many at once after a rest."""
+    """Permissions per second in the long run, and at once after a rest."""
 
     rate_hz: float
     at_once: int
@@ -33,15 +33,15 @@ OF_KIND: Final[Mapping[str, Limit]] = {
 }
 LOG_LINES: Final = Limit(5.0, 20)
 FLOOD: Final = 200
-"""Commands dropped in one second, after which the broker is to keep them."""
+"""Commands dropped in a second before the broker is asked to keep them."""
 PAUSE_S: Final = 2.0
-"""For so long."""
+"""How long the broker then keeps commands."""
 FLOOD_END_S: Final = 5.0
-"""Without a dropped command: then the flood is over. Longer than a pause."""
+"""Time without a dropped command that ends a flood; longer than a pause."""
 
 
 class TokenBucket:
-    """Gives out permissions, at a rate, some of them saved up."""
+    """Grants permissions at a rate, some of them saved up."""
 
     def __init__(self, limit: Limit, clock: HostClock) -> None:
         self._limit = limit
@@ -50,7 +50,6 @@ class TokenBucket:
         self._last_ns = clock.monotonic_ns()
 
     def take(self) -> bool:
-        """Take one, if there is one."""
         now_ns = self._clock.monotonic_ns()
         earned = (now_ns - self._last_ns) / NS * self._limit.rate_hz
         self._saved = min(float(self._limit.at_once), self._saved + earned)
@@ -62,12 +61,12 @@ class TokenBucket:
 
 
 class CommandRateLimiter:
-    """The buckets of all commands, and the counts of those beyond them.
+    """Token buckets of all commands, and counters of refusals.
 
     Args:
-        tell: called when commands begin to be dropped (True), and when that is over
-            (False), with how many have been.
-        kinds: names of all commands that there are; others share one bucket.
+        tell: called with True when commands begin to be dropped, and with False and
+            their number at the end.
+        kinds: names of all commands; unknown ones share a bucket.
     """
 
     def __init__(
@@ -90,7 +89,7 @@ class CommandRateLimiter:
         """In the current flood, or the last one."""
 
     def admit(self) -> bool:
-        """Whether a command may be looked at; else it is one of those dropped."""
+        """Return whether a command may be examined; otherwise it is dropped."""
         if self._all.take():
             return True
         if self._last_ns is None:
@@ -104,12 +103,12 @@ class CommandRateLimiter:
         return False
 
     def admit_kind(self, name: str) -> bool:
-        """Whether one of a kind may be executed."""
+        """Return whether a command of a kind may be executed."""
         return self._of_kind.get(name, self._unknown).take()
 
     @property
     def is_flooded(self) -> bool:
-        """Whether so many are dropped that the broker had better keep them."""
+        """Whether so many are dropped that the broker should keep them."""
         return self._in_second >= FLOOD
 
     def check_flood_end(self) -> None:
@@ -123,7 +122,7 @@ class CommandRateLimiter:
 
 
 class RefusalLog:
-    """Writes so much that senders cannot fill the log at will."""
+    """Logs refusals at a limited rate."""
 
     def __init__(self, clock: HostClock) -> None:
         self._clock = clock
@@ -142,12 +141,11 @@ class RefusalLog:
         log.warning("%s%s", single_line(text), before)
 
     def write_rest(self) -> None:
-        """Say how many had no line, a second after the last; call it now and then."""
+        """Log the count of unlogged ones a second after the last; call regularly."""
         if self._untold and self._clock.monotonic_ns() - self._last_ns >= NS:
             log.warning("%d more commands refused", self._untold)
             self._untold = 0
 
 
 def single_line(text: str) -> str:
-    """Make a foreign text safe for a log."""
     return printable(text[:1000])[:1000]

@@ -1,8 +1,8 @@
-"""The command `reload`: arm file and configuration anew, between two samples.
+"""The command `reload`: read arm file and configuration again, between two samples.
 
-The new files are read and checked completely before anything changes. They apply in a
-moment in which no point is being taken, so that each point is of one arm and one set of
-rules. If they are refused, the old ones continue.
+The files are read and checked completely before anything changes, and take effect while
+no point is being taken, so that each point belongs to one arm and one configuration. If
+they are refused, the old ones stay in force.
 """
 
 import asyncio
@@ -27,8 +27,8 @@ class ConfigurationReloader:
 
     Args:
         embedded: the daemon has its own broker.
-        measurement: what must be quiet for a change.
-        use: puts new inputs into force, in one go.
+        measurement: must be idle for a change.
+        use: puts new inputs into force.
     """
 
     path: Path
@@ -43,10 +43,10 @@ class ConfigurationReloader:
         self._turn = asyncio.Lock()
 
     async def carry_out(self, args: ReloadArgs) -> Result:
-        """Reload; gives the new model and what has changed.
+        """Reload; return the new model and the changes.
 
         Raises:
-            RequestRefusedError: with the reason; the old ones continue.
+            RequestRefusedError: the files are wrong; the old ones stay in force.
         """
         del args  # it has none
         async with self._turn:
@@ -68,7 +68,7 @@ class ConfigurationReloader:
         return {"model": model.digest, "changed": changed}
 
     async def on_sighup(self) -> None:
-        """Reload because of SIGHUP; failures are reported by an event."""
+        """Reload on SIGHUP; a failure is reported by an event."""
         try:
             await self.carry_out(ReloadArgs())
         except RequestRefusedError:
@@ -128,7 +128,6 @@ _FIXED = ["broker", "device", "assembly", "metrics", "realtime", "recording", "s
 
 
 def restart_required(old: Inputs, new: Inputs) -> list[str]:
-    """What a running daemon cannot change, of all that has."""
     before, after = old.configuration, new.configuration
     sections = [
         f"[{name}]" for name in _FIXED if getattr(before, name) != getattr(after, name)
@@ -145,7 +144,7 @@ def restart_required(old: Inputs, new: Inputs) -> list[str]:
 
 
 def changes(old: Inputs, new: Inputs) -> list[str]:
-    """Names of the tables that have changed, `arm` where the model has."""
+    """List changed tables, and `arm` if the model changed."""
     names = [
         name
         for name in type(new.configuration).model_fields

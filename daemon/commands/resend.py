@@ -1,4 +1,4 @@
-"""The command `resend`: points, or scans, again; and what there is of them."""
+"""The command `resend`: list stored points and scans, or send them again."""
 
 from traverse.daemon.errors import Result
 from traverse.daemon.store.durable_queue import DurableQueue
@@ -16,10 +16,10 @@ LAST = 2**53 - 1
 
 
 class ResendCommands:
-    """Execute the command.
+    """Executes the command.
 
     Args:
-        scans: the store of scan blocks; it may not be open.
+        scans: store of scan blocks, perhaps not open.
     """
 
     def __init__(self, points: DurableQueue, scans: DurableQueue) -> None:
@@ -27,7 +27,7 @@ class ResendCommands:
         self._scans = scans
 
     async def carry_out(self, args: ResendArgs) -> Result:
-        """Begin to send a range again, or return what is held.
+        """Begin to send a range, or list what is stored.
 
         Raises:
             RequestRefusedError: too many ranges wait, or a database cannot be read.
@@ -78,7 +78,7 @@ class ResendCommands:
         }
 
     async def _send_scan(self, args: ResendArgs, scan: str, to_seq: int) -> Result:
-        """Send the blocks again that a range of points touches."""
+        """Send the blocks that contain a range of points."""
         extent = StoredScanRange()
         if self._scans.is_open:
             self._scans.resender.check_room()

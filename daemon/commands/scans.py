@@ -1,4 +1,4 @@
-"""The command `scan`, and the scans that buttons start and stop."""
+"""The command `scan`, and scans by button."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -17,7 +17,7 @@ MAX_WAITING_ACTIONS = 64
 
 
 class ScanCommands:
-    """Executes commands on the devices that read the arm's joints."""
+    """Executes scan commands on the devices that read the joints."""
 
     def __init__(self, measurement: Measurement) -> None:
         self._measurement = measurement
@@ -25,13 +25,13 @@ class ScanCommands:
         self._scanner = measurement.scanner
 
     def request_tracking_rate(self) -> None:
-        """Stream at the rate that follows the joints, unless a scan runs."""
+        """Request the rate that follows the joints, unless a scan runs."""
         if not self._scanner.is_running:
             capture = self._measurement.configuration.capture
             self._devices.request_stream(capture.tracking_rate_hz)
 
     async def change_scan(self, args: ScanArgs) -> Result:
-        """Start a scan, or stop the running one; gives its id."""
+        """Start a scan, or stop the running one; return its id."""
         if args.action == "stop":
             plan = self._scanner.plan
             total = stop_scan(self._measurement)
@@ -86,14 +86,14 @@ class ScanCommands:
 
 
 class ButtonScans:
-    """Executes actions one after the other, beside the edges."""
+    """Executes actions of buttons one after the other."""
 
     def __init__(self, events: EventLog) -> None:
         self._events = events
         self._actions: asyncio.Queue[ScanArgs] = asyncio.Queue(MAX_WAITING_ACTIONS)
 
     def request(self, action: Literal["start", "stop"]) -> None:
-        """Start a scan by time at the configured rate, or stop the running one."""
+        """Start a timed scan at the configured rate, or stop the running one."""
         try:
             self._actions.put_nowait(ScanArgs(action=action))
         except asyncio.QueueFull:
@@ -103,7 +103,6 @@ class ButtonScans:
             )
 
     async def run(self, change_scan: Callable[[ScanArgs], Awaitable[Result]]) -> None:
-        """Execute what is requested until cancelled, as the command `scan` does."""
         while True:
             args = await self._actions.get()
             try:

@@ -1,1 +1,1 @@
-"""Conditions that every number rests on: a number is ok while all are established."""
+"""Conditions of measured numbers; a number is ok while all are established."""

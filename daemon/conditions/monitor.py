@@ -1,4 +1,4 @@
-"""Know which conditions are established, and report those that are lost."""
+"""Monitor of the conditions: which are established, and events for the others."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
@@ -14,18 +14,18 @@ PATIENCE_NS = 5_000_000_000  # to be established at first before an event says i
 NOT_YET = "not established yet"
 
 Key = tuple[str, str]
-"""Name of the condition, and its subject."""
+"""Condition and subject."""
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Whether one condition of one subject is established.
+    """State of one condition of one subject.
 
     Attributes:
         subject: id of the device; `ARM` or `HOST`.
-        since_ns: since when, host monotonic.
-        cause: why it is not; empty where it is.
-        remedy: what to do about it; empty where nothing is to be done.
+        since_ns: host monotonic time of the last change.
+        cause: why it is not established; else empty.
+        remedy: what to do about it; may be empty.
         is_reported: its lasting event has begun.
     """
 
@@ -39,17 +39,16 @@ class Standing:
 
     @property
     def condition(self) -> Condition:
-        """Its row of the table."""
         return BY_NAME[self.name]
 
 
 class ConditionMonitor:
-    """Hold the standing of every condition that applies, each in doubt at first.
+    """State of every condition that applies; each begins in doubt.
 
-    Feeders call `establish` and `doubt`; a condition that does not apply is ignored.
+    Calls on conditions that do not apply are ignored.
 
     Attributes:
-        changed: called when a standing has changed.
+        changed: called when a state has changed.
         bits: flags of every number now.
     """
 
@@ -70,9 +69,9 @@ class ConditionMonitor:
     def use(
         self, subjects: Mapping[str, Iterable[str]], counting: Sequence[str]
     ) -> None:
-        """Follow what applies: by condition its subjects; new ones are in doubt.
+        """Set the subjects of each condition; new ones begin in doubt.
 
-        Only subjects in ``counting`` mark numbers: devices that read no joint do not.
+        Only subjects in ``counting`` mark numbers: not devices that read no joint.
         """
         now_ns = self._clock.monotonic_ns()
         keys = {
@@ -102,13 +101,13 @@ class ConditionMonitor:
     # -- what holds -----------------------------------------------------------
 
     def is_established(self, name: str, subject: str = ARM) -> bool:
-        """Whether it is; also true where it does not apply."""
+        """Return whether it is established or does not apply."""
         standing = self._standings.get((name, subject))
         return standing is None or standing.established
 
     @property
     def all_established(self) -> bool:
-        """Every condition of what counts is established: numbers are ok."""
+        """Whether numbers are ok: all counting conditions are established."""
         return not any(
             not standing.established and standing.subject in self._counting
             for standing in self._standings.values()
@@ -116,11 +115,11 @@ class ConditionMonitor:
 
     @property
     def standings(self) -> tuple[Standing, ...]:
-        """All that apply, in the order of the table."""
+        """All states, in the order of the table."""
         return tuple(self._standings.values())
 
     def establish(self, name: str, subject: str = ARM, text: str = "") -> None:
-        """It holds now; ``text`` is said by the event that ends."""
+        """Establish a condition; ``text`` goes into the event that ends."""
         before = self._standings.get((name, subject))
         if before is None or before.established:
             return
@@ -140,7 +139,6 @@ class ConditionMonitor:
         *,
         remedy: str = "",
     ) -> None:
-        """It does not hold, or is not known to hold, for a cause."""
         before = self._standings.get((name, subject))
         if before is None or (before.cause == cause and before.is_reported):
             return
@@ -153,7 +151,6 @@ class ConditionMonitor:
         self.changed()
 
     def add_samples(self, flags: int) -> None:
-        """Take the flags that any of the arm's newest samples carries."""
         if not flags & self._sample_bits and not self._open:
             return
         for row in self._sample_rows:
@@ -163,7 +160,7 @@ class ConditionMonitor:
                 self.settle(row.name, ARM)
 
     def mark(self, name: str, subject: str, cause: str) -> None:
-        """A sample is marked for the lack of a condition that marks samples."""
+        """Note that a sample is flagged by a condition of samples."""
         key = name, subject
         before = self._standings.get(key)
         if before is None:
@@ -175,9 +172,9 @@ class ConditionMonitor:
             self._standings[key] = replace(before, cause=cause)
 
     def settle(self, name: str, subject: str, text: str = "") -> None:
-        """A sample is not marked: establish the condition once none was for a while.
+        """Note an unflagged sample; after a while without flags the condition holds.
 
-        The text is said by the event that ends.
+        ``text`` goes into the event that ends.
         """
         key = name, subject
         if key not in self._open:
@@ -187,9 +184,9 @@ class ConditionMonitor:
             self.establish(name, subject, text)
 
     def check_overdue(self) -> None:
-        """Report what was not established for long; call it now and then.
+        """Report conditions that were long not established; call regularly.
 
-        While a device is not there, its event says why nothing else is established.
+        For an absent device only its absence is reported.
         """
         now_ns = self._clock.monotonic_ns()
         if any(
@@ -208,11 +205,9 @@ class ConditionMonitor:
 
     @property
     def state(self) -> list[list[object]]:
-        """What `resume` needs."""
         return [list(astuple(s)) for s in self._standings.values()]
 
     def resume(self, state: Sequence[Sequence[Any]]) -> None:
-        """Continue from the `state` of another time."""
         for values in state:
             standing = Standing(*values)
             key = standing.name, standing.subject
@@ -245,7 +240,7 @@ class ConditionMonitor:
             )
 
     def _update_bits(self) -> None:
-        """Compute `bits` anew, once a change, so that a block only reads them."""
+        """Compute `bits` on a change, so that blocks only read them."""
         in_doubt = [s for s in self._standings.values() if not s.established]
         self._open = frozenset((s.name, s.subject) for s in in_doubt)
         self.bits = 0
@@ -256,5 +251,4 @@ class ConditionMonitor:
 
 
 def meanings(flags: int) -> str:
-    """What the flags say, as one text."""
     return "; ".join(text for flag, text in FLAG_MEANINGS.items() if flag & flags)

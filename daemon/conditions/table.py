@@ -1,8 +1,7 @@
-"""The one table of the conditions that a measured number rests on.
+"""Table of the conditions that a measured number rests on.
 
-Doubt is the default: each condition begins not established, and must be established
-for each subject that it applies to. Status, metrics, reference pages and tests are made
-from this table.
+Each condition begins not established and must be established for each subject. Status,
+metrics, reference pages and tests are made from this table.
 """
 
 from dataclasses import dataclass
@@ -21,19 +20,18 @@ class Condition:
     """One row.
 
     Attributes:
-        name: of the condition, a word.
-        subject: what it is a condition of: each device, the arm, or the computer.
+        name: a word.
+        subject: each device, the arm, or the computer.
         means: what holds while it is established.
-        established_by: what establishes it.
-        lost_by: what takes it away.
-        flags: what marks the numbers without it.
-        marks: whether every number is marked while it is not established, or only the
-            samples concerned, by whoever finds them; then the condition is established
-            again when none was found for a while.
+        established_by: event that establishes it.
+        lost_by: event that ends it.
+        flags: of numbers without it.
+        marks: it marks every number while not established; otherwise only samples in
+            which a detector finds it lost, and it recovers after a while without any.
         code: of the lasting event while it is lost.
-        remedy: what to do about it, unless the loss has a remedy of its own.
-        command: MQTT command by which the operator establishes it; empty for none.
-        remembered: what is kept over a restart of the daemon; empty for nothing.
+        remedy: unless the loss states its own.
+        command: MQTT command by which the operator establishes it; or empty.
+        remembered: what is kept over a restart of the daemon; or empty.
         severity: of its event.
     """
 
@@ -217,7 +215,5 @@ CONDITIONS = (
         "set the computer's clock, and let it be synchronised",
     ),
 )
-"""All conditions."""
-
 BY_NAME = {condition.name: condition for condition in CONDITIONS}
-"""The same by name."""
+"""Conditions by name."""

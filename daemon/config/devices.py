@@ -1,4 +1,4 @@
-"""The `[[device]]` tables: id and driver, and what that driver's options are."""
+"""The `[[device]]` tables: id, driver, and that driver's options."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -19,7 +19,7 @@ from traverse.strict_toml.problems import unknown_name_message
 
 
 class DeviceSection(DriverOptions):
-    """One device and the driver that reads it; a child of it has its options too."""
+    """A device and its driver; subclasses add the driver's options."""
 
     id: str = Field(pattern=r"^[A-Za-z0-9_-]+$")
     driver: str
@@ -32,13 +32,12 @@ class DeviceSection(DriverOptions):
 
     @property
     def options(self) -> DriverOptions:
-        """Options of the driver, which were validated with this table."""
         options = {name: value for name, value in self if name not in ("id", "driver")}
         return driver_class(self.driver).options_class.model_construct(**options)
 
 
 class UnavailableDriverSection(DeviceSection):
-    """Of a driver that cannot be: refused for that alone, not for its other keys."""
+    """Table of an unknown driver; refused for that alone, not for its other keys."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -56,7 +55,6 @@ class UnavailableDriverSection(DeviceSection):
 
 @cache
 def section_class(driver: str) -> type[DeviceSection]:
-    """The class of the tables of a driver."""
     try:
         options = driver_class(driver).options_class
     except (KeyError, DriverUnavailableError):

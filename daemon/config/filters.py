@@ -1,6 +1,6 @@
-"""The `[[scan.filters]]` tables: which points of a scan pass, in which order.
+"""The `[[scan.filters]]` tables.
 
-Their keys are those of the filters' own classes, so that a filter has them once.
+Their keys are those of the filter classes, so that each is defined once.
 """
 
 from collections.abc import Iterable, Mapping
@@ -23,14 +23,14 @@ from traverse.strict_toml.problems import unknown_name_message
 from traverse.strict_toml.reader import StrictModel
 
 FLAGS = {flag.name.lower(): flag for flag in QualityFlag if flag.name}
-"""The quality flags by the names that they have in files and messages."""
+"""Quality flags by their names in files and messages."""
 
 
 def flag_bits(names: Iterable[str]) -> int:
-    """The bits of flags by name.
+    """Combine flags by name.
 
     Raises:
-        ValueError: naming what is no flag.
+        ValueError: a name is unknown.
     """
     bits = 0
     for name in names:
@@ -41,7 +41,7 @@ def flag_bits(names: Iterable[str]) -> int:
 
 
 class FilterSection(StrictModel):
-    """One filter; a child of it has the keys of its kind too."""
+    """A filter; subclasses add the keys of its kind."""
 
     kind: str
 
@@ -52,10 +52,10 @@ class FilterSection(StrictModel):
         return section_class(str(name))
 
     def create(self) -> PointFilter:
-        """The filter, new.
+        """Create the filter.
 
         Raises:
-            ValueError: its keys do not go together.
+            ValueError: its keys are inconsistent.
         """
         values = {name: value for name, value in self if name != "kind"}
         return FILTERS[self.kind](**values)
@@ -67,7 +67,7 @@ class FilterSection(StrictModel):
 
 
 class UnknownFilterSection(FilterSection):
-    """Of a kind that there is not: refused for that alone, not for its other keys."""
+    """Table of an unknown kind; refused for that alone, not for its other keys."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -78,22 +78,16 @@ class UnknownFilterSection(FilterSection):
 
 
 class QualityFilterSection(FilterSection):
-    """Allowed flags are named in a file, and bits in the filter."""
+    """Table of the quality filter: flags by name become bits."""
 
     allowed: tuple[str, ...] = ()
 
     def create(self) -> PointFilter:
-        """The filter, new.
-
-        Raises:
-            ValueError: naming what is no flag.
-        """
         return FILTERS[self.kind](**{"allowed": flag_bits(self.allowed)})
 
 
 @cache
 def section_class(kind: str) -> type[FilterSection]:
-    """The class of the tables of a kind."""
     made = FILTERS.get(kind)
     if made is None:
         return UnknownFilterSection
@@ -117,12 +111,11 @@ AnyFilter = Annotated[
 
 
 def filter_chain(sections: Iterable[FilterSection]) -> FilterChain:
-    """The filters of a configuration, new, in its order."""
     return FilterChain([section.create() for section in sections])
 
 
 def removed_counters(chain: FilterChain) -> dict[str, int]:
-    """How many points each filter has held back, by its place and kind."""
+    """Return how many points each filter has removed, by position and kind."""
     return {
         f"scan_filter_{place}_{filter_.kind}": removed
         for place, (filter_, removed) in enumerate(

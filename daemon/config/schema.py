@@ -1,4 +1,4 @@
-"""The daemon's configuration file: strict TOML, all mistakes at once.
+"""The daemon's configuration file: strict TOML; all mistakes are reported at once.
 
 Every key is explained in docs/reference/configuration.md.
 """
@@ -30,9 +30,9 @@ FileName = Annotated[str, Field(min_length=1, max_length=4096)]
 
 
 class BrokerSection(StrictModel):
-    """Where results go.
+    """Broker and credentials.
 
-    There is no key that switches the check of the broker's certificate off.
+    Verification of the broker's certificate cannot be switched off.
     """
 
     host: str = Field(default="localhost", min_length=1, max_length=253)
@@ -50,14 +50,13 @@ class BrokerSection(StrictModel):
     @model_validator(mode="before")
     @classmethod
     def _default_tls_port(cls, raw: object) -> object:
-        """With TLS and without a port it is that of MQTT over TLS."""
+        """Use the port of MQTT over TLS as default with TLS."""
         if isinstance(raw, Mapping) and raw.get("tls") is True and "port" not in raw:
             return {**raw, "port": TLS_PORT}
         return raw
 
 
 def broker_table_problems(raw: object) -> Iterator[Problem]:
-    """What does not go together in a table [broker]."""
     if not isinstance(raw, Mapping):
         return
     if raw.get("tls") is not True:
@@ -79,7 +78,7 @@ def broker_table_problems(raw: object) -> Iterator[Problem]:
 
 
 def _filter_problems(filters: Any) -> Iterator[Problem]:  # noqa: ANN401 - of a file
-    """Invalid filters, and those that would allow answers in topics of arms."""
+    """Find invalid filters, and those that admit topics of arms."""
     if not isinstance(filters, list):
         return
     for index, topic_filter in enumerate(filters):
@@ -92,14 +91,14 @@ def _filter_problems(filters: Any) -> Iterator[Problem]:  # noqa: ANN401 - of a 
 
 
 class MetricsSection(StrictModel):
-    """Where figures can be read; nowhere without a port."""
+    """Metrics endpoint; none without a port."""
 
     port: int | None = Field(default=None, ge=1, le=65535)
     host: str = Field(default="127.0.0.1", min_length=1)
 
 
 class OutboxSection(StrictModel):
-    """How long points are kept that the broker has."""
+    """Retention of points that the broker has."""
 
     keep_days: float = Field(default=90.0, gt=0.0, le=36_500.0)
     keep_mb: float = Field(default=1000.0, ge=1.0, le=1_000_000.0)
@@ -109,7 +108,7 @@ MAX_PRIORITY = 98  # 99 is the kernel's own threads'
 
 
 class RealtimeSection(StrictModel):
-    """Requests to the system; what it refuses is reported, and left out."""
+    """Real-time requests to the system; refusals are reported."""
 
     priority: int = Field(default=0, ge=0, le=MAX_PRIORITY)
     lock_memory: bool = False
@@ -127,7 +126,7 @@ class RealtimeSection(StrictModel):
 
 
 class RecordingSection(StrictModel):
-    """What is recorded, how much of it is kept, and how safely."""
+    """Recordings: which, how many are kept, how safely."""
 
     flight: bool = True
     flight_s: float = Field(default=60.0, ge=20.0, le=3600.0)
@@ -140,7 +139,7 @@ class RecordingSection(StrictModel):
 
 
 class EndStopSection(StrictModel):
-    """How far a joint can turn."""
+    """End stops of a joint."""
 
     joint: str = Field(min_length=1)
     low_rad: float
@@ -159,7 +158,7 @@ class EndStopSection(StrictModel):
 
 
 class QualitySection(StrictModel):
-    """Limits; those that are left out are not looked at."""
+    """Quality limits; absent ones are not checked."""
 
     end_stops: Annotated[tuple[EndStopSection, ...], Field(max_length=64)] = ()
     singular_ratio: float | None = Field(default=None, gt=0.0, lt=1.0)
@@ -187,7 +186,7 @@ class QualitySection(StrictModel):
 
 
 class ScanSection(StrictModel):
-    """What a scan's command leaves open, and which of its points pass."""
+    """Defaults and filters of scans."""
 
     rate_hz: float = Field(default=100.0, gt=0.0, le=10_000.0)
     dense_rate_hz: float = Field(default=1000.0, ge=10.0, le=10_000.0)
@@ -203,14 +202,14 @@ INPUT_PATTERN = r"^[A-Za-z0-9_-]+/[0-7]$"
 
 
 class ArmSection(StrictModel):
-    """Which arm this is."""
+    """The arm."""
 
     file: str = Field(min_length=1)
     probes: str | None = None
 
 
 class InputSection(StrictModel):
-    """What a digital input of a device means."""
+    """Meaning of a digital input."""
 
     source: str = Field(pattern=INPUT_PATTERN)
     trigger: Literal["button", "switch"]
@@ -221,24 +220,21 @@ class InputSection(StrictModel):
 
     @property
     def gesture_actions(self) -> dict[str, Action]:
-        """What its gestures do, those that do anything."""
         actions = {"click": self.click, "double": self.double, "hold": self.hold}
         actions["long"] = self.long
         return {name: action for name, action in actions.items() if action is not None}
 
     @property
     def device_id(self) -> str:
-        """The device it belongs to."""
         return self.source.partition("/")[0]
 
     @property
     def number(self) -> int:
-        """Its number on the device."""
         return int(self.source.partition("/")[2])
 
 
 class CaptureSection(StrictModel):
-    """How samples become points."""
+    """How points are captured."""
 
     tracking_rate_hz: float = Field(default=100.0, ge=10.0, le=1000.0)
     live_rate_hz: float = Field(default=20.0, gt=0.0, le=100.0)
@@ -260,7 +256,7 @@ class CaptureSection(StrictModel):
 
 
 class AssemblySection(StrictModel):
-    """How readings of different instants become samples of the arm."""
+    """How readings of different instants become samples."""
 
     clock: str | None = None
     wait_s: float = Field(default=0.05, ge=0.001, le=1.0)
@@ -278,13 +274,13 @@ class UncertaintySection(StrictModel):
 
 
 class HealthSection(StrictModel):
-    """Interval of health messages."""
+    """Health messages."""
 
     period_s: float = Field(default=2.0, ge=0.2, le=3600.0)
 
 
 class SigningSection(StrictModel):
-    """The key by which points are signed; without it they are not."""
+    """Key for signing points; without it they are not signed."""
 
     key: str | None = Field(default=None, min_length=1)
 
@@ -312,7 +308,7 @@ def read_configuration(path: Path) -> Configuration:
     """Read and check a configuration file.
 
     Raises:
-        FileError: with everything that is wrong with it.
+        FileError: lists all mistakes.
     """
     text = toml_text(path)
     kind = toml_table(text, str(path)).get("schema")
@@ -364,7 +360,7 @@ def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
 
 
 def _gesture_problems(index: int, table: Mapping[str, Any]) -> Iterator[Problem]:
-    """Find gestures of one input that are ambiguous or make no sense."""
+    """Find gestures of an input that are ambiguous or meaningless."""
     where = f"capture.inputs[{index}]"
     if "hold" in table and "long" in table:
         text = "cannot be combined with hold: both begin with a long press; use one"

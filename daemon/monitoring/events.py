@@ -1,9 +1,9 @@
-"""Events: logged, and published without flooding.
+"""Events: logged, and published at a limited rate.
 
-The first of its kind is sent at once; what repeats within a second is counted and
-reported once. Of those that are distinct, such as presses of a button, the first
-twenty in a second are sent. A lasting condition is raised once and cleared once; one
-that flickers is reported once a second, with its state and number of changes.
+The first of its kind is sent at once; repetitions within a second are counted and sent
+as one. Of distinct events, such as presses of a button, the first twenty in a second
+are sent. A lasting condition is raised and cleared once; a flickering one is sent once
+a second with its state and number of changes.
 """
 
 import logging
@@ -30,7 +30,7 @@ Severity = Literal["info", "warning", "error"]
 
 @dataclass(frozen=True, slots=True)
 class Occurrence:
-    """What happened, before it is a message; see `traverse.protocol.messages.Event`."""
+    """An event before it is a message; see `traverse.protocol.messages.Event`."""
 
     severity: Severity
     code: str
@@ -48,12 +48,12 @@ class Occurrence:
 class EventLog:
     """Collects occurrences and passes them on.
 
-    What they happen to is their source: the first word of the code unless given.
+    The default source is the first word of the code.
 
     Args:
-        publish: called with what is to be published, times monotonic.
-        arm: whose events these are, for a log with fields.
-        changed: called when the begin or end of a lasting condition was published.
+        publish: called with occurrences, times monotonic.
+        arm: name, for a log with fields.
+        changed: called when begin or end of a lasting condition was published.
     """
 
     clock: HostClock
@@ -71,7 +71,7 @@ class EventLog:
 
     @property
     def active(self) -> tuple[Occurrence, ...]:
-        """The conditions that last now, oldest first."""
+        """Lasting conditions, oldest first."""
         return tuple(self._active.values())
 
     def report(
@@ -86,10 +86,9 @@ class EventLog:
         data: Mapping[str, int | float | str] | None = None,
         distinct: bool = False,
     ) -> None:
-        """Something momentary happened ``count`` times.
+        """Report ``count`` momentary occurrences.
 
-        With ``distinct`` every one is reported by itself, as for buttons, unless
-        there are too many; the other arguments are those of the message.
+        With ``distinct`` each is sent by itself, up to a limit.
         """
         text, remedy = printable(text), printable(remedy)
         now_ns = first_ns = self.clock.monotonic_ns()
@@ -125,9 +124,9 @@ class EventLog:
         remedy: str = "",
         data: Mapping[str, int | float | str] | None = None,
     ) -> None:
-        """A lasting condition begins or ends; reported once each way.
+        """Begin or end a lasting condition, reported once each.
 
-        With too many conditions it is reported as a momentary one.
+        With too many conditions it is reported as momentary.
         """
         source = source or code.partition(".")[0]
         key = (code, source)
@@ -156,7 +155,7 @@ class EventLog:
             self._flapping[key] = change
 
     def flush(self, *, at_once: bool = False) -> None:
-        """Report what was held back, a second or less; call it a few times a second."""
+        """Report occurrences held back for up to a second; call often."""
         now_ns = self.clock.monotonic_ns()
         for waiting in (self._held, self._flapping):
             for key, held in list(waiting.items()):
@@ -172,7 +171,7 @@ class EventLog:
         most: int,
         period_ns: int,
     ) -> bool:
-        """Whether it is among the first ``most`` of a period; notes it in ``seen``."""
+        """Count in ``seen``; return whether at most ``most`` came in the period."""
         since_ns, n = seen.get(key, (now_ns, 0))
         if now_ns - since_ns >= period_ns:
             since_ns, n = now_ns, 0

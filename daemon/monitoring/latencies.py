@@ -1,4 +1,4 @@
-"""Latencies: percentiles of the last few thousand, and a histogram of them all."""
+"""Latencies: percentiles of the latest, histogram of all."""
 
 import contextlib
 import gc
@@ -16,11 +16,11 @@ BOUNDS_NS = [bound_us * 1000 for bound_us in LATENCY_BOUNDS_US]
 
 
 class Latencies:
-    """A bounded ring of durations, and how many lie between fixed bounds.
+    """Bounded ring of durations, and a histogram.
 
     Attributes:
-        total_counts: how many lie in each bin since the start; `LATENCY_BOUNDS_US` are
-            the upper bounds, the last bin has none.
+        total_counts: by bin since the start; `LATENCY_BOUNDS_US` are the upper
+            bounds, the last bin has none.
         total_ns: sum of all durations since the start.
     """
 
@@ -33,7 +33,6 @@ class Latencies:
         self._told_counts = list(self.total_counts)
 
     def add(self, duration_ns: int) -> None:
-        """Record one duration; the ring drops the oldest."""
         self._values_ns[self._n % KEPT] = duration_ns
         self._n += 1
         self._largest_ns = max(self._largest_ns, duration_ns)
@@ -41,10 +40,10 @@ class Latencies:
         self.total_ns += max(0, duration_ns)
 
     def figures(self) -> Latency | None:
-        """The distribution since it was cleared; None where there is nothing.
+        """Return the distribution since `clear`; None without data.
 
-        Median and 99th percentile are of the latest 4096, by linear interpolation
-        between the two nearest in order; all other figures are of all.
+        Median and 99th percentile are of the latest 4096, interpolated linearly; other
+        figures are of all.
         """
         # The garbage collector notes its durations in whatever thread it runs, also
         # between two lines of this: all is read once, and n is that of the histogram.
@@ -63,19 +62,18 @@ class Latencies:
         )
 
     def clear(self) -> None:
-        """Begin again; the totals continue."""
+        """Begin again, except for the totals."""
         self._n = self._largest_ns = 0
         self._told_counts = list(self.total_counts)
 
 
 def latencies_by_name() -> dict[str, Latencies]:
-    """One of each of `LATENCIES`, empty."""
+    """Create one for each of `LATENCIES`."""
     return {name: Latencies() for name in LATENCIES}
 
 
 @contextlib.contextmanager
 def timed_collections(latencies: Latencies) -> Iterator[None]:
-    """Time each of the interpreter's garbage collections while the block lasts."""
     begun_ns = 0
 
     def on_phase(phase: str, _info: dict[str, int]) -> None:

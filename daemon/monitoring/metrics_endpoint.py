@@ -1,7 +1,7 @@
-"""An HTTP endpoint for one thing: GET /metrics. Bounded in every direction.
+"""HTTP endpoint for GET /metrics, bounded in every direction.
 
 At most `MAX_CLIENTS` at once, each with one request of at most `MAX_REQUEST` bytes and
-`LIMIT_S` for all of it; every connection is closed after its answer.
+`LIMIT_S` in all; connections are closed after the answer.
 """
 
 import asyncio
@@ -25,7 +25,7 @@ class MetricsEndpoint:
     """Answers scrapes.
 
     Args:
-        text: gives the current figures; called at most once in `FRESH_S`.
+        text: returns the figures; called at most once in `FRESH_S`.
     """
 
     def __init__(self, text: Callable[[], str]) -> None:
@@ -37,7 +37,7 @@ class MetricsEndpoint:
     async def serve(
         self, reader: asyncio.StreamReader, out: asyncio.StreamWriter
     ) -> None:
-        """Answer one client and close its connection, however it behaves."""
+        """Answer one client and close its connection."""
         if self._clients >= MAX_CLIENTS:
             out.transport.abort()
             return
@@ -90,9 +90,9 @@ def _response(
 async def metrics_endpoint(
     section: MetricsSection, text: Callable[[], str], events: EventLog
 ) -> AsyncIterator[None]:
-    """Serve while the block lasts, if a port is configured.
+    """Serve within the block, if a port is configured.
 
-    A port that cannot be opened is an event; measuring continues without the endpoint.
+    A port that cannot be opened is an event; measuring continues.
     """
     if section.port is None:
         yield

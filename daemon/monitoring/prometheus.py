@@ -1,4 +1,4 @@
-"""All figures of health in Prometheus' text format, version 0.0.4.
+"""Health figures in Prometheus' text format, version 0.0.4.
 
 Base units, totals since the start; docs/reference/metrics.md explains each.
 """
@@ -54,13 +54,13 @@ HELP = {
     "opened, by name",
     **{f"{name}_total": text for name, text in COUNTERS.items()},
 }
-"""Help texts, by name without prefix."""
+"""Help texts by name without prefix."""
 HELP_OF_FILTERS = "points of scans held back by this filter"
 
 Labels = Mapping[str, str]
 Samples = list[tuple[Labels, float]]
 Values = dict[str, float | Samples | None]
-"""By name without prefix: the samples, one value, or nothing."""
+"""Samples, one value, or None, by name without prefix."""
 
 
 def exposition(
@@ -70,9 +70,9 @@ def exposition(
     version: str,
     conditions: Mapping[tuple[str, str], bool],
 ) -> str:
-    """Format the page that a scrape gets; latencies are those since the start.
+    """Format the page; latencies are since the start.
 
-    ``conditions`` says by name and source which are established.
+    ``conditions`` states by name and source which are established.
     """
     values = _process(health, cpu_s, version) | _queues(health) | _devices(health)
     values["condition_established"] = [
@@ -108,7 +108,7 @@ def _process(health: Health, cpu_s: float, version: str) -> Values:
 
 
 def _queues(health: Health) -> Values:
-    """What is on its way to the broker and to the disk."""
+    """Return figures of messages on their way to broker and disk."""
     broker, outbox, spool = health.broker, health.outbox, health.spool
     recording, oldest_ns = health.recording, outbox.oldest_unsent_ns
     return {
@@ -168,9 +168,9 @@ def _states(states: Iterable[str], current: str) -> Samples:
 
 
 def family(name: str, text: str, value: float | Samples | None) -> str:
-    """One family of a value, or of labels and value each; empty without samples.
+    """Format a family of one value, or of labels and values; empty without samples.
 
-    The name has its unit; that of a counter, which only grows, ends in `_total`.
+    The name contains the unit; that of a counter ends in `_total`.
     """
     if value is None or value == []:
         return ""
@@ -186,10 +186,10 @@ def histogram(
     bounds: Sequence[float],
     samples: Iterable[tuple[Labels, Sequence[int], float]],
 ) -> str:
-    """One family of histograms; the name has its unit.
+    """Format a family of histograms; the name contains the unit.
 
-    Samples are labels, how many lie in each bin (bounds are the upper ones of all but
-    the last), and the sum of all.
+    A sample has labels, counts by bin (``bounds`` are upper bounds of all but the
+    last), and the sum.
     """
     lines = []
     for labels, counts, total in samples:
@@ -220,7 +220,7 @@ def _escaped(value: str) -> str:
 
 
 def _number(value: float) -> str:
-    """As Prometheus writes it: +Inf, and whole numbers without a point."""
+    """Format a number as Prometheus does: +Inf, integers without a point."""
     if value == float("inf"):
         return "+Inf"
     return str(int(value)) if float(value).is_integer() else repr(float(value))

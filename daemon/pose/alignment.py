@@ -1,4 +1,4 @@
-"""The part's system beside the arm's: part = scale * rotation * arm + translation."""
+"""Alignment: part = scale * rotation * arm + translation."""
 
 from dataclasses import dataclass
 
@@ -10,10 +10,10 @@ from traverse.protocol.messages import AlignArgs
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """Where the part is.
+    """Coordinate system of the part.
 
     Attributes:
-        name: what it is called.
+        name: its name.
         rotation: (3, 3). translation_mm: (3,).
     """
 
@@ -23,13 +23,13 @@ class Alignment:
     scale: float
 
     def transform_mm(self, xyz_mm: Floats) -> Floats:
-        """Places (n, 3) of the arm's system in that of the part."""
+        """Transform arm coordinates (n, 3) to part coordinates."""
         turned: Floats = xyz_mm @ self.rotation.T
         return self.scale * turned + self.translation_mm
 
 
 def requested_alignment(args: AlignArgs) -> Alignment | None:
-    """The alignment that a command sets; None if it clears it."""
+    """Return the alignment of a command; None if it clears it."""
     if args.action == "clear":
         return None
     return Alignment(
@@ -41,17 +41,17 @@ def requested_alignment(args: AlignArgs) -> Alignment | None:
 
 
 class ActiveAlignment:
-    """The alignment in use, which everything that is published looks up.
+    """The alignment in use.
 
     Attributes:
-        alignment: None where there is none; replaced whole, between two samples.
+        alignment: None if there is none; replaced whole, between two samples.
     """
 
     def __init__(self) -> None:
         self.alignment: Alignment | None = None
 
     def part_mm(self, xyz_mm: Floats) -> tuple[float, float, float] | None:
-        """One place (3,) in the part's system; None without an alignment."""
+        """Transform one position (3,); None without an alignment."""
         if self.alignment is None:
             return None
         x, y, z = self.alignment.transform_mm(xyz_mm[np.newaxis])[0].tolist()

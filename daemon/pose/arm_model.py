@@ -1,6 +1,6 @@
-"""The arm as the pipeline needs it: geometry, effects, encoders, covariance.
+"""The arm for the pipeline: geometry, effects, encoders, covariance.
 
-An arm file that requires what a running daemon cannot do is refused.
+Arm files that need what a running daemon does not know are refused.
 """
 
 import logging
@@ -45,10 +45,10 @@ def covariance_with_probe(
     inline_effects: ArmEffects,
     covariance_mm2: Floats | None,
 ) -> ArmCovariance | None:
-    """What is known with a probe that was not identified together with the arm.
+    """Return the covariance with a probe that was not identified with the arm.
 
-    ``known`` is with the probe before, ``covariance_mm2`` of the new probe's vector,
-    (3, 3), by itself; None: nothing is.
+    ``known`` is with the former probe; ``covariance_mm2`` is of the new probe's vector,
+    (3, 3), None if unknown.
     """
     if known is None and covariance_mm2 is None:
         return None
@@ -67,7 +67,7 @@ def covariance_with_probe(
 
 
 def encoder_problems(arm: Arm, device_ids: Mapping[str, object]) -> Iterator[Problem]:
-    """Joints without an encoder, or with one that no device reads."""
+    """Find joints whose encoder is missing or read by no device."""
     for index, joint in enumerate(arm.joints):
         where = f"joints[{index}].encoder"
         if joint.encoder is None:
@@ -81,7 +81,7 @@ def encoder_problems(arm: Arm, device_ids: Mapping[str, object]) -> Iterator[Pro
 
 
 def covariate_problems(effects: ArmEffects) -> list[Problem]:
-    """Effects of what a running daemon never knows."""
+    """Find effects of quantities that a running daemon never knows."""
     return [
         Problem(
             f"effects[{index}]",
@@ -97,7 +97,7 @@ def covariate_problems(effects: ArmEffects) -> list[Problem]:
 
 
 def epoch_problems(arm: Arm) -> Iterator[Problem]:
-    """Effects bound to moments that the nanoseconds of a sample cannot express."""
+    """Find effects whose moments exceed the range of nanoseconds."""
     for index, effect in enumerate(arm.effects):
         if effect.epoch_utc is None:
             continue
@@ -112,18 +112,17 @@ def epoch_problems(arm: Arm) -> Iterator[Problem]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmModel:
-    """One arm file, ready for the measurement path; replaced whole, never changed.
+    """One arm file for the measuring path; immutable.
 
     Attributes:
-        effects: what corrects poses; those of the file that are off-line only are not
-            among them.
-        reference_temperature_c: where the geometry holds.
+        effects: that correct poses; off-line ones are excluded.
+        reference_temperature_c: at which the geometry holds.
         digest: of the arm file's values; every point carries it.
         arm: as in its file, or with another probe.
-        joint_devices: (n_joints,) id of the device that reads each joint.
-        channels: (n_joints,) the channel of each joint on its device.
+        joint_devices: (n_joints,) id of the device of each joint.
+        channels: (n_joints,) channel of each joint on its device.
         covariance: of the arm's parameters; None without a file.
-        geometry_doubt: why it is not known how far points are off; empty where it is.
+        geometry_doubt: why errors of points are unknown; else empty.
     """
 
     name: str
@@ -142,11 +141,10 @@ class ArmModel:
 
     @property
     def devices(self) -> tuple[str, ...]:
-        """Ids of the devices that read joints, in the order of the joints."""
+        """Ids of devices that read joints, in joint order."""
         return tuple(dict.fromkeys(self.joint_devices))
 
     def joint_of(self, device: str, channel: int) -> str | None:
-        """The name of the joint that a channel reads; None where there is none."""
         for joint, of in enumerate(self.joint_devices):
             if of == device and self.channels[joint] == channel:
                 return self.effects.joint_names[joint]
@@ -154,12 +152,12 @@ class ArmModel:
 
     @property
     def per_count_rad(self) -> Floats:
-        """By how much a count changes each reading, (n_joints,)."""
+        """Change of each reading by one count, (n_joints,)."""
         encoders = self.encoders
         return encoders.signs * (2.0 * np.pi / encoders.counts_per_turn)
 
     def has_same_encoders(self, other: "ArmModel") -> bool:
-        """Whether its joints are read by the same encoders of the same devices."""
+        """Return whether the joints have the same encoders on the same devices."""
         mine, theirs = self.encoders, other.encoders
         return (
             self.joint_devices == other.joint_devices
@@ -169,9 +167,9 @@ class ArmModel:
         )
 
     def wraps_counts(self, moduli: Mapping[str, Sequence[int]]) -> Integers:
-        """Where the counts of each joint wrap to 0, (n_joints,).
+        """Return where the counts of each joint wrap to 0, (n_joints,).
 
-        Without a modulus of its device and channel that is after a turn.
+        Without a modulus of device and channel that is one turn.
         """
         wraps = self.encoders.counts_per_turn.copy()
         for joint, channel in enumerate(self.channels.tolist()):
@@ -182,16 +180,15 @@ class ArmModel:
 
     @property
     def uses_temperature(self) -> bool:
-        """Whether an effect depends on how warm the arm is."""
         return any(n.covariate is Covariate.TEMPERATURE for n in self.effects.needs)
 
     @property
     def effect_names(self) -> list[str]:
-        """`J3.encoder_eccentricity` and so on, in the order of the arm file."""
+        """Names such as `J3.encoder_eccentricity`, in the order of the arm file."""
         return [self.effects.name(effect) for effect in self.effects.corrections]
 
     def mismatches_with(self, device: str, identity: Identity) -> list[str]:
-        """What does not match between the arm file and what a device reports."""
+        """List mismatches between the arm file and a device's identity."""
         mismatches = []
         moduli_counts = identity.moduli_counts
         for joint, channel in enumerate(self.channels.tolist()):
@@ -223,7 +220,7 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
     """Read an arm file for measuring with the given devices.
 
     Raises:
-        FileError: the file is wrong, or requires what this daemon cannot do.
+        FileError: the file is wrong or unsuitable for this daemon.
     """
     arm = read_arm(path)
     problems = list(encoder_problems(arm, device_ids))
@@ -259,9 +256,10 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
 
 
 def model_with_probe(model: ArmModel, chosen: LibraryProbe) -> ArmModel:
-    """The same arm with another probe.
+    """Replace the probe.
 
-    First moments that were estimated include a probe: another counts as heavy as that.
+    Estimated first moments include the former probe; the new one is taken to weigh as
+    much.
 
     Raises:
         ValueError: the arm cannot have it, with the reason.
@@ -304,7 +302,7 @@ def _probe_doubt(chosen: LibraryProbe) -> str:
 
 
 def _identified_s(arm: Arm) -> float | None:
-    """When the arm was identified; a date counts from its beginning, in UTC."""
+    """Return when the arm was identified; a date means its beginning, in UTC."""
     moment = arm.identification.date if arm.identification else None
     if isinstance(moment, str):
         try:
@@ -319,13 +317,13 @@ def _identified_s(arm: Arm) -> float | None:
 
 
 def _inline_effects(effects: ArmEffects) -> ArmEffects:
-    """The effects without those that correct no pose, such as a standard's length."""
+    """Drop effects that correct no pose, such as a standard's length."""
     kept = [c for c in effects.corrections if EFFECT_KINDS[c.kind].effect_class != "O"]
     return replace(effects, corrections=tuple(kept))
 
 
 def log_model(model: ArmModel, compensation: Compensation) -> None:
-    """Log name, digest and effects, and which of them cannot be applied."""
+    """Log name, digest, effects, and which of them cannot be applied."""
     log.info("arm %s, model %s", model.name, model.digest[:12])
     if names := model.effect_names:
         log.info("effects applied: %s", ", ".join(names))

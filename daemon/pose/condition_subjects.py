@@ -1,4 +1,4 @@
-"""Which conditions of the table apply to an arm and its devices."""
+"""Subjects of the conditions for an arm and its devices."""
 
 from collections.abc import Mapping
 
@@ -11,13 +11,13 @@ from traverse.drivers.base.values import Identity
 def subjects_by_condition(
     model: ArmModel, section: QualitySection, devices: Mapping[str, Identity | None]
 ) -> dict[str, tuple[str, ...]]:
-    """By name of the condition, the subjects that it applies to.
+    """Return the subjects of each condition.
 
     Args:
         model: the arm.
-        section: of the configuration, whose limits are conditions.
-        devices: all that are configured, with what they say that they are; None
-            before they have answered. Those that read no joint are triggers.
+        section: limits in the configuration.
+        devices: all configured ones with their identities; None before they have
+            answered. Those that read no joint are triggers.
     """
     absent = {
         "temperature": not model.uses_temperature,
@@ -33,7 +33,6 @@ def subjects_by_condition(
 
 
 def counting_subjects(model: ArmModel) -> tuple[str, ...]:
-    """The subjects whose conditions mark numbers."""
     return (*model.devices, ARM, HOST)
 
 

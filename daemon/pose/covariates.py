@@ -1,7 +1,7 @@
-"""What the arm's effects need beside the readings, taken from the stream.
+"""Inputs of the arm's effects beside the readings.
 
-Nothing is left out in silence: where something is not known, the effect is given what
-makes it do least (no motion, the reference temperature) and the sample is flagged.
+An unknown input is replaced by the one with the least effect (no motion, the reference
+temperature), and the sample is flagged.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ APPROACH_BAND_COUNTS = 2  # a count may flicker without a motion
 
 
 class CovariateBuilder:
-    """Makes blocks of readings with what the effects of one arm need."""
+    """Makes blocks of readings with the inputs of one arm's effects."""
 
     def __init__(self, model: ArmModel, clock: HostClock) -> None:
         self._clock = clock
@@ -42,7 +42,7 @@ class CovariateBuilder:
     def motion(
         self, times_ns: Integers, angles_rad: Floats, quality: Bits
     ) -> Motion | None:
-        """Continue the stream by a block; None where no effect needs its motion.
+        """Continue the stream by a block; None if no effect needs its motion.
 
         Args:
             times_ns: host monotonic times, (n_samples,).
@@ -61,7 +61,7 @@ class CovariateBuilder:
         temperature_c: float | None,
         quality: Bits,
     ) -> tuple[Block, Bits]:
-        """Make the block of one latch, (n_joints,); the stream stays where it is."""
+        """Make the block of one latch, (n_joints,), without advancing the stream."""
         motion = None
         if self._wants_motion:
             motion = self.motion_tracker.at_instant(time_ns, angles_rad)
@@ -88,7 +88,7 @@ class CovariateBuilder:
             motion: of the same samples.
 
         Returns:
-            The block, and `quality` with what it lacks.
+            The block, and `quality` with flags of missing inputs.
         """
         n = len(angles_rad)
         temperatures_c = None

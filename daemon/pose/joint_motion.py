@@ -1,17 +1,15 @@
-"""How fast the joints turn, and the sense in which each last moved.
+"""Joint speeds and directions of approach.
 
-A speed is the mean since the latest sample that is a millisecond older or more: the
-sample before, on all but fast streams, where the noise of two neighbours divided by
-their short time would be more than the speed.
+A speed is the mean since the latest sample at least a millisecond older: on fast
+streams the noise of two neighbours over their short time would exceed the speed.
 
-The sense of approach has a hysteresis, or the encoder's noise would decide it. A
-pointer is carried along by the reading within a band of play; the sense is that in
-which the pointer was last pushed. So a joint must return by the whole band before
-its sense turns, however slowly it does.
+The direction of approach has a hysteresis against encoder noise. The reading carries a
+pointer along within a band of play; the direction is that in which the pointer was last
+pushed, so that a joint must return by the whole band to reverse it.
 
-Both are carried over from block to block: no bit depends on how a stream is cut. After
-a gap between samples, a time that runs backwards or a count that is not valid, both are
-unknown, 0, until there is new motion.
+Both continue from block to block, independent of how the stream is cut. After a gap, a
+time that runs backwards or an invalid count, both are unknown, 0, until the next
+motion.
 """
 
 from collections import deque
@@ -32,10 +30,10 @@ KEPT_NS = 1_000_000_000  # an edge that had to be repeated is no older
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """The motion at some samples.
+    """Motion at n_samples samples.
 
     Attributes:
-        speeds_rad_s: d(alpha)/dt, 0 where unknown, (n_samples, n_joints).
+        speeds_rad_s: 0 where unknown, (n_samples, n_joints).
         are_speeds_known: (n_samples,).
         approaches: -1 or +1, 0 where unknown, (n_samples, n_joints).
     """
@@ -46,7 +44,6 @@ class Motion:
 
     @classmethod
     def joined(cls, blocks: Sequence["Motion"]) -> "Motion":
-        """That of blocks that follow one another."""
         return cls(
             np.concatenate([block.speeds_rad_s for block in blocks]),
             np.concatenate([block.are_speeds_known for block in blocks]),
@@ -56,7 +53,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _MotionSegment:
-    """Past samples: times (n,); readings, pointers, senses (n, n_joints)."""
+    """Past samples: times (n,); readings, pointers, directions (n, n_joints)."""
 
     times_ns: Integers
     angles_rad: Floats
@@ -68,7 +65,7 @@ class JointMotionTracker:
     """Follows the joints through a stream.
 
     Args:
-        bands_rad: how far each joint must return for its sense to turn, (n_joints,).
+        bands_rad: return that reverses the direction of each joint, (n_joints,).
     """
 
     def __init__(self, bands_rad: Floats) -> None:
@@ -76,7 +73,6 @@ class JointMotionTracker:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: nothing is known of the motion so far."""
         n_joints = len(self._half_bands_rad)
         self._past: deque[_MotionSegment] = deque()
         # The samples that the next speeds may count from.
@@ -85,7 +81,7 @@ class JointMotionTracker:
 
     @property
     def state(self) -> dict[str, NDArray[Any]]:
-        """State of the last sample for `resume`; empty before the first."""
+        """State for `resume`; empty before the first sample."""
         if not self._past:
             return {}
         last = self._past[-1]
@@ -97,7 +93,7 @@ class JointMotionTracker:
         }
 
     def resume(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Continue from the `state` of another time; speeds begin anew."""
+        """Continue from an earlier `state`; speeds begin again."""
         self.forget()
         if state:
             last = _MotionSegment(**state)
@@ -107,7 +103,7 @@ class JointMotionTracker:
     def add(
         self, times_ns: Integers, angles_rad: Floats, are_valid: Booleans
     ) -> Motion:
-        """Continue by a block, not empty.
+        """Continue by a nonempty block.
 
         Times and validity are (n_samples,), readings (n_samples, n_joints).
         """
@@ -126,10 +122,9 @@ class JointMotionTracker:
         return runs[0] if len(runs) == 1 else Motion.joined(runs)
 
     def at_instant(self, time_ns: int, angles_rad: Floats) -> Motion:
-        """The motion at a latch between samples, (n_joints,), by the samples before it.
+        """Return the motion at a latch, (n_joints,), by the samples before it.
 
-        It leaves the stream where it is, and it does not matter how many samples
-        after the latch have arrived already.
+        The stream does not advance; samples after the latch do not matter.
         """
         unknown = np.zeros((1, len(angles_rad)))
         before = self._latest(time_ns)
@@ -149,7 +144,6 @@ class JointMotionTracker:
         )
 
     def _run(self, times_ns: Integers, angles_rad: Floats) -> Motion:
-        """Continue by samples without a gap."""
         speeds_rad_s, are_known = self._speeds(times_ns, angles_rad)
         pointers_rad, approaches = self._approaches(angles_rad)
         self._past.append(
@@ -177,7 +171,7 @@ class JointMotionTracker:
         return speeds_rad_s, are_known
 
     def _approaches(self, angles_rad: Floats) -> tuple[Floats, Floats]:
-        """Pointers and senses, both (n_samples, n_joints)."""
+        """Return pointers and directions, both (n_samples, n_joints)."""
         if self._past:
             last_rad = self._past[-1].pointers_rad[-1]
             last_sense = self._past[-1].approaches[-1]
@@ -208,7 +202,7 @@ class JointMotionTracker:
         )
 
     def _latest(self, time_ns: int) -> tuple[_MotionSegment, int] | None:
-        """The last sample at this time or before it."""
+        """Return the last sample at or before a time."""
         for segment in reversed(self._past):
             if segment.times_ns[0] <= time_ns:
                 row = np.searchsorted(segment.times_ns, time_ns, side="right") - 1

@@ -1,4 +1,4 @@
-"""Which joints' whole turns move the probe, and which end stops tell."""
+"""Joints whose whole turns move the probe, or are fixed by end stops."""
 
 import numpy as np
 
@@ -15,9 +15,9 @@ POSTURES_RAD = (0.3, 1.1)  # from the base posture, times the joint's number
 def turn_dependent_joints(
     section: QualitySection, model: ArmModel, clock: HostClock
 ) -> tuple[int, ...]:
-    """The joints of which a whole turn more or less would move the probe, from 0.
+    """Return the joints, from 0, of which a whole turn would move the probe.
 
-    Joints whose end stops leave one turn only, that nearest to zero, are left out.
+    Joints whose end stops leave only the turn nearest to zero are excluded.
     """
     zeros_rad = model.geometry.zeros_rad
     n_joints = len(zeros_rad)
@@ -40,7 +40,7 @@ def turn_dependent_joints(
 
 
 def one_turn_joints(section: QualitySection, model: ArmModel) -> tuple[int, ...]:
-    """The joints, from 0, whose end stops leave one turn only, that nearest to zero."""
+    """Return the joints, from 0, whose end stops leave only the zero turn."""
     zeros_rad = model.geometry.zeros_rad
     joints = {name: joint for joint, name in enumerate(model.effects.joint_names)}
     return tuple(

@@ -1,8 +1,8 @@
-"""Limits on the pose of an arm: end stops, lost degrees of freedom, speed.
+"""Limits of poses: end stops, singular postures, speed.
 
-The arm loses a degree of freedom where no joint moves the ball in some direction: the
-smallest singular value s of J = dx/dalpha (3, n_joints) is 0. s is at most the arm's
-reach, so its limit is a share of that.
+In a singular posture the ball cannot move in some direction: the smallest singular
+value of J = dx/dalpha (3, n_joints) is 0. It is at most the reach of the arm, of which
+its limit is a fraction.
 """
 
 import numpy as np
@@ -18,10 +18,10 @@ GAP_NS = 250_000_000  # the slowest stream has a sample every 100 ms
 
 
 class PoseLimits:
-    """The limits of one configuration, for one arm.
+    """Limits of a configuration, for one arm.
 
     Args:
-        section: of the configuration; its joints are those of the arm.
+        section: of the configuration, valid for the arm's joints.
     """
 
     def __init__(self, section: QualitySection, model: ArmModel) -> None:
@@ -41,11 +41,10 @@ class PoseLimits:
 
     @property
     def limits_speed(self) -> bool:
-        """Whether it matters how fast the ball moves."""
         return self._overspeed_mm_s is not None
 
     def flags_of_angles(self, angles_rad: Floats) -> Bits:
-        """Flags by readings (n, n_joints) alone, (n,)."""
+        """Return flags (n,) of readings (n, n_joints)."""
         quality = np.zeros(len(angles_rad), np.uint32)
         if len(self._stopped):
             near = self._near_stops(angles_rad).any(axis=1)
@@ -58,7 +57,7 @@ class PoseLimits:
         return quality
 
     def joints_near_stops(self, angles_rad: Floats) -> str:
-        """Names of the joints that are, in any of (n, n_joints) readings."""
+        """Name joints near a stop in any of (n, n_joints) readings."""
         near = self._near_stops(angles_rad).any(axis=0)
         return ", ".join(np.array(self._stopped_names)[near])
 
@@ -68,7 +67,7 @@ class PoseLimits:
         return near | (turned_rad > self._high_rad)
 
     def flags_of_speed(self, speed_mm_s: Floats) -> Bits:
-        """Flags by speeds (n,), (n,); an unknown one is NaN."""
+        """Return flags (n,) of speeds (n,); NaN for unknown."""
         if self._overspeed_mm_s is None:
             return np.zeros(len(speed_mm_s), np.uint32)
         fast = (speed_mm_s > self._overspeed_mm_s) * np.uint32(QualityFlag.OVERSPEED)
@@ -76,7 +75,7 @@ class PoseLimits:
         return np.asarray(fast | unknown)
 
     def speed_mm_s(self, angles_rad: Floats, speeds_rad_s: Floats | None) -> float:
-        """How fast the ball moves with some readings and speeds (n_joints,)."""
+        """Return the ball's speed at readings and joint speeds (n_joints,)."""
         if speeds_rad_s is None:
             return float("nan")
         moves = probe_derivatives(self._geometry, angles_rad[np.newaxis]).by_angles[0]
@@ -84,22 +83,22 @@ class PoseLimits:
 
 
 class SpeedTracker:
-    """How fast the ball moves through a stream of blocks.
+    """Speed of the ball through a stream of blocks.
 
-    A speed is that since the latest sample which is some milliseconds older, so that it
-    does not depend on how the stream is cut.
+    Each is the mean since the latest sample some milliseconds older, independent of how
+    the stream is cut.
     """
 
     def __init__(self) -> None:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew after a gap."""
+        """Begin again after a gap."""
         self._times_ns = np.empty(0, np.int64)
         self._xyz_mm = np.empty((0, 3))
 
     def speeds_mm_s(self, times_ns: Integers, xyz_mm: Floats) -> Floats:
-        """Continue by a block, not empty; NaN where a speed is not known, (n,)."""
+        """Continue by a nonempty block; return speeds (n,), NaN for unknown."""
         if len(self._times_ns) and times_ns[0] < self._times_ns[-1]:
             self.forget()
         n_before = len(self._times_ns)
@@ -118,7 +117,7 @@ class SpeedTracker:
 
 
 def _is_below(moves: Floats, limit: float) -> Booleans:
-    """Whether the smallest singular value of each (n, 3, n_joints) is below a limit.
+    """Return where the smallest singular value of (n, 3, n_joints) is below a limit.
 
     J Jᵀ - limit² is then not positive definite (Sylvester's criterion).
     """

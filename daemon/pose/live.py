@@ -1,4 +1,4 @@
-"""The latest pose, thinned to a rate that displays can show."""
+"""Live poses, thinned to a rate for displays."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from traverse.protocol.messages import Live, Quality
 
 
 class LivePoseSampler:
-    """Decides when a pose is shown and makes its message."""
+    """Selects poses and makes their messages."""
 
     def __init__(
         self, clock: HostClock, rate_hz: float, part: ActiveAlignment | None = None
@@ -25,13 +25,12 @@ class LivePoseSampler:
         self.thinned = 0
 
     def use_rate(self, rate_hz: float) -> None:
-        """Show so many poses a second from now on."""
         self._period_ns = int(1e9 / rate_hz)
 
     def message(
         self, model: ArmModel, poses: PoseBlock, session: str, device: str
     ) -> Live | None:
-        """The last pose of a block, if it is time to show one."""
+        """Return the last pose of a block, if one is due."""
         now_ns = int(poses.sample_time_ns[-1])
         xyz_mm = poses.xyz_mm[-1]
         if now_ns < self._due_ns:

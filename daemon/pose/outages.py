@@ -1,7 +1,7 @@
-"""Find joints that may have turned too far while they were not read.
+"""Detection of joints that may have lost a turn while not read.
 
-Turns are counted from reading to reading. Where none was valid for so long that a joint
-may have made half a turn more than its encoder counts, its turn is in doubt.
+Turns are counted between readings. If none was valid for so long that a joint may have
+moved half a turn more than its encoder counts, its turn is in doubt.
 """
 
 from collections import deque
@@ -25,13 +25,13 @@ NOT_READ = STATUS_ERROR | STATUS_MISSING | STATUS_STALE
 
 @dataclass(frozen=True, slots=True)
 class Outage:
-    """A joint may have turned too far while it was not read.
+    """A joint may have turned too far while not read.
 
     Attributes:
-        place: the joint's in the monitor's ``channels``.
-        seconds: for how long.
-        after_ns: the time of the first reading after it.
-        has_turned: the joint turned so fast before or after that a turn may be lost.
+        place: index in the monitor's ``channels``.
+        seconds: duration.
+        after_ns: time of the first reading after it.
+        has_turned: the speed before or after suffices to lose a turn.
     """
 
     place: int
@@ -42,13 +42,13 @@ class Outage:
 
 @dataclass(eq=False)
 class OutageMonitor:
-    """Finds joints of a device that may have turned too far while they were not read.
+    """Finds such joints of a device.
 
     Args:
         channels: of the joints, (k,).
         half_wraps_rad: half of the angle after which each count repeats, (k,).
-        counts_per_turn: of each, (k,).
-        max_speed_rad_s: no joint turns faster.
+        counts_per_turn: (k,).
+        max_speed_rad_s: of the fastest joint.
     """
 
     channels: Indices
@@ -66,7 +66,6 @@ class OutageMonitor:
         self._recent: deque[CountSamples] = deque(maxlen=3)  # without an outage
 
     def add(self, samples: CountSamples) -> list[Outage]:
-        """Continue by a block; what it shows of outages."""
         if samples.stream != self._stream:
             self._last_seq[:] = -2  # some may be missing between two streams
         until_ns = int(samples.sample_time_ns[-1])
@@ -90,12 +89,11 @@ class OutageMonitor:
         return outages
 
     def _is_next(self, seq: Integers) -> bool:
-        """Whether no sample is missing, neither before a block nor within it."""
+        """Return whether no sample is missing before or within a block."""
         follows = (self._last_seq == seq[0] - 1).all()
         return bool(follows) and int(seq[-1] - seq[0]) == len(seq) - 1
 
     def _outage(self, samples: CountSamples, place: int) -> Outage | None:
-        """The longest of one joint."""
         times_ns, _, seq = self._readings(samples, place)
         if not len(times_ns):
             return None
@@ -127,7 +125,7 @@ class OutageMonitor:
     def _readings(
         self, block: CountSamples, place: int
     ) -> tuple[Integers, Integers, Integers]:
-        """Times, counts and numbers of the valid readings of one joint in a block."""
+        """Return times, counts and numbers of one joint's valid readings."""
         channel = self.channels[place]
         times_ns = block.sample_time_ns
         if block.skew_ns is not None:
@@ -139,7 +137,7 @@ class OutageMonitor:
     def _speed_rad_s(
         self, times_ns: Integers, counts: Integers, place: int
     ) -> float | None:
-        """Mean speed over readings closer than half a turn; None of less than two."""
+        """Return the mean speed over readings closer than half a turn, or None."""
         if len(times_ns) < 2 or times_ns[-1] <= times_ns[0]:
             return None
         turn = int(self.counts_per_turn[place])

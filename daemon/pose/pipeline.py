@@ -1,9 +1,9 @@
-"""The whole measurement path, top to bottom.
+"""The measuring pipeline.
 
-    counts -> unwrapped counts -> angles -> what the effects need -> corrected poses
+counts -> unwrapped counts -> angles -> inputs of effects -> corrected poses
 
-Blocks of timed samples go to the scan and to the live view; a latch at an edge or
-on request is passed to the capture. Plain calls, no queue, no waiting.
+Blocks of samples go to scans and the live view; a latch goes to the capture. Plain
+calls, no queue, no waiting.
 """
 
 from collections.abc import Mapping, Sequence
@@ -52,21 +52,21 @@ QUALITY_OF_STATUS: Bits = np.array(
     [sum(flag for bit, flag in FLAG_OF_STATUS.items() if s & bit) for s in range(256)],
     dtype=np.uint32,
 )
-"""For each status byte, its quality bits."""
+"""Quality bits by status byte."""
 QUALITY_OF_POSE = {
     "stale_effect": QualityFlag.STALE_EFFECT,
     "surface_unknown": QualityFlag.SURFACE_UNKNOWN,
     "empirical": QualityFlag.EMPIRICAL,
     "beyond_knots": QualityFlag.BEYOND_KNOTS,
 }
-"""Flags of the effects of a pose, as bits of its quality."""
+"""Quality bits of effect flags."""
 
 
 class Pipeline:
-    """Turns what the device latched into poses of the probe.
+    """Turns latched counts into poses of the probe.
 
     Args:
-        model: the arm; a new one replaces it between two blocks by `use_model`.
+        model: the arm; replaced between blocks by `use_model`.
     """
 
     def __init__(self, model: ArmModel, clock: HostClock) -> None:
@@ -78,7 +78,7 @@ class Pipeline:
         self._set_model(model)
 
     def use_model(self, model: ArmModel) -> None:
-        """Measure with ``model``, and all its effects, from the next sample on.
+        """Measure with ``model`` from the next sample on.
 
         Encoders that stay the same keep their turns.
         """
@@ -87,12 +87,12 @@ class Pipeline:
         self._set_model(model)
 
     def use_moduli(self, device: str, moduli_counts: tuple[int, ...]) -> None:
-        """Follow a device's counts to where they wrap, by channel, beyond one turn."""
+        """Set where a device's counts wrap, by channel, beyond one turn."""
         self._moduli[device] = moduli_counts
         self._unwrapper.use_wraps(self.model.wraps_counts(self._moduli))
 
     def reset_turns(self, joints: Sequence[int], from_ns: int) -> None:
-        """Take the turns of joints, from 0, as nearest to zero from some time on."""
+        """Take turns of joints, from 0, as nearest to zero from a time on."""
         self._turn_resets.append((from_ns, joints))
 
     def _set_model(self, model: ArmModel) -> None:
@@ -103,7 +103,7 @@ class Pipeline:
         self._covariates = CovariateBuilder(model, self._clock)
 
     def use_offsets(self, offsets_rad: Mapping[str, float]) -> None:
-        """Add what homing has set to the readings of joints, by name, from now on."""
+        """Set the offsets of homing that are added to readings, by joint name."""
         self._homed_rad = dict(offsets_rad)
         self._follow_offsets()
         self._covariates.motion_tracker.forget()
@@ -114,9 +114,9 @@ class Pipeline:
         self._unwrapper.use_zeros(self.model.encoders.zeros_rad - self._offsets_rad)
 
     def offsets_for(self, angles_rad: Mapping[str, float]) -> dict[str, float] | None:
-        """What to add to readings so that joints, by name, are at these angles now.
+        """Return offsets that give the named joints these angles now.
 
-        None where a joint has not been read yet.
+        None if a joint has not been read.
         """
         counts, fresh = self._unwrapper.turns
         names = self.model.effects.joint_names
@@ -132,18 +132,17 @@ class Pipeline:
 
     @property
     def state(self) -> dict[str, object]:
-        """What `resume` needs to continue from the last sample."""
         last, fresh = self._unwrapper.turns
         motion = self._covariates.motion_tracker.state
         return {"turns": last, "fresh": fresh, "motion": motion}
 
     def resume(self, state: Mapping[str, Any]) -> None:
-        """Continue from the `state` of another time, of the same arm."""
+        """Continue from an earlier `state` of the same arm."""
         self._unwrapper.resume(state["turns"], state["fresh"])
         self._covariates.motion_tracker.resume(state["motion"])
 
     def restart(self, device: str) -> None:
-        """Reset the counted turns: the device has been without power."""
+        """Reset the turn counters of a device that was without power."""
         joints = np.array(self.model.joint_devices) == device
         if joints.any():
             self._unwrapper.reset(joints)
@@ -152,14 +151,14 @@ class Pipeline:
     def poses(
         self, samples: CountSamples, temperature_c: float | None = None
     ) -> PoseBlock:
-        """Poses of a block of timed samples, (n, ...), at the arm's temperature."""
+        """Compute poses of a block of samples, (n, ...), at the arm's temperature."""
         return self.evaluate(self.read(samples), temperature_c)
 
     def read(self, samples: CountSamples) -> ArmReadings:
-        """Continue the stream by a block of timed samples.
+        """Continue the stream by a block of samples.
 
-        Samples with fractions have been assembled: their channels are the joints. All
-        others are of the one device that reads the arm.
+        Samples with fractions are assembled: their channels are joints. Others are of
+        the one device that reads the arm.
         """
         model = self.model
         if samples.fractions is None:
@@ -183,7 +182,7 @@ class Pipeline:
         return ArmReadings(samples, counts, angles_rad, quality, motion)
 
     def evaluate(self, readings: ArmReadings, temperature_c: float | None) -> PoseBlock:
-        """Poses of readings, at the arm's temperature."""
+        """Compute poses of readings at the arm's temperature."""
         samples, angles_rad = readings.samples, readings.angles_rad
         times_ns = samples.sample_time_ns
         xyz_mm, ijk, quality = self._corrected(
@@ -207,7 +206,7 @@ class Pipeline:
     def latched_pose(
         self, latch: LatchedCounts, temperature_c: float | None = None
     ) -> LatchedPose:
-        """Pose at one latch of the device that reads all joints."""
+        """Compute the pose at a latch of the device that reads all joints."""
         channels = self.model.channels
         return self.pose_at(
             JointCounts(
@@ -221,7 +220,7 @@ class Pipeline:
     def pose_at(
         self, latched: JointCounts, temperature_c: float | None = None
     ) -> LatchedPose:
-        """Pose at one instant; its turns are those nearest to the last timed sample."""
+        """Compute the pose at one instant, with turns nearest to the last sample."""
         counts = self._unwrapper.near(latched.counts)
         angles_rad = counts * self._per_count_rad + self._offsets_rad
         if latched.fractions is not None:
@@ -246,7 +245,7 @@ class Pipeline:
     def block_at(
         self, time_ns: int, angles_rad: Floats, temperature_c: float | None
     ) -> Block:
-        """One sample of the stream (n_joints,) again, with what the effects need."""
+        """Rebuild the block of one sample (n_joints,), with the inputs of effects."""
         quality = np.zeros(1, np.uint32)
         block, _ = self._covariates.at_instant(
             time_ns, angles_rad, temperature_c, quality
@@ -254,7 +253,6 @@ class Pipeline:
         return block
 
     def _corrected(self, block: Block, quality: Bits) -> tuple[Floats, Floats, Bits]:
-        """Poses with the arm's effects, and the flags of each."""
         model = self.model
         xyz_mm, ijk, flags = corrected_pose(model.geometry, model.effects, block)
         if model.effects.corrections:
@@ -263,7 +261,7 @@ class Pipeline:
 
 
 def _same_encoders(first: Encoders, other: Encoders) -> bool:
-    """Whether counts of the one are counts of the other."""
+    """Return whether counts of both have the same meaning."""
     return all(
         np.array_equal(getattr(first, name), getattr(other, name))
         for name in ("counts_per_turn", "signs", "zeros_rad")
@@ -271,7 +269,7 @@ def _same_encoders(first: Encoders, other: Encoders) -> bool:
 
 
 def _quality_of_pose(flags: PoseFlags) -> Bits:
-    """Quality bits (n,) of the effects' flags."""
+    """Return quality bits (n,) of the effects' flags."""
     quality = np.zeros(len(flags.stale_effect), dtype=np.uint32)
     for name, flag in QUALITY_OF_POSE.items():
         quality[getattr(flags, name)] |= np.uint32(flag)
@@ -279,6 +277,6 @@ def _quality_of_pose(flags: PoseFlags) -> Bits:
 
 
 def _quality(status: NDArray[np.uint8]) -> Bits:
-    """Quality bits (n,) of the channels' status (n, n_joints)."""
+    """Return quality bits (n,) of channel status (n, n_joints)."""
     joined: NDArray[np.uint8] = np.bitwise_or.reduce(status, axis=1)
     return QUALITY_OF_STATUS[joined]

@@ -1,4 +1,4 @@
-"""What the pipeline takes and gives: counts of all joints, blocks of poses."""
+"""Inputs and outputs of the pipeline."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,15 +14,15 @@ from traverse.kinematics.effects.base.block import Block
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointCounts:
-    """One instant.
+    """Counts at one instant.
 
     Attributes:
         sample_time_ns: host monotonic time.
-        counts: (n_joints,) uint32, each within its turn.
+        counts: (n_joints,) uint32, within a turn.
         status: (n_joints,) uint8.
-        fractions: (n_joints,) to be added to the counts; None for 0.
-        error_bounds_counts: (n_joints, 2) how far each count may be off for the
-            interpolation, see `Interpolated`; None where there was none.
+        fractions: (n_joints,) of a count, to be added; None for 0.
+        error_bounds_counts: (n_joints, 2) by interpolation, see `Interpolated`; or
+            None.
     """
 
     sample_time_ns: int
@@ -34,12 +34,12 @@ class JointCounts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmReadings:
-    """Readings of n timed samples, before anything is computed of them.
+    """Readings of n samples.
 
     Attributes:
         counts: (n, n_joints) unwrapped. angles_rad: (n, n_joints).
         quality: (n,) bits of the encoders' states.
-        motion: None where no effect needs it.
+        motion: None if no effect needs it.
     """
 
     samples: CountSamples
@@ -50,7 +50,6 @@ class ArmReadings:
 
     @classmethod
     def joined(cls, blocks: Sequence["ArmReadings"]) -> "ArmReadings":
-        """Blocks of one stream that follow one another."""
         if len(blocks) == 1:
             return blocks[0]
         motions = [block.motion for block in blocks if block.motion is not None]
@@ -65,16 +64,15 @@ class ArmReadings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseBlock:
-    """Poses of n timed samples.
+    """Poses of n samples.
 
     Attributes:
-        stream, seq: identify the samples, see
-        `traverse.drivers.base.values.CountSamples`.
+        stream, seq: identify samples, see `traverse.drivers.base.values.CountSamples`.
         sample_time_ns: (n,) host monotonic time of the latch.
-        received_ns: host monotonic time of their read.
+        received_ns: host monotonic time of the read.
         inputs: (n,) bits of the device's inputs.
         counts: (n, n_joints) unwrapped. angles_rad: (n, n_joints) readings.
-        xyz_mm: (n, 3) centre of the ball. ijk: (n, 3) the shank, from wrist to ball.
+        xyz_mm: (n, 3) ball centre. ijk: (n, 3) shank, from wrist to ball.
         quality: (n,) bits of `traverse.protocol.messages.QualityFlag`.
     """
 
@@ -90,7 +88,6 @@ class PoseBlock:
     quality: NDArray[np.uint32]
 
     def rows(self, which: Booleans | slice) -> "PoseBlock":
-        """The poses of some of the samples."""
         return replace(self, **{name: getattr(self, name)[which] for name in _ARRAYS})
 
 
@@ -108,12 +105,12 @@ _ARRAYS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LatchedPose:
-    """The pose at one latch: (n_joints,), (3,) and (3,) arrays as in `PoseBlock`.
+    """Pose at one latch: arrays (n_joints,), (3,) and (3,) as in `PoseBlock`.
 
     Attributes:
-        block: one sample, what the pose was computed of.
+        block: the one sample that it was computed from.
         error_bounds_counts: of interpolated readings, (n_joints, 2), see
-            `Interpolated`; None where all were latched.
+            `Interpolated`; None if all were latched.
     """
 
     sample_time_ns: int

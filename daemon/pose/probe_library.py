@@ -1,4 +1,4 @@
-"""The probe library: probes by name, and the arm with another of them.
+"""The probe library: probes by name, and the arm with one of them.
 
 `probes.toml` is explained in docs/reference/probe-library.md.
 """
@@ -20,7 +20,7 @@ Covariance = tuple[float, float, float, float, float, float]
 
 
 class LibraryProbe(StrictModel):
-    """One probe; vectors are written in the arm's base posture, as in arm files."""
+    """One probe; vectors are in the arm's base posture, as in arm files."""
 
     name: str = Field(min_length=1, max_length=64)
     radius_mm: float = Field(ge=0.0)
@@ -33,7 +33,7 @@ class LibraryProbe(StrictModel):
 
     @property
     def covariance_mm2(self) -> Floats | None:
-        """Of the vector, (3, 3); None where it is not known."""
+        """Covariance of the vector, (3, 3); None if unknown."""
         if self.vector_covariance_mm2 is None:
             return None
         return full_covariance(self.vector_covariance_mm2)
@@ -46,12 +46,10 @@ class ProbeLibrary(StrictModel):
     probes: tuple[LibraryProbe, ...] = Field(min_length=1, max_length=1000)
 
     def named(self, name: str) -> LibraryProbe | None:
-        """The probe of a name; None where there is none."""
         return next((probe for probe in self.probes if probe.name == name), None)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All of them."""
         return tuple(probe.name for probe in self.probes)
 
 
@@ -59,13 +57,12 @@ def read_probes(path: Path) -> ProbeLibrary:
     """Read and check a probe library.
 
     Raises:
-        FileError: with everything that is wrong with it.
+        FileError: lists all mistakes.
     """
     return read_strict(path, ProbeLibrary, _cross_check)
 
 
 def with_probe(arm: Arm, chosen: LibraryProbe) -> Arm:
-    """The arm with another probe at its end."""
     probe = Probe(
         radius_mm=chosen.radius_mm,
         kind=chosen.kind,
@@ -77,7 +74,7 @@ def with_probe(arm: Arm, chosen: LibraryProbe) -> Arm:
 
 
 def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
-    """Duplicate names, invalid directions and covariances."""
+    """Find duplicate names, invalid directions and covariances."""
     seen: set[str] = set()
     for index, probe in enumerate(tables_in(raw.get("probes"))):
         where, name = f"probes[{index}]", probe.get("name")
@@ -99,6 +96,6 @@ def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
 
 
 def full_covariance(six: Sequence[float]) -> Floats:
-    """The matrix of xx, xy, xz, yy, yz, zz, (3, 3)."""
+    """Return the matrix (3, 3) of xx, xy, xz, yy, yz, zz."""
     xx, xy, xz, yy, yz, zz = six
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

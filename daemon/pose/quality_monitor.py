@@ -1,4 +1,4 @@
-"""Flag what is measured beyond the limits of `[quality]`, or refuse it as a point."""
+"""Limits of `[quality]`: flag samples beyond them, and refuse points."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -28,12 +28,12 @@ MOMENTARY = {
     QualityFlag.SINGULAR: "limit.singular",
     QualityFlag.OVERSPEED: "limit.overspeed",
 }
-"""Limits that a hand passes in a moment; reported when it does."""
+"""Limits that are exceeded for a moment; reported each time."""
 LASTING = {
     QualityFlag.TEMPERATURE: "temperature_band",
     QualityFlag.STALE_IDENTIFICATION: "identification_age",
 }
-"""Limits that are passed for long, and the condition that each is."""
+"""Limits that are exceeded for long, and their conditions."""
 LIMITS = int(QualityFlag.TEMPERATURE | QualityFlag.STALE_IDENTIFICATION)
 REMEDIES = {
     QualityFlag.ENCODER_ERROR: "take the point again; if it stays, check the encoder",
@@ -59,7 +59,7 @@ class PersistentFlags:
         self.use(section, model)
 
     def use(self, section: QualitySection, model: ArmModel) -> None:
-        """Follow other limits, for another arm; what was seen stays."""
+        """Use other limits, for another arm; history is kept."""
         self._section = section
         self._identified_s = model.identified_s
         self._channels = set(
@@ -69,13 +69,12 @@ class PersistentFlags:
     def alarm(
         self, device: str, channel: int | None, code: int | str, raised: bool
     ) -> None:
-        """A device's alarm begins or ends."""
         if channel is not None and (device, channel) in self._channels:
             alarm = (device, channel, code)
             (self._alarms.add if raised else self._alarms.discard)(alarm)
 
     def utc_step_s(self) -> float:
-        """By how much UTC was set since the last call [s]; 0 where it was not."""
+        """Return by how much UTC was set since the last call [s]; 0 if not."""
         offset_ns, before_ns = self._clock.utc_offset_ns(), self._utc_offset_ns
         self._utc_offset_ns = offset_ns
         if abs(offset_ns - before_ns) <= STEP_NS:
@@ -85,19 +84,18 @@ class PersistentFlags:
 
     @property
     def temperatures(self) -> tuple[tuple[int, float], ...]:
-        """Since when (host monotonic, ns) the arm had which temperature."""
+        """Host monotonic times [ns] and the temperature since then."""
         return tuple(self._temperatures)
 
     def resume(self, temperatures: Iterable[tuple[int, float]]) -> None:
-        """Continue from the `temperatures` of another time."""
         self._temperatures = deque(temperatures)
 
     def on_device_up(self, device: str) -> None:
-        """A device is up: it reports its alarms again."""
+        """Drop alarms of a device; it reports them again."""
         self._alarms = {alarm for alarm in self._alarms if alarm[0] != device}
 
     def bits(self, temperature_c: float | None) -> int:
-        """The current flags, with the arm at this temperature; None: unknown."""
+        """Return the flags at a temperature of the arm; None: unknown."""
         quality = int(QualityFlag.ENCODER_WARNING) if self._alarms else 0
         if self._is_out_of_band(temperature_c) or self._has_changed(temperature_c):
             quality |= QualityFlag.TEMPERATURE
@@ -121,7 +119,7 @@ class PersistentFlags:
         return too_cold or (high_c is not None and temperature_c > high_c)
 
     def _has_changed(self, temperature_c: float | None) -> bool:
-        """Whether it has risen or fallen too much within some time."""
+        """Return whether it rose or fell too much within the configured time."""
         limit_c = self._section.temperature_change_c
         if limit_c is None or temperature_c is None:
             return False
@@ -152,8 +150,7 @@ class QualityMonitor:
     """Flags every pose.
 
     Args:
-        references: knows which positions are only assumed, and feeds the conditions,
-            whose flags mark every pose.
+        references: feeds the conditions on positions, whose flags mark every pose.
     """
 
     def __init__(
@@ -174,7 +171,6 @@ class QualityMonitor:
         self._follow(section, model)
 
     def use(self, section: QualitySection, model: ArmModel) -> None:
-        """Follow other limits, for another arm."""
         self._follow(section, model)
         self.references.use(section, model)
 
@@ -190,11 +186,11 @@ class QualityMonitor:
         self._speeds.forget()
 
     def use_model(self, model: ArmModel) -> None:
-        """Look at another arm."""
+        """Use another arm."""
         self.use(self._section, model)
 
     def check_clock(self) -> None:
-        """Report that the host's clock was set; call it with every step."""
+        """Report a step of the host's UTC; call with every step."""
         if step_s := self.persistent.utc_step_s():
             self._events.report(
                 "warning",
@@ -218,7 +214,7 @@ class QualityMonitor:
     ) -> None:
         """Flag the poses of a block, in place.
 
-        An arm that is only moved may be fast: its speed is reported in a scan alone.
+        The speed of an arm is reported only during a scan.
         """
         if model is not self._model:
             self.use_model(model)
@@ -248,7 +244,7 @@ class QualityMonitor:
         speeds_rad_s: Floats | None,
         temperature_c: float | None,
     ) -> LatchedPose:
-        """A pose beside the stream, flagged; speeds are (n_joints,), None: unknown."""
+        """Flag a pose outside the stream; speeds are (n_joints,), None: unknown."""
         lasting = self.persistent.bits(temperature_c)
         self._feed_limits(lasting)
         self._conditions.add_samples(pose.quality | lasting)
@@ -264,10 +260,10 @@ class QualityMonitor:
         return replace(pose, quality=pose.quality | pose_flags)
 
     def check(self, quality: int) -> None:
-        """Refuse a point with flags that must not be; report one that was too fast.
+        """Refuse a point with excluded flags; report one that was too fast.
 
         Raises:
-            CaptureRefusedError: saying which.
+            CaptureRefusedError: names the flag.
         """
         if quality & QualityFlag.OVERSPEED:
             self._report_momentary(QualityFlag.OVERSPEED)
@@ -301,7 +297,6 @@ class QualityMonitor:
                 self._report_momentary(flag, joints)
 
     def _feed_limits(self, flags: int) -> None:
-        """Feed the conditions that lasting limits are."""
         limits = flags & LIMITS
         if limits == self._last_limits:
             return

@@ -1,4 +1,4 @@
-"""The confirmed devices of one arm, on the disk."""
+"""The confirmed devices of an arm, on the disk."""
 
 import json
 import logging
@@ -15,10 +15,10 @@ SCHEMA = "traverse/references/1"
 
 
 class ReferenceFile(ReferenceMemory):
-    """The confirmed devices of one arm, written by a thread of its own.
+    """Confirmed devices of one arm, written by a thread of its own.
 
     Args:
-        path: of the file; there need not be one.
+        path: of the file, which need not exist.
     """
 
     def __init__(self, path: Path) -> None:
@@ -34,7 +34,7 @@ class ReferenceFile(ReferenceMemory):
             super().__init__(is_lost=True)
 
     def add(self, devices: Mapping[str, ConfirmedDevice]) -> None:
-        """These devices are confirmed; a crash before it is written asks again."""
+        """Confirm devices; a crash before the write asks again."""
         super().add(devices)
         values = {name: device.to_values() for name, device in self.devices.items()}
         text = json.dumps({"schema": SCHEMA, "devices": values}, indent=1)
@@ -43,11 +43,9 @@ class ReferenceFile(ReferenceMemory):
 
     @property
     def writing(self) -> "Future[None] | None":
-        """What is done once the last addition is durable."""
         return self._writing
 
     def close(self) -> None:
-        """Wait until all is written."""
         self._thread.shutdown()
 
     def _report(self, done: "Future[None]") -> None:
@@ -61,10 +59,10 @@ class ReferenceFile(ReferenceMemory):
 
 
 def _devices(values: object) -> dict[str, ConfirmedDevice]:
-    """The devices of the file's values.
+    """Read the devices of the file's values.
 
     Raises:
-        ValueError: it is damaged, or of another version; TypeError, KeyError likewise.
+        ValueError: damaged or of another version; also TypeError and KeyError.
     """
     if not isinstance(values, dict) or values.get("schema") != SCHEMA:
         raise ValueError(f"no table with the schema {SCHEMA}")

@@ -1,11 +1,11 @@
-"""Which devices are those that were confirmed, and whose positions are only assumed.
+"""References of devices: which were confirmed, and whose positions are assumed.
 
-A device that has been without power may count from another place, unless its encoders
-are absolute; what was never confirmed is not known at all. An absolute encoder reports
-its place within a turn, not how many turns its joint has made; that matters where the
-pose is not the same a turn later, and where the joint's end stops do not exclude
-another turn. Until the operator confirms, or homes the joints, every measurement is
-marked: the conditions `identity` and `reference` are not established.
+A device that was without power may count from another position unless its encoders are
+absolute; an unconfirmed one is unknown. An absolute encoder knows its position within a
+turn, but not the joint's turn; that matters where a turn changes the pose and the
+joint's end stops do not exclude it. Until the operator confirms or homes the joints,
+the conditions `identity` and `reference` are not established, and every measurement is
+flagged.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -36,14 +36,13 @@ UNKNOWN = "unknown"  # a serial number that was not reported
 
 @dataclass(eq=False)
 class ReferenceMonitor:
-    """Feeds the conditions of the devices' identity and of the joints' reference.
+    """Feeds the conditions of device identity and joint reference.
 
     Args:
-        section: of the configuration; its end stops limit how far joints turn.
-        reset_turns: called with joints, from 0, whose end stops tell their turn, and
-            the time [ns] from which on it is to be taken from them.
-        use_offsets: called with what is to be added to the readings by homing, by
-            joint [rad], where that changes.
+        section: end stops of the joints.
+        reset_turns: called with joints, from 0, whose end stops determine their turn,
+            and the time [ns] from which on.
+        use_offsets: called with homing offsets by joint [rad] when they change.
     """
 
     section: InitVar[QualitySection]
@@ -71,7 +70,6 @@ class ReferenceMonitor:
 
     @property
     def state(self) -> dict[str, object]:
-        """What `resume` needs."""
         known = {name: it.to_values() for name, it in self.memory.devices.items()}
         return {
             "doubts": dict(self._doubts),
@@ -81,7 +79,6 @@ class ReferenceMonitor:
         }
 
     def resume(self, state: Mapping[str, Any]) -> None:
-        """Continue from the `state` of another time."""
         self._doubts = dict(state["doubts"])
         self._unhomed = {name: set(it) for name, it in state["unhomed"].items()}
         known = state["confirmed"].items()
@@ -92,7 +89,6 @@ class ReferenceMonitor:
         self.use_offsets(self._offsets_rad)
 
     def use(self, section: QualitySection, model: ArmModel) -> None:
-        """Follow another arm file or other end stops."""
         before: Sequence[int] = self._turning
         is_other = not model.has_same_encoders(self._model)
         if is_other:
@@ -109,7 +105,7 @@ class ReferenceMonitor:
     # -- devices --------------------------------------------------------------
 
     def on_up(self, up: DeviceUp) -> None:
-        """A device has answered, perhaps after a loss of power."""
+        """Check a device that has answered, perhaps after a loss of power."""
         device = up.device
         if not self._joints_of(device):
             return
@@ -152,7 +148,7 @@ class ReferenceMonitor:
             self.conditions.doubt(IDENTITY, device, f"{device}: {text}")
 
     def _exchange_text(self, device: str) -> str:
-        """Which serial numbers are not those that were confirmed."""
+        """Describe which serial numbers differ from the confirmed ones."""
         identity, known = self._identities[device], self.memory.devices.get(device)
         serials = [serial or UNKNOWN for serial in identity.serials]
         if known is None or not known.serials:
@@ -192,7 +188,7 @@ class ReferenceMonitor:
         *,
         is_first: bool,
     ) -> str:
-        """Why the places of a device's joints are in doubt; empty if they are not."""
+        """State why a device's positions are in doubt; empty if they are not."""
         device, identity = up.device, up.identity
         if known is None:
             lost = ", or what was confirmed cannot be read" * self.memory.is_lost
@@ -218,7 +214,7 @@ class ReferenceMonitor:
     # -- joints ---------------------------------------------------------------
 
     def add(self, samples: CountSamples, max_speed_rad_s: float | None = None) -> None:
-        """A device's encoders have been read, perhaps not for a while."""
+        """Check a device's readings for outages."""
         device = samples.device
         known = self._outages.get(device)
         if known is None:
@@ -256,7 +252,7 @@ class ReferenceMonitor:
 
     @property
     def incremental_joints(self) -> tuple[str, ...]:
-        """The joints, by name, whose encoders are not known to be absolute."""
+        """Joints, by name, whose encoders are not known to be absolute."""
         names = self._model.effects.joint_names
         return tuple(
             names[joint]
@@ -267,10 +263,10 @@ class ReferenceMonitor:
     # -- the operator ---------------------------------------------------------
 
     def confirm(self) -> dict[str, str]:
-        """Accept devices and present positions as right.
+        """Accept devices and present positions.
 
         Returns:
-            By device that was in doubt, what has been accepted.
+            What was accepted, by device that was in doubt.
         """
         accepted = {}
         for device in self._identities:
@@ -285,10 +281,10 @@ class ReferenceMonitor:
         return accepted
 
     def home(self, offsets_rad: Mapping[str, float]) -> dict[str, str]:
-        """Take joints as homed, with what is added to their readings from now on.
+        """Take joints as homed, with offsets to their readings.
 
         Returns:
-            By device whose reference is established by that, what has been accepted.
+            What was accepted, by device whose reference is now established.
         """
         names = self._model.effects.joint_names
         self._offsets_rad |= offsets_rad
@@ -335,7 +331,7 @@ class ReferenceMonitor:
             self.memory.add(confirmed)
 
     def _keep_offsets(self, up: DeviceUp, known: ConfirmedDevice | None) -> None:
-        """Use the offsets of homing as long as a device has not lost its place."""
+        """Use homing offsets as long as a device keeps its position."""
         names = self._model.effects.joint_names
         joints = {names[joint] for joint in self._joints_of(up.device)}
         offsets_rad = {j: a for j, a in self._offsets_rad.items() if j not in joints}
@@ -393,7 +389,7 @@ class ReferenceMonitor:
         return [j for j, d in enumerate(self._model.joint_devices) if d == device]
 
     def _incremental_joints(self, device: str, identity: Identity) -> list[int]:
-        """Those of a device that are not known to be absolute."""
+        """Return joints of a device that are not known to be absolute."""
         joints = self._joints_of(device)
         return [joint for joint in joints if not self._is_absolute(joint, identity)]
 

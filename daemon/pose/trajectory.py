@@ -1,6 +1,6 @@
-"""Where arm and ball were a moment ago: the last readings, and blocks of poses.
+"""Recent trajectory of arm and ball: latest readings and poses.
 
-Nothing is computed until it is needed, so storing a stream costs little.
+Poses are computed on demand, so that storing a stream is cheap.
 """
 
 from bisect import bisect_right
@@ -19,23 +19,22 @@ SLOW_NS = 30_000_000  # interval for the decision whether the ball rests
 SPEED_NS = 5_000_000  # over less the encoders' noise would be more than the speed
 GAP_NS = 250_000_000  # the slowest stream has a sample every 100 ms
 INVALID_FLAGS = (QualityFlag.ENCODER_ERROR | QualityFlag.INCOMPLETE).value
-"""Of samples without a place of the ball."""
+"""Flags of samples without a valid ball position."""
 
 
 class TrajectoryBuffer:
-    """Remembers the last seconds of the stream."""
+    """The last seconds of the stream."""
 
     def __init__(self) -> None:
         self._blocks: deque[PoseBlock] = deque()
         self._readings: deque[ArmReadings] = deque()
 
     def forget(self) -> None:
-        """Begin anew after a gap."""
         self._blocks.clear()
         self._readings.clear()
 
     def follow(self, readings: ArmReadings) -> None:
-        """Continue by readings, of which no pose is computed yet."""
+        """Append readings without computing poses."""
         followed = self._readings
         followed.append(readings)
         oldest_ns = int(readings.samples.sample_time_ns[-1]) - READINGS_NS
@@ -43,7 +42,7 @@ class TrajectoryBuffer:
             followed.popleft()
 
     def add(self, poses: PoseBlock) -> None:
-        """Continue by a block, not empty."""
+        """Append a nonempty block."""
         blocks = self._blocks
         blocks.append(poses)
         oldest_ns = int(poses.sample_time_ns[-1]) - KEPT_NS
@@ -52,15 +51,14 @@ class TrajectoryBuffer:
 
     @property
     def last_ns(self) -> int | None:
-        """The time of the last sample; None where there is none."""
         return int(self._blocks[-1].sample_time_ns[-1]) if self._blocks else None
 
     def covers(self, time_ns: int) -> bool:
-        """Whether all samples until some time have arrived."""
+        """Return whether all samples until a time have arrived."""
         return bool(self._blocks) and self._blocks[-1].sample_time_ns[-1] >= time_ns
 
     def speeds_rad_s(self, time_ns: int, angles_rad: Floats) -> Floats | None:
-        """How fast the joints, (n_joints,), turn at some readings and time.
+        """Return joint speeds (n_joints,) at readings and a time.
 
         None without a valid sample.
         """
@@ -77,7 +75,7 @@ class TrajectoryBuffer:
         return None
 
     def speed_mm_s(self, time_ns: int) -> float | None:
-        """Net speed of the ball a moment before some time; None if not known."""
+        """Return the ball's net speed just before a time; None if unknown."""
         end = self._sample(time_ns)
         if end is None:
             return None
@@ -92,12 +90,12 @@ class TrajectoryBuffer:
         return None if elapsed_ns > GAP_NS else away_mm / (elapsed_ns * 1e-9)
 
     def position_mm(self, time_ns: int) -> Floats | None:
-        """Where the ball was at the last sample until some time, (3,)."""
+        """Return the ball's position (3,) at the last sample until a time."""
         sample = self._sample(time_ns)
         return None if sample is None else sample[0].xyz_mm[sample[1]]
 
     def _sample(self, time_ns: int) -> tuple[PoseBlock, int] | None:
-        """The last sample until some time: its block and row."""
+        """Return block and row of the last sample until a time."""
         for block in reversed(self._blocks):
             row = _last_until(block.sample_time_ns, time_ns)
             if row >= 0:
@@ -107,7 +105,7 @@ class TrajectoryBuffer:
     def last_position_beyond_mm(
         self, time_ns: int, from_mm: Floats, distance_mm: float
     ) -> Floats | None:
-        """Where, (3,), the ball was last before a time so far from a place, or more."""
+        """Return the last ball position (3,) before a time and beyond a distance."""
         for block in reversed(self._blocks):
             rows = np.flatnonzero(
                 _away(block, from_mm, distance_mm) & (block.sample_time_ns < time_ns)
@@ -118,7 +116,7 @@ class TrajectoryBuffer:
         return None
 
     def between(self, time_ns: int, until_ns: int) -> Iterator[PoseBlock]:
-        """Samples from one time to another, both included; no block is empty."""
+        """Yield samples from one time to another, inclusive; no block is empty."""
         for block in self._blocks:
             times_ns = block.sample_time_ns
             if times_ns[-1] < time_ns or times_ns[0] > until_ns:
@@ -130,7 +128,7 @@ class TrajectoryBuffer:
 
 
 def _last_until(times_ns: Integers, time_ns: int) -> int:
-    """The row of the last sample until a time; -1 where there is none."""
+    """Return the row of the last sample until a time; -1 if there is none."""
     if times_ns[-1] <= time_ns:  # mostly: it is the latest
         return len(times_ns) - 1
     # Not NumPy's, which releases Python's lock: slower for so few.
@@ -138,7 +136,7 @@ def _last_until(times_ns: Integers, time_ns: int) -> int:
 
 
 def _away(block: PoseBlock, from_mm: Floats, distance_mm: float) -> Booleans:
-    """Which samples are valid and so far away, (n,)."""
+    """Return which samples (n,) are valid and beyond a distance."""
     away = np.linalg.norm(block.xyz_mm - from_mm, axis=1) >= distance_mm
     return np.asarray(away & ((block.quality & INVALID_FLAGS) == 0))
 
@@ -146,7 +144,7 @@ def _away(block: PoseBlock, from_mm: Floats, distance_mm: float) -> Booleans:
 def first_sample_beyond(
     block: PoseBlock, time_ns: int, from_mm: Floats, distance_mm: float
 ) -> tuple[int, Floats] | None:
-    """When and where the ball was first in a block, after some time, so far away."""
+    """Return time and position of the first sample after a time beyond a distance."""
     rows = np.flatnonzero(
         _away(block, from_mm, distance_mm) & (block.sample_time_ns > time_ns)
     )

@@ -1,20 +1,18 @@
 """Error bounds of poses and covariances of points.
 
-Joints are read at different instants. With m_j and t_j how far the count of joint j may
-be off, by its motion and by its instant
-(`traverse.daemon.acquisition.interpolation`), as angles, and l_j = |dx/dalpha_j| for
-the ball,
+Joints are read at different instants. With m_j and t_j the errors of joint j by its
+motion and by its instant (`traverse.daemon.acquisition.interpolation`), as angles, and
+l_j = |dx/dalpha_j| for the ball,
 
-    error = sum over j of l_j m_j  +  root of the sum over j of (l_j t_j)^2
+error = sum over j of l_j m_j + root of the sum over j of (l_j t_j)^2
 
-The first is the most that the motions can do together: a hand accelerates all joints at
-once. Instants are off by chance, each by itself.
+Errors by motion add up: a hand accelerates all joints at once. Errors of instants are
+independent.
 
-The covariance is what the arm, its encoders and the instant leave open:
-`traverse.kinematics.uncertainty.point_covariance` has the law. To the readings' own
-noise this adds what interpolation may have left of each: m by the motion, which a
-steady acceleration makes nearly whole each time, hence m^2; and an instant that may be
-off by some time t either way, spread evenly within, hence t^2/3.
+`traverse.kinematics.uncertainty.point_covariance` has the covariance that arm, encoders
+and instant leave. To the readings' own noise this module adds errors of interpolation:
+m by the motion, which a steady acceleration makes nearly whole each time, hence m^2;
+and instants that may be off by t either way, evenly distributed, hence t^2/3.
 """
 
 from dataclasses import dataclass, replace
@@ -36,10 +34,10 @@ from traverse.protocol.messages.point import Covariance
 
 
 class SkewMonitor:
-    """Flag poses with too large an error bound, and keep the largest.
+    """Flags poses with large error bounds, and keeps the largest.
 
     Args:
-        limit_mm: beyond it a pose is flagged ``skew``.
+        limit_mm: a larger one is flagged ``skew``.
     """
 
     def __init__(self, limit_mm: float) -> None:
@@ -47,14 +45,14 @@ class SkewMonitor:
         self._largest_mm: float | None = None
 
     def pop_largest_mm(self) -> float | None:
-        """The largest error since the last call; None where nothing was assembled."""
+        """Return the largest error since the last call, or None."""
         largest_mm, self._largest_mm = self._largest_mm, None
         return largest_mm
 
     def flag_block(
         self, model: ArmModel, poses: PoseBlock, error_bounds_counts: Floats
     ) -> None:
-        """Flag poses by the error bounds (n, n_joints, 2) of their counts."""
+        """Flag poses by error bounds (n, n_joints, 2) of their counts."""
         # The levers of the last pose do for a block: it spans milliseconds.
         errors_mm = _errors_mm(
             error_bounds_counts, _levers_mm(model, poses.angles_rad[-1])
@@ -63,7 +61,7 @@ class SkewMonitor:
         poses.quality[errors_mm > self._limit_mm] |= np.uint32(QualityFlag.SKEW)
 
     def with_flags(self, model: ArmModel, pose: LatchedPose) -> LatchedPose:
-        """A pose, flagged by the error bounds of its counts."""
+        """Flag a pose by the error bounds of its counts."""
         if pose.error_bounds_counts is None:
             return pose
         levers_mm = _levers_mm(model, pose.angles_rad)
@@ -79,14 +77,14 @@ class SkewMonitor:
 
 
 def _errors_mm(error_bounds_counts: Floats, levers_mm: Floats) -> Floats:
-    """Errors (n,) of error bounds (n, n_joints, 2)."""
+    """Compute errors (n,) of error bounds (n, n_joints, 2)."""
     by_motion = error_bounds_counts[:, :, 0] @ levers_mm
     by_instants = error_bounds_counts[:, :, 1] ** 2 @ levers_mm**2
     return np.asarray(by_motion + np.sqrt(by_instants))
 
 
 def _levers_mm(model: ArmModel, angles_rad: Floats) -> Floats:
-    """How far a count of each joint moves the ball, (n_joints,)."""
+    """Compute the motion of the ball by a count of each joint, (n_joints,)."""
     derivatives = probe_derivatives(model.geometry, angles_rad[np.newaxis])
     levers_mm = np.linalg.norm(derivatives.by_angles[0], axis=0)
     return np.asarray(levers_mm * np.abs(model.per_count_rad))
@@ -97,12 +95,12 @@ class CovarianceInput:
     """How the readings of a point were obtained.
 
     Attributes:
-        block: one sample, with what the effects need.
-        speeds_rad_s: of the joints then, (n_joints,); None where not known.
-        error_bounds_counts: by interpolation, (n_joints, 2), see
-            `Interpolated`; None where all were latched.
-        jitter_ns: how far the instant may be off beyond `[uncertainty] trigger_s`.
-        samples: how many were averaged.
+        block: one sample, with the inputs of effects.
+        speeds_rad_s: of the joints, (n_joints,); None if unknown.
+        error_bounds_counts: by interpolation, (n_joints, 2), see `Interpolated`; None
+            if all were latched.
+        jitter_ns: error of the instant beyond `[uncertainty] trigger_s`.
+        samples: number averaged.
     """
 
     block: Block
@@ -114,7 +112,7 @@ class CovarianceInput:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StatedCovariance:
-    """The uncertainty of one point; None where speed or geometry is not known.
+    """Uncertainty of one point; None if speed or geometry is unknown.
 
     Attributes:
         own_mm2: xx, xy, xz, yy, yz, zz.
@@ -126,7 +124,7 @@ class StatedCovariance:
 
 
 class CovarianceEvaluator:
-    """States covariances.
+    """Computes covariances.
 
     Args:
         settings: standard deviations that no file of the arm states.
@@ -137,7 +135,7 @@ class CovarianceEvaluator:
         self._cached: tuple[ArmModel, PointNoise] | None = None
 
     def covariance(self, model: ArmModel, reading: CovarianceInput) -> StatedCovariance:
-        """State it, and what points share by the arm's parameters."""
+        """Compute the covariance, and its part by the arm's parameters."""
         # Without the geometry's part a number would lack the largest.
         if reading.speeds_rad_s is None or model.geometry_doubt:
             return StatedCovariance(None, None)
@@ -154,7 +152,7 @@ class CovarianceEvaluator:
         return StatedCovariance((xx, xy, xz, yy, yz, zz), stated.shared_mm[0])
 
     def _noise(self, model: ArmModel, reading: CovarianceInput) -> PointNoise:
-        """That of a reading; of all that are latched it is the same."""
+        """Return the noise of a reading, which is constant for latched ones."""
         if reading.error_bounds_counts is not None or reading.jitter_ns:
             return self._evaluate(model, reading)
         if self._cached is None or self._cached[0] is not model:

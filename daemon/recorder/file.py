@@ -1,4 +1,4 @@
-"""Parts of a recording: its messages, the seconds before it, the file itself."""
+"""Parts of a recording: messages, the seconds before it, the file."""
 
 import errno
 import shutil
@@ -26,7 +26,7 @@ MOST_BYTES = 32 << 20
 
 
 def entries_of(item: RecorderItem, utc_offset_ns: int) -> Iterator[Entry]:
-    """The messages of one item; UTC is so much more than host monotonic time."""
+    """Yield the messages of an item; ``utc_offset_ns`` converts monotonic time."""
     message, log_ns = item.value, item.at_ns + utc_offset_ns
     if item.kind == "published":
         match message:
@@ -54,7 +54,7 @@ def entries_of(item: RecorderItem, utc_offset_ns: int) -> Iterator[Entry]:
 
 @dataclass(slots=True)
 class _Segment:
-    """Items since a state: the bytes of all messages, and where each ends."""
+    """Items since a state: bytes of all messages, and their ends."""
 
     begun_ns: int
     content: bytearray = field(default_factory=bytearray)
@@ -72,10 +72,10 @@ class _Segment:
 
 
 class PreTriggerBuffer:
-    """Messages since the last state that is old enough to start a recording.
+    """Messages since the last state old enough to start a recording.
 
-    Their bytes are put one behind the other. Kept one by one, for some seconds each,
-    between all that is allocated and freed meanwhile, they would leave a heap of holes.
+    Their bytes are concatenated: stored one by one for seconds among short-lived
+    objects, they would fragment the heap.
     """
 
     def __init__(self, most_bytes: int = MOST_BYTES) -> None:
@@ -84,14 +84,14 @@ class PreTriggerBuffer:
         self._n_bytes = 0
 
     def begin_segment(self, at_ns: int) -> None:
-        """The next message is a state."""
+        """Begin a segment; the next message is a state."""
         segments = self._segments
         segments.append(_Segment(at_ns))
         while len(segments) > 1 and segments[1].begun_ns <= at_ns - WARM_UP_NS:
             self._drop_oldest()
 
     def add(self, entry: Entry) -> None:
-        """Remember a message; those of scans and before the first state are not."""
+        """Append a message, except of scans and before the first state."""
         if entry.topic == "cloud" or not self._segments:
             return
         self._segments[-1].add(entry)
@@ -100,7 +100,7 @@ class PreTriggerBuffer:
             self._drop_oldest()
 
     def clear(self) -> None:
-        """Drop all: something is missing, or the files have changed."""
+        """Drop all, as after a loss or a change of files."""
         self._segments.clear()
         self._n_bytes = 0
 
@@ -117,13 +117,13 @@ class PreTriggerBuffer:
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """What there is of a recording.
+    """Figures of a recording.
 
     Attributes:
-        n_bytes: how long the file is.
-        messages: how many it has.
-        seconds: how long it took.
-        gaps: how often something is missing in it.
+        n_bytes: length of the file.
+        messages: their number.
+        seconds: duration.
+        gaps: how often something is missing.
     """
 
     name: str
@@ -135,17 +135,17 @@ class Recorded:
 
 
 class ManualRecording:
-    """Write a recording that was requested by name.
+    """Writes a recording that was requested by name.
 
     Args:
-        path: of the file; it must not be there yet.
-        before: the seconds before it was requested.
+        path: of the new file.
+        before: the seconds before the request.
 
     Attributes:
         gaps: how often something is missing.
 
     Raises:
-        OSError: it cannot be written; from all methods.
+        OSError: from all methods: it cannot be written.
     """
 
     def __init__(
@@ -170,7 +170,6 @@ class ManualRecording:
 
     @property
     def recorded(self) -> Recorded:
-        """What there is of it so far."""
         return Recorded(
             self._name,
             self.writer.path,
@@ -181,10 +180,10 @@ class ManualRecording:
         )
 
     def flush(self) -> None:
-        """Hand all to the operating system, or to the disk.
+        """Flush to the operating system, or to the disk.
 
         Raises:
-            OSError: it cannot be written, or has become too long.
+            OSError: it cannot be written, or is too long.
         """
         check_room(self.writer.path.parent, self._section)
         self.writer.flush(sync=self._section.sync)
@@ -192,16 +191,15 @@ class ManualRecording:
             raise OSError(f"it is longer than max_mb, {self._section.max_mb} MB")
 
     def close(self) -> Recorded:
-        """Finish the file; gives what it has become."""
         self.writer.close(sync=True)
         return self.recorded
 
 
 def check_room(folder: Path, section: RecordingSection) -> None:
-    """Leave room on the disk to others, above all the outbox.
+    """Check that the disk keeps room for others, above all the outbox.
 
     Raises:
-        OSError: there is too little; or the folder cannot be made.
+        OSError: there is too little, or the folder cannot be made.
     """
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     free_mb = shutil.disk_usage(folder).free >> 20

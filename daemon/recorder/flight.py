@@ -1,7 +1,7 @@
-"""The flight recorder: the last minutes in segments, and what is kept of them.
+"""The flight recorder: the last minutes in segments, and recordings kept of them.
 
-A segment begins with a state, so that it can be replayed without those before it. What
-is kept is one file, made of all segments there are.
+A segment begins with a state, so that it can be replayed alone. A kept recording is one
+file of all segments.
 """
 
 import time
@@ -24,7 +24,7 @@ RETRY_S = 30.0
 
 
 def reason_of(error: Exception) -> str:
-    """Why it was, for people."""
+    """Describe an error for people."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     return str(error) or repr(error)
@@ -34,15 +34,14 @@ def reason_of(error: Exception) -> str:
 class FlightRecorder:
     """Writes segments, and drops the oldest beyond a time and a size.
 
-    After the disk has refused it, it is left alone for some time: what uses it goes
-    through `use`, but for `end_segment`, `retry` and `abandon`. Used by the recorder
-    thread alone.
+    After an error of the disk it pauses: calls go through `use`, except `end_segment`,
+    `retry` and `abandon`. Used by the recorder thread alone.
 
     Args:
-        folder: of all recordings; made where it is missing.
+        folder: of all recordings; made if missing.
         about: values for the head of every file.
-        on_failure: called with the reason when a failure begins, with "" when it ends.
-        on_kept: called with each file that was kept after a fault.
+        on_failure: called with the reason when a failure begins, with "" at its end.
+        on_kept: called with each file kept after a fault.
 
     Attributes:
         kept, dropped: files kept after faults, and older ones dropped for them.
@@ -65,7 +64,7 @@ class FlightRecorder:
         self.n_bytes = 0
 
     def use(self, act: Callable[["FlightRecorder"], object]) -> None:
-        """Do something with it; nothing while it is off, or left alone."""
+        """Call ``act`` with it unless it is off or paused."""
         if not self.section.flight or self._retry_s is not None:
             return
         try:
@@ -76,7 +75,7 @@ class FlightRecorder:
             self.on_failure(reason_of(error))
 
     def recover_crashed(self) -> None:
-        """Keep what a daemon left behind that died; else nothing is left of before."""
+        """Keep the segments of a crashed daemon; remove all others."""
         self._segments.mkdir(mode=0o700, parents=True, exist_ok=True)
         segments = self._found()
         if segments and not _is_whole(segments[-1]):
@@ -87,7 +86,7 @@ class FlightRecorder:
     def begin_segment(
         self, at_ns: int, utc_ns: int, files: Mapping[str, bytes]
     ) -> None:
-        """The next message is a state; perhaps it begins a new segment."""
+        """Take the next message as a state, which may begin a new segment."""
         if self._writer is not None and at_ns - self._begun_ns < SEGMENT_NS:
             return
         self.close()
@@ -97,11 +96,11 @@ class FlightRecorder:
         self._delete_old(utc_ns)
 
     def end_segment(self) -> None:
-        """Begin a new one with the next state."""
+        """Begin a new segment with the next state."""
         self._begun_ns = -SEGMENT_NS
 
     def add(self, entry: Entry) -> None:
-        """Record a message; those of scans, which can be computed again, are not."""
+        """Append a message, except of scans, which can be computed."""
         if self._writer is not None and entry.topic != "cloud":
             self._writer.add(entry)
             self.n_bytes += len(entry.content)
@@ -112,18 +111,17 @@ class FlightRecorder:
             self._writer.attach(files)
 
     def flush(self) -> None:
-        """Hand all to the operating system, or to the disk."""
+        """Flush to the operating system, or to the disk."""
         check_room(self.folder, self.section)
         self._flush()
 
     def close(self) -> None:
-        """Finish the running segment."""
         if self._writer is not None:
             writer, self._writer = self._writer, None
             writer.close(sync=self.section.sync)
 
     def retry(self, now_s: float) -> None:
-        """Use it once more, if it is time; the next state begins a segment."""
+        """Resume after a pause; the next state begins a segment."""
         if self._retry_s is not None and now_s >= self._retry_s:
             self._retry_s = None
             self.on_failure("")
@@ -139,7 +137,7 @@ class FlightRecorder:
             self._writer.flush(sync=self.section.sync)
 
     def keep(self, why: str) -> None:
-        """Make one file of all segments; the oldest kept one may have to go."""
+        """Join all segments into one kept file; the oldest kept one may be dropped."""
         self._flush()
         segments = self._found()
         if not segments:
@@ -162,7 +160,6 @@ class FlightRecorder:
         return sorted(self._segments.glob(SEGMENT))
 
     def _delete_old(self, utc_ns: int) -> None:
-        """Drop segments beyond the configured time or size."""
         *older, newest = self._found()
         oldest_ns = utc_ns - int(self.section.flight_s * 1e9)
         room = (self.section.flight_mb << 20) - newest.stat().st_size
@@ -176,7 +173,7 @@ class FlightRecorder:
 
 
 def _is_whole(segment: Path) -> bool:
-    """It was finished by the daemon that wrote it."""
+    """Return whether its daemon finished it."""
     try:
         with RunReader(segment) as reader:
             for _ in reader:
@@ -187,7 +184,7 @@ def _is_whole(segment: Path) -> bool:
 
 
 def _join(segments: list[Path], path: Path, about: Mapping[str, str]) -> None:
-    """Write the messages of some recordings into one, up to the tear of each."""
+    """Join recordings into one, up to the tear of each."""
     writer: RunWriter | None = None
     files: dict[str, bytes] = {}
     try:

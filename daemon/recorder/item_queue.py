@@ -1,4 +1,4 @@
-"""The one queue from the event loop to the recorder thread: bounded, values only."""
+"""The bounded queue from the event loop to the recorder thread."""
 
 import threading
 from collections import deque
@@ -25,8 +25,9 @@ MOST_BYTES = 64 << 20
 ITEM_BYTES = 400  # of anything but samples, roughly
 WAIT_S = 1.0
 WARM_UP_NS = 6_000_000_000
-"""Readings, poses and motion are remembered for less: who continues from a state has to
-be given so much of the stream before all points are as they were.
+"""Bound on the history of readings, poses and motion.
+
+A replay from a state needs so much of the stream before its points agree.
 """
 
 
@@ -36,7 +37,7 @@ class RecorderItem:
 
     Attributes:
         at_ns: host monotonic.
-        what: of its kind: a delivery's kind, a command's name, a message's topic.
+        what: kind of delivery, name of a command, or topic of a message.
         value: of its kind.
     """
 
@@ -47,7 +48,7 @@ class RecorderItem:
 
     @property
     def n_bytes(self) -> int:
-        """How much memory it keeps, roughly."""
+        """Approximate memory."""
         if isinstance(self.value, CountSamples):
             n, channels = self.value.counts.shape
             return int(ITEM_BYTES + n * (25 + 9 * channels))
@@ -55,10 +56,10 @@ class RecorderItem:
 
 
 class RecorderQueue:
-    """Takes items from the loop without waiting, and gives them to the thread.
+    """Takes items without waiting and hands them to the thread.
 
     Attributes:
-        dropped: items for which there was no room.
+        dropped: items refused for want of room.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class RecorderQueue:
         return len(self._items)
 
     def put(self, item: RecorderItem) -> bool:
-        """Hand over; False where there was no room. What is no step always has room."""
+        """Append an item; False if there is no room, except for control items."""
         size = item.n_bytes
         with self._lock:
             is_full = (
@@ -90,11 +91,10 @@ class RecorderQueue:
         return True
 
     def wake(self) -> None:
-        """Wake the thread."""
         self._wake.set()
 
     def take(self, wait_s: float = WAIT_S) -> list[RecorderItem]:
-        """All that waits, after a while, or when woken; perhaps nothing."""
+        """Wait for items and return them; perhaps none."""
         self._wake.wait(min(wait_s, WAIT_S))
         self._wake.clear()
         with self._lock:

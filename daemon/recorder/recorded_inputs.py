@@ -1,4 +1,4 @@
-"""Arm and configuration as a recording has them, and the names under which it does."""
+"""Arm and configuration in a recording."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,10 +14,10 @@ ARM, CONFIGURATION, PROBES = "arm.toml", "traverse.toml", "probes.toml"
 
 
 def recorded_files(path: Path, configuration: Configuration) -> dict[str, bytes]:
-    """What a recording has to hold for a replay, by name.
+    """Collect the files that a replay needs, by name.
 
     Raises:
-        OSError: a file cannot be read any more.
+        OSError: a file cannot be read.
     """
     arm_path = path.parent / configuration.arm.file
     files = {CONFIGURATION: bytes_of(path), ARM: bytes_of(arm_path)}
@@ -33,11 +33,11 @@ def recorded_files(path: Path, configuration: Configuration) -> dict[str, bytes]
 def read_recorded_inputs(
     files: Mapping[str, bytes], probe: str | None
 ) -> tuple[Configuration, ArmModel]:
-    """Read configuration and arm out of a recording, with the probe in use.
+    """Read configuration and arm of a recording, with the probe in use.
 
     Raises:
-        ValueError: they are missing or wrong; kinematics' `FileError` is one.
-        OSError: they cannot be written to a temporary folder.
+        ValueError: they are missing or wrong, also as kinematics' `FileError`.
+        OSError: a temporary folder cannot be written.
     """
     missing = [name for name in (ARM, CONFIGURATION) if name not in files]
     if missing:

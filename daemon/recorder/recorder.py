@@ -1,8 +1,8 @@
-"""The recorder: writes what measuring does to files, through one thread.
+"""The recorder: writes the steps of a measurement to files, in one thread.
 
-What `StepRecorder` is notified of is only queued; nothing waits. With room for no more,
-items are dropped and counted, and the files say that something is missing. `Recorder`
-owns the thread that writes, begins and ends recordings, and reports on them.
+`StepRecorder` only queues what it is notified of. Items beyond the bound are dropped
+and counted, and the files state the gap. `Recorder` owns the thread, begins and ends
+recordings and reports on them.
 """
 
 import asyncio
@@ -39,20 +39,16 @@ PATIENCE_NS = 3_000_000_000  # a snapshot is taken at a quiet moment, if there i
 AFTERMATH_NS = 2_000_000_000  # what follows a fault is kept with it
 CALM_NS = 30_000_000_000  # after a file was kept, none is for so long
 FAULTS = ("alarm.", "device.", "outbox.", "daemon.", "watchdog.", "realtime.")
-"""Beginnings of the codes of errors that are faults."""
+"""Prefixes of error codes that count as faults."""
 
 
 class DeviceSnapshot:
-    """The deliveries that together give the devices' current state.
-
-    A recording that begins in the middle has to know them of the time before.
-    """
+    """Deliveries that give the devices' current state, for later recordings."""
 
     def __init__(self) -> None:
         self._latest: dict[str, dict[object, Delivery]] = {}
 
     def note(self, delivery: Delivery) -> None:
-        """Something has been delivered."""
         latest = self._latest.setdefault(delivery.device, {})
         match delivery:
             case DeviceUp():
@@ -74,7 +70,7 @@ class DeviceSnapshot:
                     latest[alarm] = delivery
 
     def maps(self) -> list[dict[str, object]]:
-        """All of them, each device's in order."""
+        """Return all as maps, in order for each device."""
         tables = []
         for latest in self._latest.values():
             for delivery in latest.values():
@@ -89,7 +85,7 @@ class StepRecorder(StepListener):
     """Queues all steps and messages for the recorder thread, while it is on.
 
     Args:
-        flight: the flight recorder is configured; else it is off at first.
+        flight: the flight recorder is configured; otherwise it begins switched off.
     """
 
     def __init__(self, clock: HostClock, *, flight: bool) -> None:
@@ -104,29 +100,24 @@ class StepRecorder(StepListener):
         self.is_on = flight
 
     def delivered(self, now_ns: int, delivery: Delivery, state: StateSource) -> None:
-        """A device has delivered something."""
         self._before_step(now_ns, state)
         self._devices.note(delivery)
         self._put(RecorderItem("delivered", now_ns, delivery_kind(delivery), delivery))
 
     def passed(self, now_ns: int, state: StateSource) -> None:
-        """Time has passed."""
         self._before_step(now_ns, state)
         self._put(RecorderItem("passed", now_ns))
 
     def asked(
         self, now_ns: int, what: str, values: Mapping[str, object], state: StateSource
     ) -> None:
-        """A request was executed."""
         self._before_step(now_ns, state)
         self._put(RecorderItem("asked", now_ns, what, dict(values)))
 
     def related(self, now_ns: int, utc_offset_ns: int) -> None:
-        """UTC is so much more than host monotonic time from now on."""
         self._put(RecorderItem("related", now_ns, value=utc_offset_ns))
 
     def published(self, now_ns: int, message: Message) -> None:
-        """A message has been queued to be published."""
         self._put(RecorderItem("published", now_ns, value=message))
         if not (isinstance(message, Event) and self._flight):
             return
@@ -136,7 +127,7 @@ class StepRecorder(StepListener):
             self._keep_at = now_ns + AFTERMATH_NS, message.code
 
     def following(self, write: PointWriter) -> PointWriter:
-        """A writer of points whose points are recorded when they are on the disk."""
+        """Wrap a writer so that points are recorded when they are on the disk."""
 
         def write_and_follow(
             point: Point, begun_ns: int, note: str
@@ -151,7 +142,7 @@ class StepRecorder(StepListener):
     def reloaded(
         self, now_ns: int, files: Mapping[str, bytes], probe: str | None
     ) -> None:
-        """Other files are in force from now on, with this probe of the library."""
+        """Record that other files are in force, with this probe of the library."""
         value = {"files": dict(files), "probe": probe}
         self._put(RecorderItem("files", now_ns, value=value))
         self.request_state()
@@ -161,7 +152,7 @@ class StepRecorder(StepListener):
         self._due_ns = 0
 
     def keep_if_due(self, now_ns: int) -> None:
-        """Have the last minutes kept if it is time after a fault."""
+        """Keep the last minutes if that is due after a fault."""
         if self._keep_at is None or now_ns < self._keep_at[0]:
             return
         code, self._keep_at = self._keep_at[1], None
@@ -190,7 +181,7 @@ class StepRecorder(StepListener):
             self._missing += 1
 
     def _before_step(self, now_ns: int, state: StateSource) -> None:
-        """Record a snapshot, or keep what was before a fault, if it is time."""
+        """Record a snapshot, or keep the time before a fault, if due."""
         self.keep_if_due(now_ns)
         if not self.is_on or now_ns < self._due_ns:
             return
@@ -204,7 +195,7 @@ class StepRecorder(StepListener):
 
 
 class Recorder:
-    """Writes recordings: the flight recorder's, and those with a name."""
+    """Writes recordings: the flight recorder's and named ones."""
 
     def __init__(
         self,
@@ -238,7 +229,6 @@ class Recorder:
 
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        """Write while the block lasts."""
         self._thread.start()
         try:
             yield
@@ -251,12 +241,11 @@ class Recorder:
 
     @property
     def name_in_use(self) -> str | None:
-        """The name of what is being recorded; None without."""
         recorded = self._thread.recorded
         return None if recorded is None else recorded.name
 
     async def carry_out(self, args: RecordArgs) -> Result:
-        """Start or stop a recording; gives its file, and at the end how long it is.
+        """Start or stop a recording; return its file, and at the end its length.
 
         Raises:
             RequestRefusedError: it cannot be written, another one runs, or none does.
@@ -294,7 +283,7 @@ class Recorder:
         }
 
     async def begin(self, name: str, note: str) -> Path:
-        """Begin a recording; gives its path.
+        """Begin a recording; return its path.
 
         Raises:
             OSError: it cannot be written.
@@ -308,7 +297,7 @@ class Recorder:
         return path
 
     async def finish(self) -> Recorded:
-        """End the recording; gives what it has become.
+        """End the recording; return its figures.
 
         Raises:
             OSError: there is none, or its end cannot be written.
@@ -319,7 +308,6 @@ class Recorder:
         return recorded
 
     def health(self) -> RecordingHealth:
-        """How it is, for the health message."""
         recorded, flight = self._thread.recorded, self._thread.flight
         state: Literal["off", "flight", "recording", "failed"] = "off"
         if recorded or self._failed:
@@ -338,7 +326,7 @@ class Recorder:
         )
 
     def poll(self) -> None:
-        """Store the time before a fault, also without deliveries; report losses."""
+        """Keep the time before a fault even without deliveries; report losses."""
         self._steps.keep_if_due(self._clock.running.monotonic_ns())
         n_dropped = self._steps.queue.dropped
         if n_dropped > self._n_dropped:

@@ -1,4 +1,4 @@
-"""The one thread that writes recordings; its faults never stop measuring."""
+"""The thread that writes recordings; its faults never stop measuring."""
 
 import asyncio
 import contextlib
@@ -35,14 +35,14 @@ T = TypeVar("T")
 
 @dataclass(eq=False)
 class RecorderThread:
-    """Take items from the queue and write them to the open recordings.
+    """Takes items from the queue and writes them to the open recordings.
 
     Args:
-        files: arm file, configuration and so on, as they are now; others follow.
-        utc_offset_ns: what to add to host monotonic time; later ones follow.
+        files: arm file, configuration and so on at the start.
+        utc_offset_ns: UTC minus host monotonic time at the start.
         on_flight_failure, on_kept: as of the flight recorder; called on the loop.
-        on_stopped: called on the loop when a recording has ended by itself, with what
-            there is of it, and why.
+        on_stopped: called on the loop when a recording ended by itself, with its
+            figures and the reason.
 
     Attributes:
         flight: the flight recorder, for its figures.
@@ -77,7 +77,7 @@ class RecorderThread:
 
     @property
     def recorded(self) -> Recorded | None:
-        """What there is of the recording that runs; None without one."""
+        """Figures of the running recording; None without one."""
         manual = self._manual
         try:
             return None if manual is None else manual.recorded
@@ -85,21 +85,19 @@ class RecorderThread:
             return None
 
     def start(self) -> None:
-        """Begin."""
         self._thread.start()
 
     def join(self) -> None:
-        """Wait for its end, after `end`."""
         if self._thread.ident is not None:
             self._thread.join()
 
     def submit(self, job: Callable[[], object]) -> None:
-        """Have the thread call this, behind everything that is queued already."""
+        """Call a job in the thread, after everything queued."""
         self.queue.put(RecorderItem("job", 0, value=job))
         self.queue.wake()
 
     async def call(self, job: Callable[[], T]) -> T:
-        """Have the thread call this; return its result, or raise its exception."""
+        """Call a job in the thread; return its result or raise its exception."""
         result: Future[T] = Future()
 
         def execute() -> None:
@@ -116,7 +114,7 @@ class RecorderThread:
     # -- jobs of the thread ----------------------------------------------------
 
     def begin(self, name: str, note: str) -> Path:
-        """Begin a recording; gives its path.
+        """Begin a recording; return its path.
 
         Raises:
             OSError: it cannot be written.
@@ -128,7 +126,7 @@ class RecorderThread:
         return path
 
     def finish(self) -> Recorded:
-        """End the recording; gives what it has become.
+        """End the recording; return its figures.
 
         Raises:
             OSError: there is none, or its end cannot be written.
@@ -143,7 +141,6 @@ class RecorderThread:
             raise
 
     def end(self) -> None:
-        """Finish everything, then end the thread."""
         self._ended = True
 
     # -- the thread -----------------------------------------------------------
@@ -179,7 +176,7 @@ class RecorderThread:
             self.heartbeat.idle()
 
     def _execute(self, item: RecorderItem) -> bool:
-        """Do what an item requests; False where it is to be recorded."""
+        """Execute a requested item; False if it is to be recorded."""
         if item.kind == "job":
             item.value()
         elif item.kind == "keep":
@@ -251,7 +248,7 @@ class RecorderThread:
             self._notify(self.on_stopped, recorded, why)
 
     def _refuse_rest(self) -> None:
-        """After a fault: no requester must wait for ever."""
+        """Fail all waiting requests after a fault."""
         while not self._ended:
             for item in self.queue.take():
                 self._execute(item)

@@ -1,1 +1,1 @@
-"""Replay of a recording through the measurement path, and comparison of results."""
+"""Replay of a recording through the measuring path, and comparison of results."""

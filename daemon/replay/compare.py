@@ -1,4 +1,4 @@
-"""Points and scans compared: what was published then, and what a replay gives now."""
+"""Comparison of recorded points and scans with those of a replay."""
 
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field
@@ -19,14 +19,14 @@ RELATIVE = 1e-9  # of covariances and spreads, with another kernel
 
 @dataclass(slots=True)
 class Tally:
-    """How points of one kind compare.
+    """Comparison of points of one kind.
 
     Attributes:
         n: compared.
-        same: equal to the last bit in all that follows from counts.
-        within: within what another kernel may differ by.
-        largest_mm: the greatest difference of a coordinate.
-        differing: how often each field differed.
+        same: equal to the last bit.
+        within: within the tolerance for another kernel.
+        largest_mm: greatest difference of a coordinate.
+        differing: differences by field.
     """
 
     n: int = 0
@@ -38,17 +38,16 @@ class Tally:
 
 @dataclass(eq=False)
 class PointComparison:
-    """Match points by their instants.
+    """Matches points by their instants.
 
     Attributes:
-        is_recut: blocks are others than they were; see `excused`.
-        tolerance_mm: by which another kernel may differ, some ulp of the arm's reach.
-        sure: of points that do not depend on the time before the recording.
-        early: of the first seconds of a recording that began in the middle.
-        not_kept: points that the disk refused then.
-        excused: interpolated points of another covariance, or with another mark of
-            skew, in other blocks: the error bound of interpolation is known one
-            reading more, where that has arrived already.
+        is_recut: blocks are cut differently; see `excused`.
+        tolerance_mm: for another kernel, some ulp of the arm's reach.
+        sure: points that do not depend on the time before the recording.
+        early: points of the first seconds of a recording that began in the middle.
+        not_kept: points that the disk refused.
+        excused: interpolated points whose covariance or skew flag differs for the
+            cut: error bounds use one more reading where it has already arrived.
     """
 
     is_recut: bool = False
@@ -61,18 +60,16 @@ class PointComparison:
         self._now: dict[Key, list[tuple[Point, bool]]] = defaultdict(list)
 
     def was(self, point: Point) -> None:
-        """This was published then."""
         self._then[_key(point)].append(point)
         self._match(_key(point))
 
     def is_now(self, point: Point, *, early: bool) -> None:
-        """Add a point of the replay."""
         self._now[_key(point)].append((point, early))
         self._match(_key(point))
 
     @property
     def missing(self) -> int:
-        """Points published then that the replay has not given."""
+        """Recorded points that the replay does not reproduce."""
         return sum(map(len, self._then.values()))
 
     @property
@@ -122,13 +119,13 @@ class PointComparison:
 
 
 class ScanComparison:
-    """Match points of scans by scan and number.
+    """Matches points of scans by scan and number.
 
     Attributes:
-        then, now: clouds as recorded, and messages of the replay, by scan.
-        begun: scans that are here from their beginning on.
+        then, now: recorded clouds, and messages of the replay, by scan.
+        begun: scans recorded from their beginning.
         left_out: points of other scans.
-        missing: points of then that the replay lacks.
+        missing: recorded points that the replay does not reproduce.
     """
 
     def __init__(self) -> None:
@@ -139,7 +136,7 @@ class ScanComparison:
         self.left_out = self.missing = 0
 
     def settle(self, tolerance_mm: float) -> None:
-        """Compare all."""
+        """Compare all scans."""
         for name, clouds in self.then.items():
             then = np.concatenate(clouds)
             if name not in self.begun:
@@ -183,7 +180,7 @@ class ScanComparison:
 
 
 def _key(point: Point) -> Key:
-    """What is the same then and now: an undo is executed in its turn."""
+    """Return what identifies a point in both; an undo is executed in its turn."""
     if point.retracts is not None:
         return point.counts
     return (point.time_ns,)
@@ -211,10 +208,10 @@ class ReplayResult:
     """Results of a replay.
 
     Attributes:
-        kernel_then, kernel_now: what computed.
-        samples: sets of counts that were replayed.
+        kernel_then, kernel_now: that computed the results.
+        samples: replayed sets of counts.
         gaps: how often something is missing in the recording.
-        tear: where the file ends before its end, or None.
+        tear: where the file is torn, or None.
     """
 
     points: PointComparison
@@ -227,7 +224,7 @@ class ReplayResult:
 
     @property
     def holds(self) -> bool:
-        """The claim: the same bits with the same kernel, else within the tolerance."""
+        """Whether results are equal, or with another kernel within the tolerance."""
         tally_name = "same" if self.kernel_then == self.kernel_now else "within"
         tallies = (self.points.sure, self.scans.tally)
         agree = all(getattr(tally, tally_name) == tally.n for tally in tallies)

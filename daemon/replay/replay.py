@@ -1,7 +1,7 @@
-"""Pass a recording through the same measuring path again, by its own times.
+"""Replay of a recording by its own times.
 
-Steps are taken as they were, each at its recorded instant: a point depends on nothing
-else. Blocks of samples may be cut, or joined where nothing lies between.
+Every step is taken at its recorded instant, the only input that points depend on.
+Blocks of samples may be cut, or joined if nothing lies between.
 """
 
 import asyncio
@@ -43,23 +43,21 @@ from traverse.recording.views import bytes_to_cloud
 
 
 class ReplayClock(HostClock):
-    """Set to the instants of the recording."""
+    """Clock set to the instants of the recording."""
 
     def __init__(self) -> None:
         self.now_ns = 0
         self.offset_ns = 0
 
     def monotonic_ns(self) -> int:
-        """The instant of the step."""
         return self.now_ns
 
     def utc_offset_ns(self) -> int:
-        """Of the recording at that instant."""
         return self.offset_ns
 
 
 class AbsentDriver(Driver):
-    """Of a device that is not there: the recording has its deliveries."""
+    """Driver of an absent device, whose deliveries are in the recording."""
 
     def request_stream(self, rate_hz: float) -> None:
         """Do nothing; the recording has the streams."""
@@ -68,10 +66,10 @@ class AbsentDriver(Driver):
         """Never called, since it is not started."""
 
     def _serve(self) -> None:
-        """Never called either."""
+        """Never called."""
 
     def _disconnect(self) -> None:
-        """Nor this."""
+        """Never called."""
 
 
 def replay_measurement(
@@ -83,7 +81,7 @@ def replay_measurement(
     take_scan: Callable[[Scan], object],
     listener: StepListener | None = None,
 ) -> Measurement:
-    """The measuring path on devices that are not there; needs a running event loop."""
+    """Create the measuring path on absent devices; needs a running event loop."""
 
     def write_point(point: Point, begun_ns: int, note: str) -> PendingPoint:
         written = PendingPoint(point)
@@ -109,7 +107,6 @@ def replay_measurement(
 
 
 def close_drivers(measurement: Measurement) -> None:
-    """Release what drivers hold even when they are not started."""
     for device in measurement.devices.values():
         device.driver.close()
 
@@ -119,8 +116,7 @@ class Replay:
     """Replays one recording; needs a running event loop.
 
     Args:
-        block: blocks of samples are cut to so many, or joined up to so many; None:
-            as they came.
+        block: size to which blocks of samples are cut or joined; None: as recorded.
     """
 
     reader: RunReader
@@ -144,7 +140,7 @@ class Replay:
         """Take all steps.
 
         Raises:
-            ValueError: the recording breaks a rule of its own.
+            ValueError: the recording is inconsistent.
             OSError: it cannot be read.
         """
         try:
@@ -190,7 +186,6 @@ class Replay:
         self._clock.offset_ns = entry.log_ns - table["at_ns"]
 
     def _begin(self, entry: Entry, table: Mapping[str, Any]) -> None:
-        """Continue from a state, without knowledge of the time before."""
         if self._measurement is not None:
             return
         self._set_clock(entry, table)
@@ -251,7 +246,7 @@ class Replay:
     def _join(
         self, entry: Entry, table: Mapping[str, Any], samples: CountSamples
     ) -> None:
-        """Take samples now, or with those that follow."""
+        """Process samples now, or join them with those that follow."""
         measurement, block = self._measurement, self.block
         if measurement is None:
             return
@@ -274,7 +269,7 @@ class Replay:
             self._flush()
 
     def _flush(self) -> None:
-        """Take the samples that waited to be joined."""
+        """Process joined samples."""
         waiting, self._joined = self._joined, []
         if waiting and self._measurement is not None:
             for part in _cut(CountSamples.joined(waiting), self.block):
@@ -298,7 +293,6 @@ def _cut(samples: CountSamples, block: int | None) -> list[CountSamples]:
 
 
 def deliver(measurement: Measurement, delivery: Delivery) -> None:
-    """Pass a recorded delivery on, if its device is in the configuration."""
     device = measurement.devices.get(delivery.device)
     if device is not None:
         measurement.dispatch(device, delivery)

@@ -1,4 +1,4 @@
-"""A requested scan, and the stream that it needs."""
+"""Plan of a requested scan and its stream."""
 
 import uuid
 from dataclasses import dataclass, replace
@@ -20,9 +20,9 @@ class ScanPlan:
 
     Attributes:
         rate_hz: instants per second that may become points; in mode "time" all do.
-        every: the device streams at ``every * rate_hz``, and one sample in ``every``
-            is such an instant, so that slow scans still follow the joints' turns.
-        mode: what its points are spaced by.
+        every: the device streams at ``every * rate_hz``, of which each ``every``-th
+            sample counts, so that slow scans still follow the joints' turns.
+        mode: kind of spacing.
         spacing_mm: of points or planes, in modes "distance" and "planes".
         normal, offset_mm: of the planes in mode "planes".
         held: only while a button is held.
@@ -39,11 +39,10 @@ class ScanPlan:
 
     @property
     def device_rate_hz(self) -> float:
-        """The rate to request of the device."""
         return self.rate_hz * self.every
 
     def selection(self) -> PointFilter | None:
-        """What picks the points of the mode from the samples; None for all."""
+        """Return the filter of the mode; None for all samples."""
         if self.mode == "time":
             return None
         if self.mode == "distance":
@@ -52,17 +51,17 @@ class ScanPlan:
 
 
 RATE_TOLERANCE = 0.05
-"""Above the largest rate: that was measured, and 100 Hz is 99.8 Hz at times."""
+"""Tolerance above the largest rate, which is measured: 100 Hz may be 99.8 Hz."""
 ROUNDING = 1e-9
 
 
 def plan_scan(
     rate_hz: float, tracking_rate_hz: float, largest_hz: float = np.inf
 ) -> ScanPlan:
-    """A new timed scan at ``rate_hz`` on a stream of at least the tracking rate.
+    """Plan a timed scan at ``rate_hz`` on a stream of at least the tracking rate.
 
-    On a device that is slower the stream has its largest rate, and the scan the
-    nearest rate to the requested one that this gives.
+    On a slower device the stream has its largest rate, and the scan the nearest rate
+    that this allows.
     """
     every = max(1, int(np.ceil(tracking_rate_hz / rate_hz)))
     most_hz = largest_hz * (1.0 + RATE_TOLERANCE)
@@ -76,13 +75,13 @@ def plan_scan(
 def requested_scan(
     args: ScanArgs, settings: ScanSection, *, largest_hz: float, tracking_rate_hz: float
 ) -> ScanPlan:
-    """Make the scan that a command requests; settings are what it leaves open.
+    """Plan the scan that a command requests, with defaults from the settings.
 
-    Rates [Hz]: the largest of every device, and the slowest that follows the joints.
-    A rate that no request states is as much of the configured one as is possible.
+    Rates [Hz]: the largest of every device, and the slowest that follows the joints. A
+    configured rate is reduced as necessary.
 
     Raises:
-        RequestRefusedError: the rate is not possible, or values do not go together.
+        RequestRefusedError: the rate is impossible, or values are inconsistent.
     """
     if args.mode == "time":
         rate_hz = args.rate_hz or min(settings.rate_hz, largest_hz)

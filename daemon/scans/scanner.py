@@ -1,4 +1,4 @@
-"""Scans: points picked from the device's stream, in blocks."""
+"""Scans: points selected from the stream, in blocks."""
 
 import asyncio
 from collections import deque
@@ -21,12 +21,12 @@ from traverse.protocol.messages import REMARKS, Scan
 
 MAX_POINTS = 1000  # of a message: half a megabyte with 32 joints
 ScanSink = Callable[[Scan, Callable[[], object]], bool]
-"""Takes a block; False if it is dropped. The callback: it is dropped after all."""
+"""Takes a block; False if it is dropped. Calls the callback if it is dropped later."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Piece:
-    """Instants of a scan, and what they were measured with."""
+    """Instants of a scan, and the arm that they were measured with."""
 
     model: ArmModel
     alignment: Alignment | None
@@ -34,15 +34,15 @@ class _Piece:
 
 
 class Scanner:
-    """Collects the points of one running scan and hands them on block by block.
+    """Collects the points of a scan and passes them on in blocks.
 
     Args:
-        block_s: time that a block spans.
+        block_s: duration of a block.
         settings: filters, and the largest delay of a button's edge.
 
     Attributes:
-        chain: the filters, with what each has held back.
-        stream_started: set when the stream that the scan waits for has begun.
+        chain: the filters, with their counts of removed points.
+        stream_started: set when the scan's stream has begun.
     """
 
     def __init__(
@@ -66,11 +66,10 @@ class Scanner:
 
     @property
     def is_running(self) -> bool:
-        """A scan runs."""
         return self.plan is not None
 
     def use_settings(self, block_s: float, settings: ScanSection) -> None:
-        """Follow other settings from now on; a running scan keeps its filters."""
+        """Change the settings; a running scan keeps its filters."""
         self._block_ns = int(block_s * 1e9)
         self._held_wait_ns = int(settings.held_wait_s * 1e9)
         self.chain = filter_chain(settings.filters)
@@ -96,9 +95,9 @@ class Scanner:
         self._period_ns = int(np.ceil(1e9 / plan.rate_hz))
 
     def follow(self, stream: int, rate_hz: float, requested_hz: float = 0.0) -> bool:
-        """The device has begun a stream; True if it is the one the scan waits for.
+        """Take the start of a stream; True if it is the scan's.
 
-        From then on the scan has the rate that the device states.
+        The scan then has the rate that the device states.
         """
         plan, requested_hz = self.plan, requested_hz or rate_hz
         off_hz = abs(requested_hz - self._requested_hz) if plan else 0.0
@@ -113,9 +112,9 @@ class Scanner:
         return True
 
     def edge(self, button: ButtonKey, time_ns: int, held: bool) -> float:
-        """A button was pressed or released, at a host monotonic time.
+        """Take a button's edge at a host monotonic time.
 
-        Gives how much too late it was for the running scan [s]; 0 if it was in time.
+        Returns how much too late it was for the running scan [s]; 0 if in time.
         """
         self._gate.edge(button, time_ns, held)
         if self.plan is None or not self.plan.held:
@@ -123,7 +122,6 @@ class Scanner:
         return max(0.0, (self._decided_ns - time_ns) * 1e-9)
 
     def take(self, model: ArmModel, poses: PoseBlock) -> None:
-        """Add the points of a block of poses."""
         plan = self.plan
         if plan is None or poses.stream != self._stream:
             return
@@ -148,7 +146,7 @@ class Scanner:
                 self._flush()
 
     def stop(self) -> int:
-        """End the scan; gives how many points it has, lost and dropped included."""
+        """End the scan; return its number of points, lost and dropped ones included."""
         if self.plan is None:
             return 0
         self._decide(None)
@@ -157,14 +155,14 @@ class Scanner:
         return self._next
 
     def _drop_published(self, scan: str, n: int) -> None:
-        """So many points of a scan that had been handed on are dropped after all."""
+        """Count points of a scan that were dropped after they had been passed on."""
         self.published_points -= n
         self.dropped_points += n
         if self.plan is not None and self.plan.id == scan:
             self._dropped += n
 
     def _instants(self, plan: ScanPlan, poses: PoseBlock) -> PointBlock:
-        """The samples that may be points, numbered from the scan's start."""
+        """Return the candidate samples, numbered from the scan's start."""
         numbers = poses.seq // plan.every
         times_ns = poses.sample_time_ns
         before_ns = int(times_ns[0])
@@ -190,7 +188,7 @@ class Scanner:
         )
 
     def _decide(self, until_ns: int | None) -> None:
-        """Select from what waits for edges: what is older than this, or all."""
+        """Select from instants that waited for edges, up to a time, or all."""
         while self._undecided:
             piece = self._undecided.popleft()
             instants = piece.instants
@@ -218,7 +216,7 @@ class Scanner:
             self._waiting.append(points)
 
     def _flush(self, *, last: bool = False) -> None:
-        """Hand on what waits."""
+        """Pass on what waits."""
         blocks, self._waiting = self._waiting, []
         if blocks:
             points = blocks[0] if len(blocks) == 1 else PointBlock.joined(blocks)
@@ -248,9 +246,9 @@ class Scanner:
             self.dropped_points += n
 
     def _message(self, points: PointBlock, total: int | None) -> Scan:
-        """The next one, of consecutive points; at the end perhaps of `_empty_block`.
+        """Make the next message, of consecutive points, or an empty one at the end.
 
-        The last one has the total of the scan's points, lost and dropped included.
+        The last one has the total number of points, lost and dropped ones included.
         """
         model, alignment, n = self._model, self._alignment, len(points)
         mode = self._plan.mode
@@ -290,7 +288,6 @@ class Scanner:
 
 
 def _empty_block(n_joints: int, time_ns: int) -> PointBlock:
-    """A time without a point."""
     return PointBlock(
         np.zeros(0, np.int64),
         np.array([time_ns], dtype=np.int64),

@@ -1,10 +1,9 @@
-"""From the samples of a stream to the numbered points of one scan.
+"""From the samples of a stream to the numbered points of a scan.
 
-A sample is an instant at which there may be a point. The buttons decide which instants
-count, the mode picks points from them, and the configured filters pass some of these
-through. Points are numbered one after the other; every instant that was lost leaves out
-one number, since it might have been a point. So a gap in the numbers is a real loss, at
-most so large, and nothing else makes one.
+Buttons decide which samples count, the mode selects from them, and the configured
+filters remove some. Points are numbered consecutively; each lost sample skips one
+number, since it might have been a point. A gap in the numbers is therefore a real loss,
+and bounds its size.
 """
 
 from bisect import insort
@@ -24,13 +23,13 @@ ButtonKey = tuple[str, int]
 
 
 class ButtonGate:
-    """Remembers when which button was held."""
+    """Intervals in which buttons were held."""
 
     def __init__(self) -> None:
         self._edges: dict[ButtonKey, deque[tuple[int, bool]]] = {}
 
     def edge(self, button: ButtonKey, time_ns: int, held: bool) -> None:
-        """A button was pressed or released, at a host monotonic time."""
+        """Take a button's edge at a host monotonic time."""
         edges = self._edges.setdefault(button, deque())
         edge = (time_ns, held)
         if not edges or edges[-1] <= edge:  # nearly always
@@ -41,7 +40,7 @@ class ButtonGate:
             edges.popleft()
 
     def held(self, times_ns: Integers) -> Booleans:
-        """At which times (n,), not decreasing, any button was held.
+        """Return when, of times (n,) not decreasing, any button was held.
 
         The instant of a press is held, that of a release is not.
         """
@@ -57,10 +56,10 @@ INTERPOLATED = np.uint32(QualityFlag.INTERPOLATED)
 
 
 class ScanSelection:
-    """Takes all instants of a scan, block after block.
+    """Selects the points of a scan, block after block.
 
     Args:
-        gate: intervals in which buttons were held; None: all instants count.
+        gate: intervals in which buttons were held; None: all samples count.
 
     Attributes:
         next_number: of the next point, if nothing is lost before it.
@@ -81,13 +80,12 @@ class ScanSelection:
 
     @property
     def next_number(self) -> int:
-        """Number of the next point if no sample is lost."""
         return self._points + self._lost
 
     def points(self, instants: PointBlock) -> PointBlock:
-        """The points of a block, not empty; their ``seq`` are their numbers.
+        """Return the points of a nonempty block, ``seq`` being their numbers.
 
-        Those of the instants number them from the scan's start.
+        ``seq`` of the instants counts from the scan's start.
         """
         lost_before = self._lost
         lost = self._lost_until(instants)
@@ -105,7 +103,6 @@ class ScanSelection:
         return replace(selected, seq=numbers)
 
     def break_interpolation(self) -> None:
-        """Begin anew after a gap: nothing is interpolated across it."""
         if self._mode is not None:
             self._mode.restart()
         for stage in self._chain.filters:
@@ -132,7 +129,7 @@ class ScanSelection:
         return PointBlock.joined(pieces)
 
     def _lost_until(self, instants: PointBlock) -> Integers | None:
-        """How many instants that count were lost before each, (n,), since the last."""
+        """Return how many counting samples were lost before each, (n,)."""
         last, last_ns = self._last or (-1, int(instants.time_ns[0]))
         self._last = int(instants.seq[-1]), int(instants.time_ns[-1])
         if self._last[0] - last == len(instants):

@@ -1,13 +1,13 @@
-"""Points on disk: all that have been captured, and which of them the broker has.
+"""Database of captured messages, and which of them the broker has.
 
-One SQLite file with a write-ahead log. What `add` returns from is on the disk, synced
-(synchronous = FULL). Everything else may be lost by a power cut without harm, and is
-not synced: a point that is no longer marked as sent is sent again, with the same id.
+One SQLite file with a write-ahead log. `add` returns after syncing to the disk
+(synchronous = FULL). Other writes are not synced, since a power cut may lose them
+without harm: a point no longer marked as sent is sent again, with the same id.
 
-One thread opens and uses it. Every call is one transaction, whole or not at all.
+One thread opens and uses it. Every call is one transaction.
 
-Each message has a checksum. One that does not fit any more is set aside where it is: it
-stays in the file, and is not sent. To delete it would need its indices to be as it is.
+Each message has a checksum. A damaged message is set aside: it stays in the file and is
+not sent. Deleting it would need sound indices.
 """
 
 import contextlib
@@ -80,15 +80,15 @@ BELIEVED = (
 
 
 def read_as_text(value: bytes) -> str:
-    """A text as SQLite has it; one byte that is damaged must not stop a query."""
+    """Decode text of SQLite; a damaged byte must not stop a query."""
     return value.decode("utf-8", "replace")
 
 
 def check_version(connection: sqlite3.Connection, name: str) -> int:
-    """Version of the tables; 0 in a database that is new.
+    """Return the version of the tables; 0 in a new database.
 
     Raises:
-        DatabaseRefusedError: it is a newer one, or not an outbox.
+        DatabaseRefusedError: it is newer, or not an outbox.
         sqlite3.Error: it cannot be read.
     """
     (version,) = connection.execute("PRAGMA user_version").fetchone()
@@ -112,7 +112,6 @@ def check_version(connection: sqlite3.Connection, name: str) -> int:
 
 
 def create_tables(connection: sqlite3.Connection) -> None:
-    """Make all tables, whole or not at all."""
     connection.execute("BEGIN IMMEDIATE")
     for statement in TABLES.split(";"):
         if statement.strip():
@@ -124,7 +123,7 @@ def create_tables(connection: sqlite3.Connection) -> None:
 
 
 def _seen(path: Path) -> tuple[tuple[int, int] | None, int]:
-    """Identity and bytes of a file; None where there is none."""
+    """Return identity and size of a file; None if there is none."""
     try:
         status = path.stat()
     except OSError:
@@ -136,17 +135,16 @@ class MessageDatabase:
     """The database of one arm.
 
     Args:
-        path: of the file; a new one is made where there is none.
+        path: of the file; created if missing.
         last_number: messages are numbered after this.
-        on_set_aside: called with messages that were found damaged.
+        on_set_aside: called with damaged messages.
 
     Attributes:
         last_number: of the message stored last.
-        is_new: it had no message when it was opened, and had never had one.
-        n_missing: so many messages that had been stored were not here when it was
-            opened, the last ones.
-        known: what was known then of those that had been stored.
-        connection: for what only reads; see `traverse.daemon.store.queries`.
+        is_new: it never had a message when it was opened.
+        n_missing: messages stored last that were missing when it was opened.
+        known: record of the messages stored before.
+        connection: for queries; see `traverse.daemon.store.queries`.
 
     Raises:
         DatabaseRefusedError: it is not an outbox, or a newer one.
@@ -228,13 +226,12 @@ class MessageDatabase:
         self._note_files()
 
     def close(self) -> None:
-        """Close the file; the log is put into it where that is possible."""
         self._last_stored.write(self.known)
         self._open.close()
 
     @property
     def is_file_unchanged(self) -> bool:
-        """Whether file and log are those that were opened, and have not been cut off.
+        """Whether file and log are those that were opened, and not truncated.
 
         Raises:
             sqlite3.Error: the database cannot be read.
@@ -248,14 +245,14 @@ class MessageDatabase:
         return True
 
     def _note_files(self) -> None:
-        """Remember the files: they may be longer than they must, and shrink to that."""
+        """Record the files' present sizes."""
         self._files = {}
         for path, most in ((self._path, self._size()[0]), (self._log_path, LOG_BYTES)):
             identity, n_bytes = _seen(path)
             self._files[path] = identity, min(n_bytes, most)
 
     def _note_last(self) -> None:
-        """Remember outside of the file what is in it, and in its log."""
+        """Record the last message in the file beside the database."""
         self._noted_s = time.monotonic()
         self._last_stored.write(self.known)
         identity, n_bytes = self._files[self._log_path]
@@ -265,7 +262,7 @@ class MessageDatabase:
             self._files[self._log_path] = identity, n_bytes
 
     def _size(self) -> tuple[int, int]:
-        """Bytes of the database, and how many of them are in use."""
+        """Return bytes of the database, and how many are in use."""
         ((pages, free, page_bytes),) = self.connection.execute(
             "SELECT page_count, freelist_count, page_size "
             "FROM pragma_page_count, pragma_freelist_count, pragma_page_size"
@@ -275,7 +272,7 @@ class MessageDatabase:
     # -- writing --------------------------------------------------------------
 
     def add(self, entries: Sequence[NewMessage]) -> list[int]:
-        """Store messages, all or none; gives their numbers. On return they are safe."""
+        """Store messages, all or none, synced; return their numbers."""
         if not entries:
             return []
         numbers = range(self.last_number + 1, self.last_number + 1 + len(entries))
@@ -315,7 +312,7 @@ class MessageDatabase:
         return list(numbers)
 
     def add_missing(self, entries: Sequence[NewMessage]) -> list[int]:
-        """Store those messages of another database that are not here; as `add`."""
+        """Store messages of another database that are missing here; as `add`."""
         held = "SELECT 1 FROM messages WHERE id = ? OR (session = ? AND seq = ?)"
         return self.add(
             [
@@ -328,7 +325,7 @@ class MessageDatabase:
         )
 
     def mark_sent(self, ranges: Sequence[tuple[int, int]]) -> None:
-        """The broker has all messages of some ranges of numbers, ends included."""
+        """Mark messages in ranges of numbers, inclusive, as sent."""
         with self._unsynced(), self._transaction() as execute:
             marked = sum(
                 execute(
@@ -344,11 +341,11 @@ class MessageDatabase:
     def delete_old(
         self, *, before_ns: int, keep_bytes: int, running: str, at_most: int
     ) -> int:
-        """Remove the oldest messages that are too old [UTC ns], or too many.
+        """Remove the oldest messages if they are too old [UTC ns], or too many.
 
-        Never what the broker does not have yet, nor anything after that. What is too
-        old is deleted in the order of arrival, up to the first that is not, and never
-        of the running session: the clock may have been wrong. Gives how many.
+        Messages that the broker lacks, and all after them, stay. Old ones are removed in
+        order of arrival up to the first that is not old, and never of the running
+        session: the clock may have been wrong. Returns how many.
         """
         used_bytes = self.statistics().used_bytes
         oldest = self.connection.execute(
@@ -377,10 +374,10 @@ class MessageDatabase:
         return len(oldest)
 
     def believed_ns(self, advanced: Callable[[int], int]) -> int:
-        """The latest UTC that was believed, moved on; 0 while none is to be used.
+        """Advance the trusted UTC and return it; 0 while there is none.
 
         Args:
-            advanced: gives it from that of before, which is 0 at first.
+            advanced: computes it from the previous one, 0 at first.
         """
         execute = self.connection.execute
         if self._believed_ns is None:
@@ -398,7 +395,7 @@ class MessageDatabase:
         return now_ns
 
     def trim_file(self) -> None:
-        """Return some free pages to the file system, and empty the log."""
+        """Return free pages to the file system, and empty the log."""
         execute = self.connection.execute
         with self._unsynced():
             if execute("PRAGMA freelist_count").fetchone()[0] >= VACUUM_PAGES:
@@ -410,10 +407,10 @@ class MessageDatabase:
         self._note_files()  # they may be shorter now
 
     def check_space(self) -> None:
-        """Write and sync as much as a few points need, and take it back.
+        """Write and sync as much as a few points need, then remove it.
 
         Raises:
-            sqlite3.Error: a point could not be kept.
+            sqlite3.Error: a point could not be stored.
         """
         filler = "INSERT OR REPLACE INTO room VALUES (1, zeroblob(?))"
         with self._transaction() as execute:
@@ -422,7 +419,7 @@ class MessageDatabase:
             execute(filler, (0,))
 
     def _set_aside(self, damaged: Sequence[StoredMessage]) -> None:
-        """Never send some messages; they stay in the file."""
+        """Mark damaged messages, which are never sent."""
         with self._unsynced(), self._transaction() as execute:
             for message in damaged:
                 execute(
@@ -440,7 +437,7 @@ class MessageDatabase:
         *arguments: P.args,
         **options: P.kwargs,
     ) -> list[StoredMessage]:
-        """What a query gives that leaves out what is set aside; damaged ones are."""
+        """Run a query; set damaged messages aside."""
         seen: set[int] = set()
         while True:
             messages = query(self.connection, *arguments, **options)
@@ -455,7 +452,6 @@ class MessageDatabase:
             self._set_aside(damaged)
 
     def statistics(self) -> StoreStatistics:
-        """How the database is now."""
         oldest = self.connection.execute(
             "SELECT time_ns FROM messages INDEXED BY unsent WHERE sent = 0 "
             "ORDER BY number LIMIT 1"
@@ -468,7 +464,7 @@ class MessageDatabase:
 
     @contextlib.contextmanager
     def _unsynced(self) -> Iterator[None]:
-        """What is written may be lost by a power cut; later `add`s sync it, too."""
+        """Do not sync writes within the block; a later `add` does."""
         self.connection.execute("PRAGMA synchronous = NORMAL")
         try:
             yield
@@ -477,7 +473,7 @@ class MessageDatabase:
 
     @contextlib.contextmanager
     def _transaction(self) -> Iterator[Callable[..., sqlite3.Cursor]]:
-        """All of it, or nothing."""
+        """Run the block as one transaction."""
         connection = self.connection
         connection.execute("BEGIN IMMEDIATE")
         try:

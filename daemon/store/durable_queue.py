@@ -1,8 +1,8 @@
 """The durable queue: write, commit, forward, acknowledge, resend, recover.
 
-A message goes from `put` to the disk, then to the broker and to its requester,
-and is marked when the broker has it. What the broker does not have is sent after a
-start, first and in order. Runs on the event loop; what takes time is done by a thread.
+`put` sends a message to the disk, then to the broker and its requester; it is marked
+when the broker has it. Messages that the broker lacks are sent first after a start, in
+order. Runs on the event loop; a thread does slow work.
 
 The outbox of points and the store of scan blocks are two configurations of it.
 """
@@ -51,17 +51,17 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class QueueProfile:
-    """What distinguishes one durable queue from another.
+    """Settings that distinguish durable queues.
 
     Attributes:
-        kind: under which new messages wait in the outgoing queue.
-        failed, replaced, damaged: codes of the events.
-        removed: code of that of removals; empty where they are not reported.
-        failed_text: of that event; "{}" is why the disk refuses.
-        restored_text: of that event when it is over.
-        replaced_remedy: of the others.
-        batch: so many messages are read at once, when no more than that wait.
-        resend_batch: the same of those that were requested again.
+        kind: of new messages in the outgoing queue.
+        failed, replaced, damaged: codes of events.
+        removed: code for removals; empty if they are not reported.
+        failed_text: of that event; "{}" is the reason.
+        restored_text: of that event at its end.
+        replaced_remedy: of the other events.
+        batch: most messages read at once, and most waiting.
+        resend_batch: the same for requested messages.
     """
 
     thread: str
@@ -79,17 +79,17 @@ class QueueProfile:
 
 
 class DurableQueue:
-    """Store messages and have them sent.
+    """Stores messages and has them sent.
 
     Args:
-        publisher: of the arm; messages have its encoding, and wait in its queue.
-        to_disk: receives how long messages took to the disk.
-        to_broker: receives how long they took from there to the broker.
-        ready_changed: called when messages can be stored again, or cannot any more.
+        publisher: encodes messages and owns the outgoing queue.
+        to_disk: receives latencies to the disk.
+        to_broker: receives latencies from the disk to the broker.
+        ready_changed: called when storing becomes possible or impossible.
 
     Attributes:
-        is_open: it has been started, and has not been closed.
-        status: of the database, as its thread saw it last.
+        is_open: started and not closed.
+        status: of the database, as its thread last saw it.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class DurableQueue:
 
     @contextlib.asynccontextmanager
     async def running(self, *, is_needed: bool = True) -> AsyncIterator[None]:
-        """Send what an earlier run has left, and store messages, within the block.
+        """Forward messages of an earlier run and store new ones within the block.
 
         Unless it is needed at once, `start` may be called within the block.
 
@@ -154,19 +154,19 @@ class DurableQueue:
                     await self._writer.close()
 
     def start(self) -> asyncio.Task[None]:
-        """Begin; where the disk refuses, it is tried again and again."""
+        """Begin; retry as long as the disk refuses."""
         self.is_open = True
         self._starting = asyncio.create_task(self._writer.start())
         self.refill()
         return self._starting
 
     def trust_clock(self, is_believed: bool) -> None:
-        """Say whether the computer's UTC can be believed, by which messages are old."""
+        """State whether UTC is trusted, by which messages age."""
         self._writer.retention_clock.is_believed = is_believed
 
     @property
     def heartbeats(self) -> tuple[Heartbeat, ...]:
-        """Signs of life of its thread, while there is one."""
+        """Sign of life of its thread, if it runs."""
         return (self._writer.heartbeat,) if self.is_open else ()
 
     @property
@@ -176,17 +176,17 @@ class DurableQueue:
 
     @property
     def n_in_flight(self) -> int:
-        """How many messages are on their way to the disk."""
+        """Number of messages on their way to the disk."""
         return len(self._in_flight)
 
     @property
     def used_bytes(self) -> int:
-        """What messages take on the disk, or will take."""
+        """Bytes that messages take on the disk, or will take."""
         return self.status.statistics.used_bytes + self._unreported_bytes
 
     @property
     def has_backlog(self) -> bool:
-        """Messages wait on the disk, or may."""
+        """Whether messages may wait on the disk."""
         return self._feeder.has_backlog
 
     def put(self, message: NewMessage, write: PendingWrite) -> None:
@@ -197,9 +197,9 @@ class DurableQueue:
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:
-        """What is put within the block is handed to the disk's thread at its end.
+        """Hand messages put within the block to the thread at its end.
 
-        If it were woken earlier, it would wait for the interpreter and disturb us.
+        Woken earlier, the thread would compete for the interpreter.
         """
         gathered: list[NewMessage] = []
         self._write = gathered.append
@@ -217,18 +217,18 @@ class DurableQueue:
             await self._settled.wait()
 
     def poll(self) -> None:
-        """Process deferred work; call it a few times a second."""
+        """Process deferred work; call a few times a second."""
         if self.is_open:
             self._acks.flush()
             self.refill()
 
     def refill(self) -> None:
-        """Read on, where there is something to read and room for it."""
+        """Read on if there is something to read and room for it."""
         self._feeder.refill()
         self.resender.refill()
 
     async def query(self, work: Callable[[MessageDatabase], T]) -> T:
-        """The result of a job of the database.
+        """Return the result of a job in the database's thread.
 
         Raises:
             RequestRefusedError: it cannot be done.

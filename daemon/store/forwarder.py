@@ -1,11 +1,11 @@
-"""From the disk to the broker: some messages at a time, however many there are.
+"""From the disk to the broker, a few messages at a time.
 
-A new message enters the outgoing queue from memory as long as all before it are there.
-Else it stays on the disk, and is read when those before it were sent: memory holds a
-few hundred points, whatever the broker does.
+A new message enters the outgoing queue from memory if all before it are there.
+Otherwise it stays on the disk and is read when those before it were sent, so that
+memory holds a few hundred messages at most.
 
-What the broker refuses, by an access list say, is retried after some minutes, and
-all after it only then: a broker that accepts nothing is not kept busy.
+A message that the broker refuses, for instance by an access list, is retried after some
+minutes, and those after it only then.
 """
 
 import logging
@@ -33,7 +33,7 @@ MAX_RANGES = 32
 
 
 class AckBuffer:
-    """Collect numbers, as ranges: answers arrive nearly in order."""
+    """Collects acknowledged numbers as ranges."""
 
     def __init__(self, writer: StoreWriter) -> None:
         self._writer = writer
@@ -41,11 +41,11 @@ class AckBuffer:
         self._is_writing = False
 
     def add(self, number: int) -> None:
-        """The broker has this one."""
+        """Add the number of an acknowledged message."""
         self._add(number, number)
 
     def flush(self, *, is_last: bool = False) -> None:
-        """Have written what has been collected, unless something is being written."""
+        """Write collected ranges, unless a write is under way."""
         if (self._is_writing and not is_last) or not self._ranges:
             return
         ranges, self._ranges = self._ranges, []
@@ -71,7 +71,7 @@ def outgoing(
     sent: Callable[[], None] | None = None,
     refused: Callable[[], None] | None = None,
 ) -> OutgoingMessage:
-    """A message of the database as it is handed to the broker."""
+    """Convert a message of the database for the outgoing queue."""
     return OutgoingMessage(
         message.topic,
         message.payload,
@@ -84,13 +84,13 @@ def outgoing(
 
 @dataclass(eq=False)
 class UnsentFeeder:
-    """Put all messages into the queue that the broker does not have, in order.
+    """Queues all messages that the broker lacks, in order.
 
     Args:
-        batch: so many are read at once, when no more than that wait.
+        batch: most messages read at once, and most waiting.
 
     Attributes:
-        has_backlog: messages wait on the disk, or may.
+        has_backlog: messages may wait on the disk.
     """
 
     queue: OutgoingQueue
@@ -110,12 +110,11 @@ class UnsentFeeder:
         self._resumes_ns = 0
 
     def add(self, number: int, message: StorableMessage) -> None:
-        """A new message is on the disk."""
         if not self.has_backlog:
             self.has_backlog = not self._offer(number, message)
 
     def refill(self) -> None:
-        """Read on, where messages wait on the disk and there is room for them."""
+        """Read on if messages wait on the disk and there is room."""
         if (
             not self.has_backlog
             or self._is_reading
@@ -130,7 +129,7 @@ class UnsentFeeder:
         )
 
     def _may_resume(self) -> bool:
-        """Nothing was refused, or that is long ago: then it is read once more."""
+        """Return whether nothing was refused, or the pause after it is over."""
         if self._refused is None:
             return True
         is_due = self.clock.monotonic_ns() >= self._resumes_ns
@@ -174,10 +173,10 @@ class UnsentFeeder:
 
 @dataclass(eq=False)
 class RangeResender:
-    """Send ranges again, one after the other.
+    """Sends ranges again, one after the other.
 
     Args:
-        batch: so many messages are read at once, when no more than that wait.
+        batch: most messages read at once, and most waiting.
     """
 
     queue: OutgoingQueue
@@ -189,7 +188,7 @@ class RangeResender:
         self._is_reading = False
 
     def check_room(self) -> None:
-        """See that another range may wait.
+        """Check that another range may wait.
 
         Raises:
             RequestRefusedError: too many do.
@@ -202,12 +201,11 @@ class RangeResender:
             )
 
     def send(self, session: str, from_seq: int, to_seq: int) -> None:
-        """Begin to send a range again."""
         self._ranges.append((session, from_seq, to_seq))
         self.refill()
 
     def refill(self) -> None:
-        """Read on, where there is something to read and room for it."""
+        """Read on if there is something to read and room for it."""
         if (
             not self._ranges
             or self._is_reading

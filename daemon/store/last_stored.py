@@ -1,8 +1,8 @@
-"""Which message a database had stored last, in a small file beside it.
+"""Record, in a small file, of the message that a database stored last.
 
-Written soon after a commit, and never synced: it is not ahead of a database that is as
-it should be, even after a power cut. A database that has less has lost something: its
-log was damaged or removed, or it is a new file, or an older copy.
+Written soon after a commit and never synced, it is never ahead of a sound database,
+even after a power cut. A database that has less has lost data: its log was damaged or
+removed, or it is new, or an old copy.
 """
 
 import contextlib
@@ -20,11 +20,11 @@ _VALUES = TypeAdapter(tuple[int, str, int, int])
 
 @dataclass(frozen=True, slots=True)
 class LastStored:
-    """The last message, and the rest.
+    """The last message.
 
     Attributes:
         number: of the message; see `StoredMessage`.
-        unsent: so many of all messages the broker did not have.
+        unsent: how many messages the broker lacked.
     """
 
     number: int = 0
@@ -34,7 +34,7 @@ class LastStored:
 
 
 class LastStoredFile:
-    """The file; where it cannot be used, nothing is known."""
+    """The file; if it cannot be used, nothing is known."""
 
     def __init__(self, database: Path) -> None:
         self._path = database.with_suffix(".last")
@@ -45,7 +45,7 @@ class LastStoredFile:
             )
 
     def read(self) -> LastStored:
-        """What it says; nothing stored where it cannot be read."""
+        """Return its content; that of an empty database if it cannot be read."""
         if self._descriptor is None:
             return LastStored()
         try:
@@ -55,7 +55,6 @@ class LastStoredFile:
             return LastStored()
 
     def write(self, last: LastStored) -> None:
-        """Replace what it says."""
         if self._descriptor is not None:
             text = json.dumps([last.number, last.session, last.seq, last.unsent]).ljust(
                 FILE_BYTES
@@ -64,7 +63,6 @@ class LastStoredFile:
                 os.pwrite(self._descriptor, text.encode(), 0)
 
     def close(self) -> None:
-        """Close the file."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None

@@ -45,7 +45,7 @@ PROFILE = QueueProfile(
 def message_of(
     point: Point, topic: str, encoding: Encoding, begun_ns: int, note: str
 ) -> NewMessage:
-    """A point as it is stored; the last two are of its session."""
+    """Convert a point for storage; the last two arguments are of its session."""
     return NewMessage(
         point.session,
         point.seq,
@@ -61,13 +61,12 @@ def message_of(
 
 
 class Outbox(DurableQueue):
-    """Store an arm's points and have them sent.
+    """Stores an arm's points and has them sent.
 
     Args:
-        limit: so many points may be on their way to the disk.
-        latencies: receives how long points took to the disk, and from there to
-            the broker.
-        ready_changed: called when points can be stored again, or cannot any more.
+        limit: most points on their way to the disk.
+        latencies: receives latencies to the disk, and from there to the broker.
+        ready_changed: called when storing becomes possible or impossible.
         signer: signs points; None: they are not signed.
     """
 
@@ -99,7 +98,7 @@ class Outbox(DurableQueue):
 
     @contextlib.asynccontextmanager
     async def running(self, *, is_needed: bool = True) -> AsyncIterator[None]:
-        """As any durable queue, and keep every other daemon out of its folder.
+        """Run, and exclude other daemons from the folder.
 
         Raises:
             DatabaseRefusedError: the database, or the folder, must be left alone.
@@ -109,13 +108,12 @@ class Outbox(DurableQueue):
                 yield
 
     def use(self, section: OutboxSection) -> None:
-        """Apply other rules of what may be deleted."""
         self._writer.retention = RetentionRules(section.keep_days, section.keep_mb)
 
     def put_point(self, point: Point, begun_ns: int, note: str) -> PendingPoint | None:
-        """Write a point or a retraction to the disk; None where too many wait for that.
+        """Write a point or retraction to the disk; None if too many are on their way.
 
-        Time of beginning [UTC ns] and note are of its session.
+        ``begun_ns`` [UTC] and ``note`` are of its session.
         """
         if not self.is_open or self.n_in_flight >= self._limit:
             return None
@@ -127,9 +125,9 @@ class Outbox(DurableQueue):
         return write
 
     async def answered(self, at_most: int) -> list[tuple[str, Point]]:
-        """The latest requests that took or took back a point, oldest first.
+        """Return the latest requests that took or retracted a point, oldest first.
 
-        None that are older than `ANSWERED_NS`: people use the same one again.
+        Requests older than `ANSWERED_NS` are left out: people reuse them.
 
         Raises:
             RequestRefusedError: the database cannot be read.
@@ -145,7 +143,6 @@ class Outbox(DurableQueue):
         ]
 
     def health(self) -> OutboxHealth:
-        """How the outbox is."""
         statistics = self.status.statistics
         return OutboxHealth(
             state="ready" if self.is_ready else "failed",
@@ -158,13 +155,13 @@ class Outbox(DurableQueue):
 
 @contextlib.contextmanager
 def exclusive_state_dir(folder: Path) -> Iterator[None]:
-    """Use a state folder as the only daemon.
+    """Hold a state folder for one daemon.
 
-    The lock is one of the system's, on the folder itself: it ends with the process,
-    however that ends, and needs no file.
+    The lock is the system's, on the folder itself: it ends with the process and needs
+    no file.
 
     Raises:
-        StateFolderError: another one does, or it cannot be had.
+        StateFolderError: another daemon holds it, or locking failed.
     """
     with contextlib.ExitStack() as stack:
         try:

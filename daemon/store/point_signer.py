@@ -1,4 +1,4 @@
-"""Signs points as they enter the outbox, in a chain a session."""
+"""Signatures of points, in a chain for each session."""
 
 import stat
 from base64 import b64encode
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 
 class PointSigner:
-    """Signs one point after the other.
+    """Signs points in order.
 
     Args:
-        key: Of the arm.
+        key: of the arm.
 
     Attributes:
-        public_key: Base 64.
+        public_key: base 64.
     """
 
     def __init__(self, key: "Ed25519PrivateKey") -> None:
@@ -31,7 +31,7 @@ class PointSigner:
         self._session, self._link = "", ""
 
     def signed(self, point: Point) -> Point:
-        """Return the point with its link to the one before it and its signature."""
+        """Return the point with its link to the one before it, and signed."""
         if point.session != self._session:
             self._session, self._link = point.session, first_link(point.session)
         update: dict[str, str | None] = {"previous": self._link, "signature": None}
@@ -42,7 +42,7 @@ class PointSigner:
         return signed
 
     def roll_back(self, point: Point) -> None:
-        """The newest signed point was not stored: as if it had never been."""
+        """Forget the newest signed point, which was not stored."""
         self._session, self._link = point.session, point.previous or ""
 
 
@@ -50,8 +50,8 @@ def read_signer(path: Path) -> PointSigner:
     """Read the key of the arm, PEM.
 
     Raises:
-        ValueError: It cannot be used; says why, and what to do.
-        OSError: The file cannot be read.
+        ValueError: it cannot be used; says why, and what to do.
+        OSError: the file cannot be read.
     """
     try:
         from cryptography.hazmat.primitives.asymmetric.ed25519 import (  # noqa: PLC0415 - an extra

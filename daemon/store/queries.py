@@ -1,10 +1,10 @@
-"""Queries that only read: for the daemon, and for commands that run beside it.
+"""Read-only queries, for the daemon and for commands beside it.
 
-A command opens the file for reading only and reads in small pieces, so that it never
-keeps the daemon from writing, nor its log from being emptied.
+A command opens the file read-only and reads small pieces, so that it blocks neither the
+daemon's writes nor the truncation of its log.
 
-A block of a scan is a message with the scan in place of the session, and with the
-number of its first point; the note of that "session" is the real session's name.
+A scan block is stored with the scan as session and the number of its first point; the
+note of that "session" is the real session's name.
 """
 
 import sqlite3
@@ -30,7 +30,7 @@ PIECE = 500
 
 
 def stored_message(row: tuple[Any, ...]) -> StoredMessage:
-    """A row of `COLUMNS` as a value, checked against its checksum."""
+    """Convert a row of `COLUMNS`, verified by its checksum."""
     values = *row[:-2], bool(row[-2])
     message = StoredMessage(*values)
     return message if _is_whole(message, row[-1]) else replace(message, is_whole=False)
@@ -57,7 +57,7 @@ def _is_whole(message: StoredMessage, crc: int | None) -> bool:
 
 
 def open_read_only(path: Path) -> sqlite3.Connection:
-    """Open an outbox for reading only; the daemon may be running.
+    """Open an outbox read-only, beside a running daemon.
 
     Raises:
         DatabaseRefusedError: there is none, or not one of this version.
@@ -90,7 +90,7 @@ def open_read_only(path: Path) -> sqlite3.Connection:
 def read_requested(
     connection: sqlite3.Connection, since_ns: int, at_most: int
 ) -> list[StoredMessage]:
-    """The latest points that a request of a command took, oldest first."""
+    """Return the latest points taken by a request of a command, oldest first."""
     rows = connection.execute(
         f"SELECT request, {COLUMNS} FROM messages INDEXED BY requested "
         "WHERE request IS NOT NULL AND time_ns >= ? ORDER BY number DESC LIMIT ?",
@@ -100,7 +100,6 @@ def read_requested(
 
 
 def read_sessions(connection: sqlite3.Connection, at_most: int) -> list[StoredSession]:
-    """Sessions of which there are points, oldest first, the latest of them."""
     rows: list[tuple[Any, ...]] = connection.execute(
         "SELECT session, begun_ns, note, first_seq, last_seq FROM ("
         " SELECT rowid AS place, session, CAST(begun_ns AS INTEGER) AS begun_ns, note,"
@@ -114,7 +113,7 @@ def read_sessions(connection: sqlite3.Connection, at_most: int) -> list[StoredSe
 
 
 def counts_of(connection: sqlite3.Connection, session: str) -> tuple[int, int]:
-    """How many points of a session there are, and how many the broker lacks."""
+    """Return how many points of a session there are, and how many the broker lacks."""
     points, unsent = connection.execute(
         "SELECT count(*), coalesce(sum(sent = 0), 0) FROM messages WHERE session = ?",
         (session,),
@@ -125,7 +124,7 @@ def counts_of(connection: sqlite3.Connection, session: str) -> tuple[int, int]:
 def read_unsent(
     connection: sqlite3.Connection, after: int, at_most: int
 ) -> list[StoredMessage]:
-    """What the broker does not have, in order, behind a number."""
+    """Return messages that the broker lacks, in order, after a number."""
     rows = connection.execute(
         f"SELECT {COLUMNS} FROM messages INDEXED BY unsent "
         "WHERE sent = 0 AND number > ? ORDER BY number LIMIT ?",
@@ -137,7 +136,7 @@ def read_unsent(
 def stored_range(
     connection: sqlite3.Connection, session: str, from_seq: int, to_seq: int
 ) -> StoredRange:
-    """What there is of a session, and of a range of its numbers."""
+    """Return figures of a session and of a range of its numbers."""
     first, last = connection.execute(
         "SELECT min(seq), max(seq) FROM messages WHERE session = ?", (session,)
     ).fetchone()
@@ -158,7 +157,7 @@ def read_messages(
     *,
     without: int = SET_ASIDE,
 ) -> list[StoredMessage]:
-    """Messages of a range of a session, ends included, in order, the first of them.
+    """Return the first messages of a range of a session, inclusive, in order.
 
     Those whose ``sent`` is ``without`` are left out.
     """
@@ -173,7 +172,7 @@ def read_messages(
 def iter_messages(
     connection: sqlite3.Connection, session: str, from_seq: int, to_seq: int
 ) -> Iterator[StoredMessage]:
-    """The same without a limit, read piece by piece, and with those set aside."""
+    """Yield messages of a range piece by piece, also those set aside."""
     ends = session, from_seq, to_seq
     while piece := read_messages(connection, *ends, PIECE, without=-1):
         yield from piece
@@ -181,21 +180,20 @@ def iter_messages(
 
 
 def block_id(block: Scan) -> str:
-    """A name that no other block has."""
     return f"{block.scan}.{block.seq}"
 
 
 @dataclass(frozen=True, slots=True)
 class StoredScanRange:
-    """What there is of a scan, and of a range of its points.
+    """Figures of a scan and of a range of its points.
 
     Attributes:
-        session: in which it was made; None where there is nothing of it.
-        from_block: number of the block in which the range begins.
-        blocks: how many the range touches.
-        first_seq, last_seq: points held of the whole scan.
-        last_block: number of the last block held.
-        total: points of the scan; None while its last block is not here.
+        session: in which it was made; None if nothing is stored.
+        from_block: number of the first block of the range.
+        blocks: number of blocks in the range.
+        first_seq, last_seq: stored points of the whole scan.
+        last_block: number of the last block stored.
+        total: points of the scan; None without its last block.
     """
 
     session: str | None = None
@@ -210,7 +208,7 @@ class StoredScanRange:
 def stored_scan_range(
     connection: sqlite3.Connection, scan: str, from_seq: int, to_seq: int
 ) -> StoredScanRange:
-    """What there is of a scan, and of the range of its points, ends included."""
+    """Return figures of a scan and of a range of its points, inclusive."""
     execute = connection.execute
     held = stored_range(connection, scan, from_seq, to_seq)
     if held.first_seq is None or held.last_seq is None:
@@ -239,7 +237,7 @@ def stored_scan_range(
 
 
 def _block(connection: sqlite3.Connection, scan: str, seq: int) -> Scan | None:
-    """A block; None where it is damaged."""
+    """Return a block; None if it is damaged."""
     for message in read_messages(connection, scan, seq, seq, 1):
         if message.is_whole:
             return decode(Scan, message.payload, message.encoding)

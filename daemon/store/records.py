@@ -1,4 +1,4 @@
-"""Values that go between the event loop, the writer's thread and the database."""
+"""Values exchanged by event loop, writer thread and database."""
 
 import zlib
 from collections.abc import Callable, Sequence
@@ -10,7 +10,7 @@ from traverse.protocol.messages import Point
 
 @dataclass(frozen=True, slots=True)
 class StorableMessage:
-    """A point, or a block of a scan, as it is published.
+    """A point or scan block as it is published.
 
     Attributes:
         session: of the point; of a block, the scan.
@@ -28,7 +28,7 @@ class StorableMessage:
 
     @property
     def checksum(self) -> int:
-        """CRC-32 over all of it; stored beside it, so that damage is noticed."""
+        """CRC-32 over all fields, stored to detect damage."""
         row = (
             f"{self.session}\n{self.seq}\n{self.id}\n{self.time_ns}\n{self.topic}\n"
             f"{self.encoding}\n"
@@ -38,12 +38,12 @@ class StorableMessage:
 
 @dataclass(frozen=True, slots=True)
 class NewMessage(StorableMessage):
-    """A message that is to be stored.
+    """A message to be stored.
 
     Attributes:
-        begun_ns: when the session began [UTC].
+        begun_ns: begin of the session [UTC].
         note: the user's note about the session; of a scan, the session.
-        request: of the command that took the point; None for all others.
+        request: of the command that took the point; else None.
     """
 
     begun_ns: int
@@ -53,14 +53,13 @@ class NewMessage(StorableMessage):
 
 @dataclass(frozen=True, slots=True)
 class StoredMessage(StorableMessage):
-    """A message that the database has.
+    """A message in the database.
 
     Attributes:
-        number: grows by one with each message ever stored; the order of sending.
+        number: increases with each message stored; the order of sending.
         is_sent: the broker has acknowledged it.
-        is_whole: it is as it was stored; else nothing of it can be relied on, not even
-            the types.
-        request: of the command that took the point, where that was asked for.
+        is_whole: undamaged; otherwise no field is reliable, not even its type.
+        request: of the command that took the point, if the query reads it.
     """
 
     number: int
@@ -71,10 +70,10 @@ class StoredMessage(StorableMessage):
 
 @dataclass(frozen=True, slots=True)
 class StoredSession:
-    """A session of which the database has points.
+    """A session in the database.
 
     Attributes:
-        begun_ns: when it began [UTC].
+        begun_ns: its beginning [UTC].
     """
 
     session: str
@@ -86,11 +85,11 @@ class StoredSession:
 
 @dataclass(frozen=True, slots=True)
 class StoredRange:
-    """What the database has of a session.
+    """Figures of a session.
 
     Attributes:
-        points: how many of the requested range.
-        first_seq, last_seq: of the whole session; None where it has nothing of it.
+        points: in the requested range.
+        first_seq, last_seq: of the whole session; None if it has no points.
     """
 
     points: int
@@ -100,14 +99,14 @@ class StoredRange:
 
 @dataclass(frozen=True, slots=True)
 class StoreStatistics:
-    """How the database is.
+    """Figures of the database.
 
     Attributes:
         points: messages in it.
-        unsent: those that the broker does not have yet.
+        unsent: messages that the broker lacks.
         size_bytes: of the file, without its log.
-        used_bytes: of those, what messages take.
-        oldest_unsent_ns: time of the oldest of those [UTC].
+        used_bytes: taken by messages.
+        oldest_unsent_ns: time of the oldest unsent one [UTC].
     """
 
     points: int = 0
@@ -119,18 +118,18 @@ class StoreStatistics:
 
 @dataclass(frozen=True, slots=True)
 class RetentionRules:
-    """What the broker has is deleted when it is older, or the file is larger."""
+    """Age and file size beyond which sent messages are deleted."""
 
     keep_days: float
     keep_mb: float
 
 
 class DatabaseRefusedError(Exception):
-    """The file must not be touched; the text states the reason and the remedy."""
+    """The file must not be touched; states the reason and the remedy."""
 
 
 class StateFolderError(DatabaseRefusedError):
-    """The folder is in use, or cannot be used now; a later start may succeed."""
+    """The folder is in use or unusable; a later start may succeed."""
 
 
 # -- what the thread reports --------------------------------------------------
@@ -146,28 +145,28 @@ class StorageError:
 
 @dataclass(frozen=True, slots=True)
 class Committed:
-    """The oldest messages on their way are safe now, under these numbers."""
+    """The oldest messages on their way are stored under these numbers."""
 
     numbers: Sequence[int]
 
 
 @dataclass(frozen=True, slots=True)
 class WriteFailed:
-    """Nothing that is on its way will be stored, until the writer is resumed."""
+    """No message on its way will be stored, until the writer is resumed."""
 
     trouble: StorageError
 
 
 @dataclass(frozen=True, slots=True)
 class Replaced:
-    """A new database has been begun; why, in words."""
+    """A new database was begun; why, in words."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class SetAside:
-    """Messages are damaged, and are not sent; which, in words."""
+    """Damaged messages are not sent; which, in words."""
 
     text: str
     count: int
@@ -175,7 +174,7 @@ class SetAside:
 
 @dataclass(frozen=True, slots=True)
 class Removed:
-    """Delivered messages were removed; why, in words."""
+    """Sent messages were removed; why, in words."""
 
     count: int
     why: str
@@ -183,7 +182,7 @@ class Removed:
 
 @dataclass(frozen=True, slots=True)
 class StoreStatus:
-    """How the store is, as its thread sees it; reported whenever it changes."""
+    """State of the store as its thread sees it; reported on changes."""
 
     trouble: StorageError | None = None
     statistics: StoreStatistics = StoreStatistics()
@@ -196,11 +195,11 @@ Notification = Committed | WriteFailed | Replaced | SetAside | Removed | StoreSt
 
 
 class PendingWrite:
-    """A message that is not known to be on the disk yet.
+    """A message on its way to the disk.
 
     Attributes:
-        is_settled: it is on the disk, or it is not and never will be.
-        trouble: why it is not.
+        is_settled: it is stored, or has failed.
+        trouble: why it failed.
     """
 
     def __init__(self) -> None:
@@ -210,7 +209,7 @@ class PendingWrite:
         self._acts: list[Callable[[], object]] = []
 
     def settle(self, trouble: StorageError | None = None) -> None:
-        """It is on the disk now; with a trouble, it never will be."""
+        """Mark the write as done, or as failed with a trouble."""
         self.trouble = trouble
         self.is_settled = True
         acts, self._acts = self._acts, []
@@ -219,16 +218,16 @@ class PendingWrite:
             act()
 
     def roll_back(self) -> None:
-        """Take back what depends on it, before anybody is notified that it failed."""
+        """Undo what depends on it, before anybody learns of the failure."""
         for act in self._undo:
             act()
 
     def on_roll_back(self, act: Callable[[], object]) -> None:
-        """Have something called if the write fails."""
+        """Register a call for the case that the write fails."""
         self._undo.append(act)
 
     def on_settled(self, act: Callable[[], object]) -> None:
-        """Have something called as soon as it is; at once if it is already."""
+        """Register a call for when it is settled; called at once if it is."""
         if self.is_settled:
             act()
         else:
@@ -236,7 +235,7 @@ class PendingWrite:
 
 
 class PendingPoint(PendingWrite):
-    """A point that has a number, and is not known to be on the disk yet."""
+    """A numbered point on its way to the disk."""
 
     def __init__(self, point: Point) -> None:
         super().__init__()
@@ -244,7 +243,7 @@ class PendingPoint(PendingWrite):
 
 
 def fail_all(writes: Sequence[PendingWrite], trouble: StorageError) -> None:
-    """Roll back from the newest to the oldest, only then notify."""
+    """Roll back from the newest to the oldest, then notify."""
     for write in reversed(writes):
         write.roll_back()
     for write in writes:

@@ -1,8 +1,7 @@
 """A database that survives faults of the disk; used by one thread.
 
-Opens the file, moves a damaged one aside and begins a new one with the messages that
-can be recovered, notices that the file has been removed, and tries again where the disk
-had no room or gave errors.
+It sets a damaged file aside and begins a new one with the recoverable messages, notices
+that the file was removed, and retries after errors of the disk.
 """
 
 import contextlib
@@ -49,7 +48,7 @@ DATABASE_SUFFIXES = ("", "-wal", "-shm")
 
 
 def storage_error_of(error: BaseException, path: Path) -> StorageError:
-    """Why points cannot be kept in a file, and what to do."""
+    """Describe why points cannot be stored in a file, and the remedy."""
     code = _code(error)
     number = error.errno if isinstance(error, OSError) else None
     folder = path.parent
@@ -75,7 +74,7 @@ def storage_error_of(error: BaseException, path: Path) -> StorageError:
 
 
 def move_aside(path: Path) -> Path:
-    """Give a damaged database another name, with its log; gives that name.
+    """Rename a damaged database and its log; return the new name.
 
     Raises:
         OSError: that was not possible.
@@ -92,13 +91,12 @@ def move_aside(path: Path) -> Path:
 
 
 def _code(error: BaseException) -> int | None:
-    """The primary result code of SQLite."""
     code = getattr(error, "sqlite_errorcode", None)
     return None if code is None else int(code) & 0xFF
 
 
 class UnsentMessages:
-    """Messages of a database that is given up, which the broker does not have."""
+    """Unsent messages of an abandoned database."""
 
     def __init__(self) -> None:
         self._numbers: set[int] = set()
@@ -106,18 +104,17 @@ class UnsentMessages:
 
     @property
     def messages(self) -> list[NewMessage]:
-        """Those that can be read, in order."""
+        """Readable ones, in order."""
         return [self._found[number] for number in sorted(self._found)]
 
     @property
     def n_lost(self) -> int:
-        """How many there are besides, which cannot be read."""
         return len(self._numbers) - len(self._found)
 
     def read(self, connection: sqlite3.Connection) -> None:
-        """Add what a connection can read, each message by itself.
+        """Add what a connection can read, message by message.
 
-        Pages that one connection has in its cache may be lost to another.
+        Pages cached by one connection may be lost to another.
         """
         connection.text_factory = read_as_text
         begun: dict[str, tuple[int, str]] = {}
@@ -147,14 +144,14 @@ Remedy = Callable[[sqlite3.Error], None]
 
 
 class ResilientDatabase:
-    """Store messages, or report why it cannot.
+    """Stores messages, or reports why it cannot.
 
     Args:
-        notify: called when another database is used now, because one was damaged or
-            lacks what had been stored, and when messages were set aside.
+        notify: called when a damaged or incomplete database was replaced, and when
+            messages were set aside.
 
     Attributes:
-        trouble: why messages cannot be stored now; None while they can.
+        trouble: why messages cannot be stored now, or None.
     """
 
     def __init__(
@@ -170,7 +167,7 @@ class ResilientDatabase:
         self.trouble: StorageError | None = None
 
     def open(self) -> None:
-        """Open the database; what prevents it is in `trouble` then.
+        """Open the database; sets `trouble` on failure.
 
         Raises:
             DatabaseRefusedError: it must be left alone.
@@ -179,7 +176,6 @@ class ResilientDatabase:
             self.run(lambda store: None)
 
     def close(self) -> None:
-        """Close the database."""
         if self._store is not None:
             store, self._store = self._store, None
             self._last_number = store.last_number
@@ -189,7 +185,7 @@ class ResilientDatabase:
                 log.warning("%s", storage_error_of(error, self._path).text)
 
     def add(self, messages: Sequence[NewMessage]) -> list[int]:
-        """Store messages, all or none; gives their numbers. On return they are safe.
+        """Store messages, all or none, synced; return their numbers.
 
         Raises:
             Exception: they are not stored; `trouble` has the reason.
@@ -199,7 +195,7 @@ class ResilientDatabase:
         return numbers
 
     def run(self, work: Callable[[MessageDatabase], T]) -> T:
-        """Do something with the database; with a new one if it turns out damaged.
+        """Run a job, with a new database if it turns out damaged.
 
         Raises:
             Exception: it cannot be done; `trouble` has the reason.
@@ -227,7 +223,7 @@ class ResilientDatabase:
             raise
 
     def check(self) -> None:
-        """See whether the trouble is over, and whether the files are still there."""
+        """Check whether the trouble is over, and the files still there."""
         try:
             is_unchanged = self._store is None or self._store.is_file_unchanged
         except sqlite3.Error:  # the next work with it reports that
@@ -241,7 +237,7 @@ class ResilientDatabase:
                 self.trouble = None
 
     def status(self) -> StoreStatus:
-        """How it is; the statistics are those of when it could last be read."""
+        """Return its state, with the latest readable statistics."""
         if self._store is not None:
             with contextlib.suppress(sqlite3.Error):
                 self._statistics = self._store.statistics()
@@ -263,7 +259,7 @@ class ResilientDatabase:
         return self._store
 
     def _account(self, store: MessageDatabase, n_taken: int) -> str:
-        """What has become of the messages that had been stored."""
+        """Describe what became of the stored messages."""
         known, is_new = store.known, store.is_new
         parts = [
             self._why
@@ -288,7 +284,7 @@ class ResilientDatabase:
         return "; ".join(parts)
 
     def _remedy(self, error: sqlite3.Error) -> Remedy | None:
-        """What may help against an error; None: to wait."""
+        """Return the remedy for an error; None: to wait."""
         if error.sqlite_errorcode == CORRUPT_INDEX and self._store is not None:
             return self._rebuild_indices
         if error.sqlite_errorcode == sqlite3.SQLITE_IOERR_SHORT_READ:
@@ -296,14 +292,14 @@ class ResilientDatabase:
         return self._begin_anew if _code(error) in DAMAGED else None
 
     def _rebuild_indices(self, error: sqlite3.Error) -> None:
-        """A damaged row does not fit its indices, so that nobody can delete it."""
+        """Rebuild indices that do not fit a damaged row, so that it can be deleted."""
         log.warning("%s: %s; the indices are built anew", self._path, error)
         if self._store is not None:
             with contextlib.suppress(sqlite3.Error):
                 self._store.connection.execute("REINDEX")
 
     def _open_anew(self, _: object) -> None:
-        """Use what is there now, with what the lost one has of its own."""
+        """Open the present file, and add what only the lost one had."""
         if self._store is not None:
             self._unsent.read(self._store.connection)
         self._why = (
@@ -313,7 +309,7 @@ class ResilientDatabase:
         self.close()
 
     def _begin_anew(self, error: sqlite3.Error) -> None:
-        """Set a damaged database aside; a new one gets what can be taken over."""
+        """Set a damaged database aside, and take over what is readable."""
         name = move_aside(self._path)
         address = f"file:{quote(str(name))}?mode=ro"
         with contextlib.closing(sqlite3.connect(address, uri=True)) as connection:
@@ -324,7 +320,6 @@ class ResilientDatabase:
         self._why = f"{self._path} is damaged ({error}); it is now {name}"
 
     def _set_aside(self, damaged: Sequence[StoredMessage]) -> None:
-        """Report messages that are not as they were stored."""
         which = ", ".join(
             f"seq {message.seq!r:.20} of session {message.session!r:.64}"
             for message in damaged[:MAX_NAMED]

@@ -1,9 +1,9 @@
-"""The time by which the age of what is stored is counted.
+"""The clock by which stored messages age.
 
-What has been delivered is removed when it is old. A clock that is wrong once must not
-remove anything: age is counted against the latest time that was believed, which is kept
-in the store, never runs back, and follows the computer's clock by at most a day in a
-minute; and not in the first minutes of a run, in which a clock is often set.
+Sent messages are removed when old, but a clock that is wrong once must remove nothing.
+Age is counted against the latest trusted time, which is stored, never runs back, and
+follows the computer's clock by at most a day in a minute, and not in the first minutes
+of a run, in which a clock is often set.
 """
 
 from traverse.daemon.clock import HostClock
@@ -16,7 +16,7 @@ class RetentionClock:
     """Follows the computer's UTC slowly.
 
     Attributes:
-        is_believed: whether UTC can be believed; the service says so.
+        is_believed: UTC can be trusted, as the service states.
     """
 
     def __init__(self, clock: HostClock) -> None:
@@ -25,7 +25,7 @@ class RetentionClock:
         self.is_believed = False
 
     def advanced(self, stored_ns: int) -> int:
-        """The time to count age against, from that of before; 0 while there is none."""
+        """Advance the stored time; 0 while there is none."""
         now_ns = self._clock.monotonic_ns()
         passed_ns, self._looked_ns = now_ns - self._looked_ns, now_ns
         if not self.is_believed or now_ns - self._begun_ns < FIRST_NS:

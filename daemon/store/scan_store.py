@@ -1,13 +1,13 @@
-"""Scans that are delivered completely: each block is on the disk before it is sent.
+"""Complete delivery of scans: each block is on the disk before it is sent.
 
-On the event loop; a thread of its own writes to `scans.db`, a database like the
-outbox's, so a slow disk or an absent broker delays nothing else. Blocks go to the
-broker from memory while it keeps up, else from the disk, in order; what it has taken is
-stored for some time, so that it can be requested again.
+A thread of its own writes to `scans.db`, a database like the outbox's, so that a slow
+disk or an absent broker delays nothing else. Blocks go to the broker from memory while
+it keeps up, else from the disk, in order; sent ones are kept for some time for
+requests.
 
-What finds no room is dropped newest first and counted, and shows as a gap in the
-numbers: more than `MAX_WAITING` blocks on their way to the disk, or a spool full of
-what the broker lacks. While the disk refuses, blocks are sent without having been kept.
+Blocks beyond `MAX_WAITING` on their way to the disk, or beyond a spool full of unsent
+ones, are dropped newest first and counted, and show as a gap in the numbers. While the
+disk refuses, blocks are sent without being stored.
 """
 
 import asyncio
@@ -53,15 +53,15 @@ PROFILE = QueueProfile(
 
 
 class ScanStore(DurableQueue):
-    """Deliver the blocks of scans, as configured.
+    """Delivers scan blocks as configured.
 
     Args:
-        path: of the database; made when the first scan needs it.
-        publisher: of the arm; blocks that are not stored are sent by it.
-        section: how scans are delivered, and what of them is stored.
+        path: of the database; created by the first scan that needs it.
+        publisher: sends blocks that are not stored.
+        section: how scans are delivered and kept.
 
     Attributes:
-        counters: blocks `kept`, `unkept` (sent without having been kept), `dropped`.
+        counters: blocks `kept`, `unkept` (sent without being stored), `dropped`.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class ScanStore(DurableQueue):
 
     @contextlib.asynccontextmanager
     async def running(self, *, is_needed: bool = False) -> AsyncIterator[None]:
-        """As any durable queue, where there is something to send or store.
+        """Run, if there is something to send or store.
 
         Raises:
             DatabaseRefusedError: the database must be left alone.
@@ -98,16 +98,16 @@ class ScanStore(DurableQueue):
             yield
 
     def use(self, section: ScanSection) -> None:
-        """Go by other settings; a running scan is delivered as it began."""
+        """Change the settings; a running scan is delivered as it began."""
         self._section = section
         self._writer.retention = _retention(section)
 
     def offer(
         self, block: Scan, on_dropped: Callable[[], object] = lambda: None
     ) -> bool:
-        """Have a block delivered; False where it is dropped.
+        """Deliver a block; False if it is dropped.
 
-        ``on_dropped`` is called where it is dropped after it had been accepted.
+        ``on_dropped`` is called if it is dropped later.
         """
         if block.scan != self._scan:
             self._scan, self._begun_ns = block.scan, block.time_ns
@@ -122,7 +122,7 @@ class ScanStore(DurableQueue):
         return is_taken
 
     def health(self) -> SpoolHealth | None:
-        """How the spool is; None where none is used."""
+        """Return figures of the spool; None if none is used."""
         if not self.is_open:
             return None
         statistics = self.status.statistics
@@ -177,7 +177,7 @@ class ScanStore(DurableQueue):
         )
 
     def _send_unkept(self, message: NewMessage) -> bool:
-        """Send what the disk refuses, unless earlier blocks wait there."""
+        """Send a block that the disk refuses, unless earlier ones wait there."""
         is_sent = not self.has_backlog and self._queue.offer(
             "spooled", outgoing(message)
         )
@@ -185,7 +185,7 @@ class ScanStore(DurableQueue):
         return is_sent
 
     def _on_started(self, start: asyncio.Task[None]) -> None:
-        """Where it was refused, nothing is stored: a running daemon continues."""
+        """Store nothing if the start was refused; the daemon continues."""
         error = None if start.cancelled() else start.exception()
         if error is not None:
             trouble = StorageError(str(error), "see there")

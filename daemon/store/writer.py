@@ -1,10 +1,10 @@
-"""The one thread that writes to a store: takes jobs, returns results in order.
+"""The thread that writes to a store: takes jobs, returns results in order.
 
-All waiting messages are written in one transaction: syncing takes as long for a hundred
-as for one. Points that arrive faster than hands can press are collected for
-`COMMIT_INTERVAL_S`, since a transaction costs as much CPU as several points. After a
-write has failed, later ones fail, too, until the loop knows of it: their numbers would
-follow numbers that were never stored.
+All waiting messages are written in one transaction, since syncing costs the same for
+one as for a hundred. Bursts of points are collected for `COMMIT_INTERVAL_S`, since a
+transaction costs as much CPU as several points. After a failed write later ones fail
+too, until the loop knows of it: their numbers would follow numbers that were never
+stored.
 """
 
 import asyncio
@@ -50,19 +50,19 @@ TURN_S = 30.0  # that a slow disk may take
 
 
 Job = NewMessage | Callable[[], None] | None
-"""Store a message; or do something; or, None, end."""
+"""Store a message, run a call, or, for None, end."""
 
 
 @dataclass(eq=False)
 class StoreWriter:
-    """Work through jobs, and report the results to the loop.
+    """Works through jobs and reports results to the loop.
 
     Args:
-        notify: called on the loop with what has happened, in order.
+        notify: called on the loop with results, in order.
 
     Attributes:
-        retention: other rules may be set at any time.
-        retention_clock: by which age is counted.
+        retention: may be replaced at any time.
+        retention_clock: by which messages age.
     """
 
     path: InitVar[Path]
@@ -89,7 +89,7 @@ class StoreWriter:
         self._thread = threading.Thread(target=self._run, name=name)
 
     async def start(self) -> None:
-        """Open the database; where that fails for now, it is tried again and again.
+        """Open the database, retrying failures that may pass.
 
         Raises:
             DatabaseRefusedError: it must be left alone.
@@ -102,7 +102,7 @@ class StoreWriter:
             raise
 
     async def close(self) -> None:
-        """Do all jobs that have been put, and end."""
+        """Do all jobs that were put, and end."""
         self._jobs.put(None)
         await asyncio.to_thread(self._thread.join)
 
@@ -111,7 +111,7 @@ class StoreWriter:
         self._jobs.put(message)
 
     def resume(self) -> None:
-        """Store messages again that follow: whoever put the failed ones knows."""
+        """Store messages again, once the failed ones are accounted for."""
 
         def resume() -> None:
             self._has_failed = False
@@ -121,7 +121,7 @@ class StoreWriter:
     def query(
         self, work: Callable[[MessageDatabase], Any], on_result: Callable[[Any], None]
     ) -> None:
-        """Do something with the database; pass on the result, or the exception."""
+        """Run a job on the database; pass its result or exception on."""
 
         def run() -> None:
             try:
@@ -166,7 +166,6 @@ class StoreWriter:
             self._report_status()
 
     def _take_all(self, waiting: deque[Job]) -> None:
-        """Wait for a job, then take all that are there."""
         try:
             waiting.append(self._jobs.get(timeout=POLL_S))
             early_s = self._committed_s + COMMIT_INTERVAL_S - time.monotonic()
@@ -199,7 +198,7 @@ class StoreWriter:
         self._report_status()
 
     def _delete_old(self) -> None:
-        """Delete what need not be kept any longer, in small steps between jobs."""
+        """Delete old messages in small steps between jobs."""
         if self._database.trouble is not None:
             return
         rules, before_ns = self.retention, 0
@@ -229,7 +228,7 @@ class StoreWriter:
             log.debug("nothing deleted: %s", error)
 
     def _report_removed(self, before_ns: int) -> None:
-        """Report what was removed, now and then."""
+        """Report removals at intervals."""
         now_s = time.monotonic()
         if self._removed and now_s - self._removed_s >= REMOVED_S:
             why = f"beyond {self.retention.keep_mb:g} MB"
@@ -239,7 +238,7 @@ class StoreWriter:
             self._removed, self._removed_s = 0, now_s
 
     def _report_status(self) -> None:
-        """Report troubles at once, statistics regularly."""
+        """Report troubles at once, statistics at intervals."""
         is_new = self._database.trouble != self._status.trouble
         now_s = time.monotonic()
         if not is_new and now_s - self._status_s < STATUS_S:

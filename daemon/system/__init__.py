@@ -1,1 +1,1 @@
-"""Operating system: systemd, watchdog, real-time settings, memory, lifecycle."""
+"""Operating system: systemd, watchdog, real time, memory, log."""

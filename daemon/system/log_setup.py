@@ -1,7 +1,7 @@
-"""Where the log is written: the journal with fields, or lines on standard error.
+"""Log destinations: the journal with fields, or lines on standard error.
 
-Nothing secret ever reaches the log: passwords and keys are read where they are used and
-are part of no message and no value that is printed.
+Passwords and keys are read where they are used and are part of no message and no
+printed value.
 """
 
 import errno
@@ -36,13 +36,12 @@ TOO_LONG = (errno.EMSGSIZE, errno.ENOBUFS)
 
 
 class PlainLines(logging.Formatter):
-    """Time (local), level, text; further lines are indented, so that none looks new."""
+    """Local time, level, text; further lines are indented."""
 
     def __init__(self) -> None:
         super().__init__("%(asctime)s %(levelname)-7s %(message)s", "%H:%M:%S")
 
     def format(self, record: logging.LogRecord) -> str:
-        """The entry, mostly as one line."""
         first, *others = map(printable, super().format(record).split("\n"))
         return "\n".join(
             (first, *(line if line[:1] == " " else f" {line}" for line in others))
@@ -53,7 +52,6 @@ class JsonLines(logging.Formatter):
     """One object a line: `time` (UTC), `level`, `logger`, `message`, fields, fault."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The entry as one line."""
         moment = datetime.fromtimestamp(record.created, UTC)
         entry: dict[str, object] = {
             "time": moment.isoformat(timespec="milliseconds"),
@@ -71,20 +69,20 @@ class JsonLines(logging.Formatter):
 
 
 def fields_of(record: logging.LogRecord) -> Mapping[str, str | int]:
-    """The fields of an entry: `extra={"fields": {...}}`, without empty ones."""
+    """Return the fields of an entry, `extra={"fields": {...}}`, without empty ones."""
     fields: Mapping[str, str | int] = getattr(record, "fields", {})
     return {name: value for name, value in fields.items() if value != ""}
 
 
 class JournalHandler(logging.Handler):
-    """Sends entries to journald, in its native protocol, without ever waiting for it.
+    """Sends entries to journald in its native protocol, without waiting.
 
     One datagram an entry: `NAME=value` lines, or for a value with a line break the name
-    alone, its length (8 bytes, little-endian) and the value. An entry too long for a
-    datagram is sent as a sealed file in memory, by its descriptor.
+    alone, its length (8 bytes, little-endian) and the value. Longer entries are sent as
+    a sealed memory file, by its descriptor.
 
-    What it does not take, because it is busy or absent, is written to standard error,
-    with the priority in front as systemd reads it there.
+    Entries that the journal does not take go to standard error, with the priority in
+    front as systemd reads it there.
     """
 
     def __init__(self, path: Path = SOCKET) -> None:
@@ -94,7 +92,6 @@ class JournalHandler(logging.Handler):
         self._socket.setblocking(False)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Send one entry."""
         try:
             try:
                 self._send(entry_of(record))
@@ -106,7 +103,6 @@ class JournalHandler(logging.Handler):
             self.handleError(record)
 
     def close(self) -> None:
-        """Close the socket."""
         self._socket.close()
         super().close()
 
@@ -129,7 +125,7 @@ class JournalHandler(logging.Handler):
 
 
 def entry_of(record: logging.LogRecord) -> bytes:
-    """An entry's bytes in the native protocol."""
+    """Encode an entry in the native protocol."""
     message = record.getMessage()
     if record.exc_info:
         message += "\n" + logging.Formatter().formatException(record.exc_info)
@@ -158,10 +154,10 @@ def _field(name: str, value: str) -> bytes:
 
 
 def start_log(form: LogFormat = "auto", level: LogLevel = "info") -> None:
-    """Send all entries of at least a level to one place.
+    """Log all entries of at least a level.
 
-    "auto" is the journal where standard error is connected to it, else plain. A crash,
-    or the SIGABRT of a watchdog, leaves the stacks of all threads on standard error.
+    "auto" is the journal if standard error is connected to it, else plain. A crash, or
+    the SIGABRT of a watchdog, leaves the stacks of all threads on standard error.
     """
     if form == "auto":
         form = "journal" if stderr_is_the_journal() else "plain"
@@ -180,7 +176,7 @@ def start_log(form: LogFormat = "auto", level: LogLevel = "info") -> None:
 
 
 def stderr_is_the_journal() -> bool:
-    """Whether `$JOURNAL_STREAM` names the file that standard error is."""
+    """Return whether `$JOURNAL_STREAM` identifies standard error."""
     try:
         status = os.fstat(sys.stderr.fileno())
     except (OSError, ValueError):

@@ -1,21 +1,19 @@
-"""How the C library keeps memory that is free: in one place, and not for ever.
+"""Settings of the C library's allocator against slow growth.
 
-A daemon runs for months, and what it holds must not creep. Two habits of glibc's malloc
-make it creep; both are good for programs that compute on many threads at once, which
-this is not (one thread at a time has Python's lock):
+Two habits of glibc's malloc suit programs that compute on many threads, but make the
+memory of a daemon grow for months (one thread at a time has Python's lock):
 
 - Each thread gets an arena of its own. The reader thread allocates what the event loop
   frees, the loop what the recorder frees. So each arena is full of holes at sizes that
   its own thread does not use, and grows by some hundred kilobytes a minute.
-- A large block is mapped by itself and given back when it is freed; but the first one
-  freed raises the size that counts as large to its own, up to 32 MiB. From then on such
-  blocks (a message's buffer, a chunk of a recording and what compresses it) come from
-  the heap; whatever small is put behind one of them keeps it from shrinking again.
+- A large block is mapped by itself and unmapped when freed; but the first one freed
+  raises the threshold of "large" to its size, up to 32 MiB. Later blocks (a message's
+  buffer, a chunk of a recording, its compressor) come from the heap, and a small block
+  behind one of them keeps it from shrinking.
 
-Both are set here and not in the unit's environment, so that a daemon that is started by
-hand is the same. Holes remain: arrays of a block are larger when the computer is busy
-and more samples arrive at once. Their pages are returned twice a minute, which takes
-less than half a millisecond.
+Both are set here and not in the unit's environment, so that a daemon started by hand is
+the same. Holes remain, since blocks are larger on a busy computer; their pages are
+returned twice a minute, in less than half a millisecond.
 """
 
 import asyncio
@@ -28,10 +26,9 @@ SPARE_BYTES = 512 << 10  # free at the heap's end: so much is not given back
 
 
 def limit_malloc_arenas() -> bool:
-    """Have free memory reused by all threads, and large blocks given back.
+    """Share free memory among threads, and unmap large blocks.
 
-    To be called before the first thread is started. False where there is no glibc, or
-    where it refuses.
+    Call before the first thread starts. False without glibc, or where it refuses.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is None:
@@ -45,9 +42,9 @@ def limit_malloc_arenas() -> bool:
 
 
 async def trim_memory_periodically() -> None:
-    """Give whole pages that are free back to the system now and then, until cancelled.
+    """Return free pages to the system at intervals, until cancelled.
 
-    Where they are locked in memory they stay.
+    Pages that are locked in memory stay.
     """
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     while trim is not None:

@@ -1,8 +1,8 @@
-"""Claims of the system what steady reading needs, as far as it is permitted.
+"""Real-time settings, as far as the system permits.
 
 Reader threads get a real-time priority and CPUs of their own, pages are locked in
-memory, and what the start has made is taken out of the garbage collector's sight.
-docs/explanation/real-time.md explains the benefit and the cost of each.
+memory, and objects of the start are hidden from the garbage collector.
+docs/explanation/real-time.md explains benefits and costs.
 """
 
 import ctypes
@@ -28,9 +28,9 @@ NET_NEW_OBJECTS = 20_000
 def prepare(
     section: RealtimeSection, readers: Iterable[threading.Thread], events: EventLog
 ) -> None:
-    """Set up memory and reader threads, which run already.
+    """Set up memory and the running reader threads.
 
-    What is refused is one event; the daemon measures without it.
+    Refusals are one event; the daemon measures without them.
     """
     running = [thread for thread in readers if thread.native_id is not None]
     _set_thread_names(running)
@@ -46,7 +46,7 @@ def prepare(
 
 
 def freeze_objects() -> None:
-    """Keep what exists out of the garbage collector's sight, and let it run seldom."""
+    """Hide existing objects from the garbage collector, and run it seldom."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(NET_NEW_OBJECTS)
@@ -54,7 +54,6 @@ def freeze_objects() -> None:
 
 
 def _set_thread_names(threads: Iterable[threading.Thread]) -> None:
-    """Give threads, in the kernel, the names that they have here; for `top -H`."""
     for thread in threads:
         path = Path(f"/proc/self/task/{thread.native_id}/comm")
         with suppress(OSError):
@@ -64,7 +63,7 @@ def _set_thread_names(threads: Iterable[threading.Thread]) -> None:
 def _schedule(
     section: RealtimeSection, threads: Iterable[threading.Thread]
 ) -> list[tuple[str, str]]:
-    """Priority and CPUs of threads; what was refused, with its remedy."""
+    """Set priority and CPUs of threads; return refusals with remedies."""
     refused = {}
     for thread in threads:
         number = thread.native_id or 0
@@ -85,7 +84,7 @@ def _schedule(
 
 
 def _lock(section: RealtimeSection) -> list[tuple[str, str]]:
-    """Lock all present and future pages; return what was refused, with its remedy."""
+    """Lock present and future pages; return refusals with remedies."""
     if not section.lock_memory:
         return []
     remedy = "set LimitMEMLOCK=infinity in the unit"
@@ -101,7 +100,6 @@ def _lock(section: RealtimeSection) -> list[tuple[str, str]]:
 
 
 def _may_lock_all() -> bool:
-    """Whether this process has the capability CAP_IPC_LOCK."""
     for line in Path("/proc/self/status").read_text("utf-8").splitlines():
         name, _, value = line.partition(":")
         if name == "CapEff":

@@ -1,10 +1,10 @@
 """Standard error as a stream that never waits for its reader.
 
 Strategy: the event loop writes the log. A pipe that nobody reads, a stopped terminal or
-a journal that hangs would hold it in `write` for ever. The system reports a pipe as
-writable when it takes `PIPE_BUF` bytes at once, so that pieces of this size are written
-only after it was asked, sockets are written without waiting, and files are always
-ready. What is not taken is dropped and counted; the next line that is taken says so.
+a hanging journal would block it in `write`. The system reports a pipe as writable when
+it takes `PIPE_BUF` bytes at once; so pieces of that size are written after polling,
+sockets are written without waiting, and files are always ready. Lines that are not
+taken are dropped and counted; the next one that is taken says so.
 """
 
 import os
@@ -18,7 +18,7 @@ PIECE_BYTES = select.PIPE_BUF
 
 
 class StandardError:
-    """Where log lines go.
+    """Destination of log lines.
 
     Attributes:
         n_dropped: lines that standard error did not take.
@@ -47,14 +47,14 @@ class StandardError:
             self._n_unreported += 1
 
     def flush(self) -> None:
-        """Nothing is kept back."""
+        """Do nothing: nothing is buffered."""
 
 
 STANDARD_ERROR = StandardError()
 
 
 def _written(number: int, data: bytes) -> bool:
-    """Write to a descriptor as long as it takes bytes at once; whether it took all."""
+    """Write to a descriptor while it takes bytes; return whether it took all."""
     mode = os.fstat(number).st_mode
     if stat.S_ISREG(mode):
         os.write(number, data)

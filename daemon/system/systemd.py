@@ -1,13 +1,12 @@
-"""Notify systemd by sd_notify(3), its watchdog included.
+"""Notification of systemd, sd_notify(3), with its watchdog.
 
-Lines such as `READY=1` go as one datagram to the socket that `$NOTIFY_SOCKET` names.
-Without it, as when the daemon is started by hand, nothing is sent.
+Lines such as `READY=1` are sent as datagrams to the socket that `$NOTIFY_SOCKET` names;
+without it nothing is sent.
 
-The watchdog is fed as long as measuring really continues: every thread that measures,
-stores or records has a `Heartbeat`, which is checked before each feeding. The event
-loop proves itself by feeding at all, and by taking what readers deliver. A stuck thread
-stops the feeding, and systemd restarts the daemon. A lost device is not stuck:
-its reader keeps trying.
+Every thread that measures, stores or records has a `Heartbeat`, checked before each
+feeding of the watchdog. The event loop proves itself by feeding, and by taking what
+readers deliver. A stuck thread stops the feeding, and systemd restarts the daemon. A
+lost device is not stuck: its reader keeps trying.
 """
 
 import asyncio
@@ -39,7 +38,7 @@ class Notifier:
         self.watchdog_s = _watchdog_s(environment) if path else None
 
     def send(self, *lines: str) -> None:
-        """Send assignments in one datagram; one that finds no room is lost."""
+        """Send assignments in one datagram; it is lost if there is no room."""
         if not self._address:
             return
         try:
@@ -50,35 +49,33 @@ class Notifier:
             return
 
     def ready(self) -> None:
-        """Start-up, or a reload, has ended."""
+        """Report the end of start-up, or of a reload."""
         self.send("READY=1")
 
     def reloading(self) -> None:
-        """A reload begins; `ready` ends it. Valid for notify and notify-reload."""
+        """Report the begin of a reload, for Type=notify and notify-reload."""
         now_us = time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000
         self.send("RELOADING=1", f"MONOTONIC_USEC={now_us}")
 
     def stopping(self, limit_s: float) -> None:
-        """The end begins and takes at most ``limit_s``."""
         self.send("STOPPING=1", f"EXTEND_TIMEOUT_USEC={int(limit_s * 1e6)}")
 
     def starting(self, limit_s: float) -> None:
-        """Start-up continues and takes at most ``limit_s``."""
+        """Report that start-up takes at most ``limit_s`` more."""
         self.send(f"EXTEND_TIMEOUT_USEC={int(limit_s * 1e6)}")
 
     def status(self, text: str) -> None:
-        """A line that `systemctl status` shows; sent if it has changed."""
+        """Send the line that `systemctl status` shows, if it has changed."""
         if text != self._status:
             self._status = text
             self.send(f"STATUS={' '.join(text.split())}")
 
     def feed(self) -> None:
-        """Everything runs: the watchdog waits anew."""
         self.send("WATCHDOG=1")
 
 
 def _watchdog_s(environment: Mapping[str, str]) -> float | None:
-    """After how long without feeding this process would be killed."""
+    """Return after how long without feeding this process is killed."""
     if environment.get("WATCHDOG_PID") not in (None, str(os.getpid())):
         return None  # it is meant for another process
     timeout_us = environment.get("WATCHDOG_USEC", "")
@@ -86,7 +83,7 @@ def _watchdog_s(environment: Mapping[str, str]) -> float | None:
 
 
 class StatusLine:
-    """Makes the line; remembers since when something has been as it is."""
+    """Composes the status line; remembers since when states last."""
 
     def __init__(
         self, now: Callable[[], str] = lambda: time.strftime("%H:%M:%S")
@@ -97,9 +94,9 @@ class StatusLine:
     def text(
         self, doing: str, devices: Mapping[str, str], broker: str, waiting: int
     ) -> str:
-        """One line such as "measuring: 2 devices, broker lost since 12:03:11".
+        """Return a line such as "measuring: 2 devices, broker lost since 12:03:11".
 
-        Devices are states by name, ``waiting`` the points that the broker lacks.
+        ``devices`` are states by name, ``waiting`` the points that the broker lacks.
         """
         ready = sum(state == "ready" for state in devices.values())
         since = {name: self._time(name, state) for name, state in devices.items()}
@@ -117,7 +114,7 @@ class StatusLine:
         return f"{doing}: {', '.join(parts)}"
 
     def _time(self, name: str, state: str) -> str:
-        """Local time at which a state was first reported."""
+        """Return the local time at which a state was first reported."""
         before, since = self._since.get(name, ("", ""))
         if before != state:
             since = self._now()
@@ -134,7 +131,7 @@ CHECK_S = 5.0
 
 @dataclass(eq=False)
 class Watchdog:
-    """Check all signs of life and feed the watchdog."""
+    """Checks all heartbeats and feeds the watchdog."""
 
     notifier: Notifier
     devices: InitVar[Iterable[Device]]
@@ -150,13 +147,12 @@ class Watchdog:
         self._period_s = watchdog_s / FEEDS if watchdog_s else CHECK_S
 
     async def run(self) -> None:
-        """Check and feed until cancelled."""
         while True:
             self.check()
             await asyncio.sleep(self._period_s)
 
     def check(self) -> bool:
-        """Feed if nothing is stuck; report what is."""
+        """Feed if nothing is stuck, and report what is."""
         stuck = dict(self._found())
         for name in self._stuck - set(stuck):
             self._report(name, f"the {name} continues", active=False)
