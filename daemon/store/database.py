@@ -343,8 +343,8 @@ class MessageDatabase:
     ) -> int:
         """Remove the oldest messages if they are too old [UTC ns], or too many.
 
-        Messages that the broker lacks, and all after them, stay. Old ones are removed in
-        order of arrival up to the first that is not old, and never of the running
+        Messages that the broker lacks, and all after them, stay. Old ones are removed
+        in order of arrival up to the first that is not old, and never of the running
         session: the clock may have been wrong. Returns how many.
         """
         used_bytes = self.statistics().used_bytes
