@@ -46,7 +46,6 @@ class SimulatorConfig(StrictModel):
 
 
 def config_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
-    """Find what is wrong between keys."""
     for key in ("device", "motion"):
         if raw.get(key) == []:
             yield Problem(key, "is empty; at least one is needed")
@@ -65,7 +64,7 @@ def config_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
 
 
 def _device_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
-    """Find names that are used twice, and faults of devices that are not there."""
+    """Find duplicate names, and faults of unknown devices."""
     devices = tables_in(raw.get("device"))
     for keys in (("id",), ("port", "ports")):
         seen: set[str] = set()

@@ -1,4 +1,4 @@
-"""Tables of a configuration whose `kind` says which other keys they have."""
+"""Tables of a configuration whose `kind` determines their other keys."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -15,8 +15,8 @@ class KindTable(StrictModel):
     """Base of a family of tables; every kind is a child of the family's class.
 
     Attributes:
-        FAMILY: What a table is of, for messages.
-        KINDS: By kind, what `class_of` makes a class of.
+        FAMILY: name of the family, for messages.
+        KINDS: by kind, the input of `class_of`.
     """
 
     FAMILY: ClassVar[str]
@@ -26,7 +26,6 @@ class KindTable(StrictModel):
 
     @classmethod
     def class_of(cls, kind: str) -> type[Self]:
-        """The class of a kind that exists."""
         table_class: type[Self] = cls.KINDS[kind]
         return table_class
 

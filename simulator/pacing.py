@@ -29,7 +29,6 @@ class MonotonicClock:
         self.origin_ns = time.monotonic_ns()
 
     def now_s(self) -> float:
-        """The time."""
         return 1e-9 * (time.monotonic_ns() - self.origin_ns)
 
 
@@ -40,7 +39,7 @@ def live_real(
     end_s: float | None,
     stopped: Callable[[], bool],
 ) -> None:
-    """Follow the clock. Instants are absolute, so nothing drifts.
+    """Follow the clock. Instants are absolute, so that nothing drifts.
 
     Without ``end_s`` it continues after the script.
     """
@@ -63,7 +62,7 @@ def live_fast(
 ) -> None:
     """Advance time as the host reads during a stream, else follow the clock.
 
-    Arguments are those of `live_real`.
+    Arguments as in `live_real`.
     """
     now_s, last_s, moved_s = 0.0, clock.now_s(), 0.0
     while not stopped():
@@ -91,7 +90,7 @@ def _over(script: ScriptClock, end_s: float | None, now_s: float) -> bool:
 
 
 def _wait(devices: Sequence[SimulatedDevice], timeout_s: float) -> None:
-    """Sleep until a host writes or can read on, at most for a time."""
+    """Sleep until a host writes or can read, at most for a time."""
     readers = [number for device in devices for number in device.readers()]
     writers = [number for device in devices for number in device.writers()]
     select.select(readers, writers, [], max(0.0, timeout_s))

@@ -30,7 +30,7 @@ PR_SET_TIMERSLACK = 29  # of linux/prctl.h
 
 
 def run_simulator(config_path: str | Path) -> int:
-    """Run until the script ends or a signal arrives; the exit status.
+    """Run until the script ends or a signal arrives; return the exit status.
 
     0 done, 2 a file was refused.
     """
@@ -96,10 +96,10 @@ def _run(path: Path) -> int:
 
 
 def _wake_promptly() -> None:
-    """Make the kernel end waits to the microsecond; it may take 50 of them otherwise.
+    """Make the kernel end waits to the microsecond instead of 50 of them.
 
-    An answer that is late by as much as it takes would shift the middle of an exchange,
-    which is when a host believes to have read.
+    A late answer would shift the middle of an exchange, which hosts take as the time of
+    reading.
     """
     ctypes.CDLL(None).prctl(PR_SET_TIMERSLACK, 1)
 

@@ -37,8 +37,8 @@ WIDEST_WORD = 2**32
 class VirtualArm:
     """The simulated arm.
 
-    ``faulty`` has all effects of the arm file; limits are (n_joints, 2), encoders
-    in the order of the configuration.
+    ``faulty`` has all effects of the arm file; limits are (n_joints, 2), encoders in
+    the order of the configuration.
     """
 
     truth: TrueArm
@@ -53,7 +53,7 @@ def build_arm(config: SimulatorConfig, folder: Path, source: str) -> VirtualArm:
     Paths are relative to the folder; messages name ``source``.
 
     Raises:
-        FileError: With all that does not fit together.
+        FileError: lists all inconsistencies.
     """
     nominal = read_arm(folder / config.arm.file)
     problems: list[Problem] = []
@@ -108,7 +108,7 @@ def build_script(
     Paths are relative to the folder; messages name ``source``.
 
     Raises:
-        FileError: Naming the motions with targets that the arm cannot reach.
+        FileError: names the motions whose targets the arm cannot reach.
     """
     stage = CourseBuilder(
         Reach(
@@ -146,10 +146,10 @@ def build_course(config: SimulatorConfig, arm: VirtualArm, script: Script) -> Co
 def build_sources(
     config: SimulatorConfig, arm: VirtualArm, course: Course | None, folder: Path
 ) -> list[CountSource]:
-    """Set the source of each device's counts; without a course a replay.
+    """Create the source of each device's counts; without a course a replay.
 
     Raises:
-        FileError: A recording that has not what the devices have.
+        FileError: a recording lacks a column.
     """
     if course is not None:
         return [ScriptedCounts(course, encoders) for encoders in arm.encoders]
@@ -173,7 +173,7 @@ def build_sources(
 
 
 def _wired(device: DeviceTable, arm: Arm) -> list[tuple[int, int, Encoder]]:
-    """Channel, number of the joint and encoder of all that a device reads."""
+    """Return channel, joint and encoder of all that a device reads."""
     wired = [
         (joint.encoder.channel, number, joint.encoder)
         for number, joint in enumerate(arm.joints)
@@ -183,7 +183,7 @@ def _wired(device: DeviceTable, arm: Arm) -> list[tuple[int, int, Encoder]]:
 
 
 def encoders_of(device: DeviceTable, arm: Arm, noise_rad: float) -> EncoderSet:
-    """The encoders on a device, in the order of its channels."""
+    """Return the encoders on a device, by channel."""
     wired = _wired(device, arm)
     per_turn = np.array([entry[2].counts_per_turn for entry in wired], dtype=np.int64)
     return EncoderSet(

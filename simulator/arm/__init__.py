@@ -1,1 +1,1 @@
-"""The virtual arm without faults: its motion, true values, trajectory and encoders."""
+"""The virtual arm without faults: motion, true values, trajectory, encoders."""

@@ -1,12 +1,12 @@
-"""Postures in which the probe's ball is where it should be.
+"""Inverse kinematics: postures that put the ball in given places.
 
-Damped least squares on the true geometry: with e the miss and J the derivative of
-the ball's centre by the turns,
+Damped least squares on the true geometry: with e the miss and J the derivative of the
+ball's centre by the turns,
 
-    step = J' (J J' + damping^2)^-1 e + (1 - J+ J) g
+step = J' (J J' + damping^2)^-1 e + (1 - J+ J) g
 
-where g turns the shank towards a given direction without moving the ball. See
-Nakamura and Hanafusa (1986), J. Dyn. Sys. Meas. Control 108.
+where g turns the shank towards a given direction without moving the ball. See Nakamura
+and Hanafusa (1986), J. Dyn. Sys. Meas. Control 108.
 """
 
 from dataclasses import dataclass
@@ -29,12 +29,12 @@ LIMIT_MARGIN_RAD = 0.15  # kept free for approaching and articulating
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Reachable range of an arm.
+    """Inverse kinematics of an arm within its joint limits.
 
     Attributes:
-        mechanism: True geometry.
+        mechanism: true geometry.
         limits_rad: (n_joints, 2) least and largest turn from the base posture.
-        rng: Draws the postures from which a search starts.
+        rng: draws start postures.
     """
 
     mechanism: Mechanism
@@ -44,9 +44,9 @@ class Reach:
     def postures(
         self, targets_mm: Floats, shanks: Floats, tilt_rad: float
     ) -> tuple[Floats, Booleans]:
-        """Find a posture for every target, each from a random start.
+        """Find a posture for every target (n, 3), each from a random start.
 
-        Of shapes (n, 3); the shank may be off by ``tilt_rad``.
+        The shank (n, 3) may be off by ``tilt_rad``.
 
         Returns:
             Turns (n, n_joints) and whether each target was reached.
@@ -77,8 +77,7 @@ class Reach:
     def along(self, starts_rad: Floats, targets_mm: Floats) -> Floats:
         """Follow targets with the smallest motion of the joints.
 
-        From postures (n, n_joints) near the first of (n_knots, n, 3) close
-        targets.
+        From postures (n, n_joints) near the first of (n_knots, n, 3) close targets.
 
         Returns:
             (n_knots, n, n_joints)
@@ -95,10 +94,10 @@ class Reach:
         return self.along(start_rad[None], targets_mm[:, None])[:, 0]
 
     def nearest(self, starts_rad: Floats, wishes_rad: Floats, at_mm: Floats) -> Floats:
-        """Stay at a place and be as near to wished postures as that allows.
+        """Keep the ball in place and approach given postures as far as that allows.
 
         Args:
-            starts_rad: (n, n_joints) postures with the ball there.
+            starts_rad: (n, n_joints) postures with the ball in place.
             wishes_rad: (n_knots, n, n_joints), close to each other.
             at_mm: (n, 3)
 
@@ -117,16 +116,16 @@ class Reach:
         return postures
 
     def exact(self, turns_rad: Floats, targets_mm: Floats) -> Floats:
-        """Move the ball (n, 3) exactly to targets that are near."""
+        """Move the ball (n, 3) exactly to near targets."""
         centres_mm, _ = probe_pose(self.mechanism, turns_rad)
         return shifted_postures(self.mechanism, turns_rad, targets_mm - centres_mm)
 
     def _search(
         self, turns: Floats, targets_mm: Floats, shanks: Floats, leans: Floats
     ) -> Floats:
-        """Search from starts; the shank is turned only until it leans little enough.
+        """Search from starts; turn the shank until its lean is small enough.
 
-        ``leans`` are the cosines of the angles at which that is good enough.
+        ``leans`` are the cosines of the permitted angles.
         """
         low, high = self.limits_rad[:, 0], self.limits_rad[:, 1]
         for _ in range(N_SEARCH_STEPS):
@@ -148,7 +147,7 @@ class Reach:
 def shifted_postures(
     mechanism: Mechanism, turns_rad: Floats, shifts_mm: Floats
 ) -> Floats:
-    """Turns (n, n_joints) with the ball displaced by shifts (n, 3), least motion."""
+    """Return turns (n, n_joints) that displace the ball by (n, 3) with least motion."""
     moved = np.array(turns_rad)
     for first in range(0, len(moved), CHUNK):
         rows = slice(first, first + CHUNK)
@@ -166,7 +165,7 @@ def shifted_postures(
 def damped_steps(
     rates: Floats, misses_mm: Floats, damping_mm: Floats | float = 0.0
 ) -> Floats:
-    """Least turns (n, n_joints) that make up for misses (n, 3), damped by (n,) mm.
+    """Return least turns (n, n_joints) against misses (n, 3), damped by (n,) mm.
 
     J' (J J' + damping^2)^-1 miss, with the 3x3 system solved by Cramer's rule.
     """
@@ -184,7 +183,6 @@ def damped_steps(
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
-    """Cross products of (n, 3); a third of the time of numpy's general one."""
     out = np.empty_like(a)
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         out[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]

@@ -34,12 +34,11 @@ class Mechanism:
 
     @property
     def n_joints(self) -> int:
-        """Number of hinges."""
         return len(self.axes)
 
 
 def turn_matrices(axis: Floats, origin_mm: Floats, turns_rad: Floats) -> Floats:
-    """Turn about a line: (n, 4, 4) for turns (n,), by Rodrigues' formula."""
+    """Return rotations (n, 4, 4) about a line by turns (n,): Rodrigues' formula."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     sines = np.sin(turns_rad)[:, None, None]
@@ -52,7 +51,7 @@ def turn_matrices(axis: Floats, origin_mm: Floats, turns_rad: Floats) -> Floats:
 
 
 def body_motions(mechanism: Mechanism, turns_rad: Floats) -> Floats:
-    """Motion of every body from the base posture, for turns (n, n_joints).
+    """Compute the motion of every body from the base posture, for (n, n_joints).
 
     Returns:
         (n, n_joints + 1, 4, 4): the identity, then T_1 to T_n.
@@ -79,7 +78,7 @@ def probe_pose(mechanism: Mechanism, turns_rad: Floats) -> tuple[Floats, Floats]
 def probe_rates(
     mechanism: Mechanism, turns_rad: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Pose and its derivatives by the turns.
+    """Compute the pose and its derivatives by the turns.
 
     Returns:
         Centres (n, 3), shanks (n, 3), d centre / d turn (n, 3, n_joints) [mm/rad],

@@ -1,4 +1,4 @@
-"""Where the joints are at any time: pieces of polynomials of the fifth degree."""
+"""Joint trajectory: pieces of polynomials of the fifth degree."""
 
 from dataclasses import dataclass, field
 
@@ -15,7 +15,7 @@ class Trajectory:
     """Turns as a function of time; before and after it the arm rests.
 
     Attributes:
-        breaks_s: (n_pieces + 1,) where the pieces meet, from 0 on.
+        breaks_s: (n_pieces + 1,) ends of the pieces, from 0 on.
         coefficients: (n_pieces, 6, n_joints) of u^0 to u^5, u from 0 to 1 in a piece.
     """
 
@@ -28,11 +28,10 @@ class Trajectory:
 
     @property
     def duration_s(self) -> float:
-        """Until the arm is at rest."""
         return float(self.breaks_s[-1])
 
     def turns(self, times_s: Floats) -> Floats:
-        """Turns from the base posture (n, n_joints) at times (n,)."""
+        """Return turns from the base posture (n, n_joints) at times (n,)."""
         piece, u, _ = self._places(times_s)
         terms = self.coefficients[piece]
         turns = terms[:, 5]
@@ -41,13 +40,13 @@ class Trajectory:
         return turns
 
     def speeds(self, times_s: Floats) -> Floats:
-        """Speeds of the turns (n, n_joints) [rad/s] at times (n,)."""
+        """Return speeds of the turns (n, n_joints) [rad/s] at times (n,)."""
         piece, u, lengths_s = self._places(times_s)
         speeds: Floats = self._rates(piece, u) / lengths_s
         return speeds
 
     def senses(self, times_s: Floats) -> Floats:
-        """Sense of the last motion, (n, n_joints): -1, +1, or 0 before any."""
+        """Return signs of the last motion, (n, n_joints): -1, +1, or 0 before any."""
         piece, u, lengths_s = self._places(times_s)
         speeds = self._rates(piece, u) / lengths_s
         moving = np.abs(speeds) > STANDING_RAD_S
@@ -57,12 +56,12 @@ class Trajectory:
 
     @property
     def last_senses(self) -> Floats:
-        """The sense of the joints' (n_joints,) last motion."""
+        """Signs of the joints' last motion, (n_joints,)."""
         last: Floats = self._senses[-1]
         return last
 
     def _left_senses(self) -> Floats:
-        """Sense of the last motion before each piece, and at the end."""
+        """Return signs of the last motion before each piece, and at the end."""
         n_pieces, _, n_joints = self.coefficients.shape
         u = np.full((n_pieces, 1), NEARLY_OVER)
         rates = self._rates(np.arange(n_pieces), u) / np.diff(self.breaks_s)[:, None]
@@ -73,7 +72,7 @@ class Trajectory:
         return senses
 
     def _rates(self, piece: Indices, u: Floats) -> Floats:
-        """Derivatives by u, (n, n_joints)."""
+        """Return derivatives by u, (n, n_joints)."""
         terms = self.coefficients[piece]
         rates = 5.0 * terms[:, 5]
         for power in (4, 3, 2, 1):
@@ -81,7 +80,7 @@ class Trajectory:
         return rates
 
     def _places(self, times_s: Floats) -> tuple[Indices, Floats, Floats]:
-        """Pieces (n,), where in them (n, 1) and how long they are (n, 1)."""
+        """Return pieces (n,), positions in them (n, 1) and their durations (n, 1)."""
         clipped_s = np.clip(times_s, 0.0, self.breaks_s[-1])
         piece = np.searchsorted(self.breaks_s, clipped_s, side="right") - 1
         piece = np.clip(piece, 0, len(self.coefficients) - 1)
@@ -91,7 +90,7 @@ class Trajectory:
 
 
 def rest_pieces(posture_rad: Floats) -> Floats:
-    """One piece (1, 6, n_joints) in which nothing moves."""
+    """Return a piece (1, 6, n_joints) at rest."""
     pieces = np.zeros((1, 6, len(posture_rad)))
     pieces[0, 0] = posture_rad
     return pieces
@@ -109,9 +108,9 @@ def move_pieces(start_rad: Floats, end_rad: Floats) -> Floats:
 def spline_pieces(times_s: Floats, postures_rad: Floats) -> Floats:
     """Pass through postures at given times, at rest at both ends.
 
-    A cubic spline: the unknown velocities m at the knots make accelerations
-    continuous, m_(i-1)/h_(i-1) + 2 m_i (1/h_(i-1) + 1/h_i) + m_(i+1)/h_i =
-    3 (s_(i-1)/h_(i-1) + s_i/h_i), with s the slopes of the chords.
+    A cubic spline: the unknown velocities m at the knots make accelerations continuous,
+    m_(i-1)/h_(i-1) + 2 m_i (1/h_(i-1) + 1/h_i) + m_(i+1)/h_i = 3 (s_(i-1)/h_(i-1) +
+    s_i/h_i), with s the slopes of the chords.
 
     Args:
         times_s: (n,), n >= 2, increasing.

@@ -16,11 +16,11 @@ class EncoderSet:
     """The encoders on one board, by channel.
 
     Attributes:
-        joints: (n_channels,) number of the joint on each channel, from 0.
+        joints: (n_channels,) joint on each channel, from 0.
         counts_per_turn: (n_channels,)
         signs: (n_channels,) +1 or -1.
         moduli: (n_channels,) counts at which the encoders wrap.
-        noise_rad: Standard deviation of a reading.
+        noise_rad: standard deviation of a reading.
     """
 
     joints: Integers
@@ -32,8 +32,7 @@ class EncoderSet:
     def counts(self, readings_rad: Floats, noise: np.random.Generator) -> Integers:
         """Quantise readings (n, n_joints) to counts (n, n_channels) below the moduli.
 
-        The generator is drawn from row by row, so that cutting a stream into blocks
-        in another way changes nothing.
+        Noise is drawn row by row, so that cutting a stream into blocks changes nothing.
         """
         seen_rad = readings_rad[:, self.joints]
         if self.noise_rad > 0.0:
@@ -55,11 +54,11 @@ class TrueArm:
     """A virtual arm.
 
     Attributes:
-        mechanism: Its base posture.
+        mechanism: in the base posture.
         zeros_rad: (n_joints,) readings in the base posture.
         gearing: (n_joints, n_joints) turns of the hinges by those of the encoders.
-        radius_mm: Of the probe's ball.
-        switching: The probe has a switch.
+        radius_mm: of the ball.
+        switching: the probe has a switch.
     """
 
     mechanism: Mechanism
@@ -101,7 +100,7 @@ def true_arm(arm: Arm, deviations: Deviations, seed: int) -> TrueArm:
 
 
 def gearing_of(arm: Arm) -> Floats:
-    """How the encoders' turns make those of the hinges, (n_joints, n_joints)."""
+    """Return the hinges' turns by the encoders' turns, (n_joints, n_joints)."""
     gearing = np.eye(len(arm.joints))
     for row, joint in zip(gearing, arm.joints, strict=True):
         row[[other.name == joint.coupled_to for other in arm.joints]] = joint.ratio

@@ -1,4 +1,4 @@
-"""Makes a campaign folder.
+"""Make a campaign folder.
 
 `python -m traverse.simulator.campaigns SPEC.toml --out DIR`
 """
@@ -16,7 +16,6 @@ from traverse.strict_toml.reader import read_strict
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status."""
     return run_command(
         "python -m traverse.simulator.campaigns",
         "Make a simulated identification campaign: campaign.toml and "

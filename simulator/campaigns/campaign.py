@@ -1,4 +1,4 @@
-"""A simulated campaign in memory, and the truth beside it."""
+"""A simulated campaign in memory, and its truth."""
 
 from dataclasses import dataclass, fields
 from typing import Any, Literal
@@ -39,27 +39,27 @@ class StatedArtefact:
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """Contents of the files of a campaign, column by column; arrays are read-only.
+    """Contents of the files of a campaign, by column; arrays are read-only.
 
     Attributes:
-        joints: Names, from the base outwards.
-        artefacts: As stated.
-        encoder_rad: A-priori standard deviation; None if the campaign states none.
-        contact_mm: Likewise.
-        orientation_rad: Likewise; None also without orientations.
+        joints: names, from the base outwards.
+        artefacts: as stated.
+        encoder_rad: a-priori standard deviation, or None.
+        contact_mm: a-priori standard deviation, or None.
+        orientation_rad: a-priori standard deviation, or None.
         start_utc: ISO 8601, or None.
         time_s: (n,)
         artefact: (n,) ids.
-        feature: (n,) names, empty where there is only one.
+        feature: (n,) names, empty if there is only one.
         readings_rad: (n, n_joints)
         temperature_c: (n,), None if there is no such column; likewise the others.
         approach: (n, n_joints) -1 or +1.
         speed_rad_s: (n, n_joints)
         direction: (n, 3) unit vectors; rows of NaN where empty.
         force_n: (n,)
-        length_mm: (n,) as draw wires read it; NaN where there is none.
-        orientation: (n, 4) unit quaternions w, x, y, z of the instrument's probe in the
-            artefact's system; rows of NaN where there is none.
+        length_mm: (n,) readings of draw wires; NaN for other artefacts.
+        orientation: (n, 4) unit quaternions w, x, y, z of the instrument's probe in
+            the artefact's system; rows of NaN where not measured.
     """
 
     joints: tuple[str, ...]
@@ -85,21 +85,20 @@ class Campaign:
 
     @property
     def n_poses(self) -> int:
-        """Number of rows."""
         return len(self.time_s)
 
 
 @dataclass(frozen=True, slots=True)
 class Blunder:
-    """A spoilt pose.
+    """A blunder in one pose.
 
     Attributes:
-        row: Of the arrays, from 0; its line in poses.csv is row + 2.
-        kind: What happened.
-        size: How far the contact was displaced (mm), the encoder jumped or the
-            orientation is off (rad); NaN for a wrong label.
-        unit: Of the size.
-        what: The joint that jumped, or artefact/feature that were really touched.
+        row: of the arrays, from 0; its line in poses.csv is row + 2.
+        kind: of blunder.
+        size: displacement (mm), jump of the encoder or error of orientation (rad);
+            NaN for a wrong label.
+        unit: of the size.
+        what: the joint that jumped, or artefact/feature that were really touched.
     """
 
     row: int
@@ -110,7 +109,6 @@ class Blunder:
 
     @property
     def line(self) -> int:
-        """Its line in poses.csv."""
         return self.row + FIRST_LINE
 
 
@@ -119,20 +117,20 @@ class Truth:
     """True values that the campaign does not state; arrays are read-only.
 
     Attributes:
-        arm: The true arm.
-        artefacts: Their true places.
+        arm: the true arm.
+        artefacts: with their true places.
         turns_rad: (n, n_joints) true turns from the base posture at the contact.
-        contacts_mm: (n, 3) where the centre of a ball of the arm file's radius was, or
-            would have been, on a stiff stylus: what corrected readings should give.
+        contacts_mm: (n, 3) centre of a ball of the arm file's radius, on a stiff
+            stylus: the right result of corrected readings.
         contact_noise_mm: (n, 3) displacement of the ball from the exact contact,
             blunders included.
-        encoder_noise_rad: (n, n_joints) what was added to the true readings before
-            they were rounded, blunders included.
-        blunders: In the order of rows.
-        effects: That were played, with vectors that suit the true axes.
-        faults: Further ones, which no arm file can name.
+        encoder_noise_rad: (n, n_joints) added to the true readings before rounding,
+            blunders included.
+        blunders: in the order of rows.
+        effects: played ones, with vectors for the true axes.
+        faults: further ones, which no arm file can name.
         mounting: (3, 3) its columns are the axes of the instrument's probe in the last
-            body, written in the base posture; None without orientations.
+            body, in the base posture; None without orientations.
     """
 
     arm: TrueArm
@@ -150,9 +148,9 @@ class Truth:
         _freeze(self)
 
     def centres_mm(self, readings_rad: Floats) -> Floats:
-        """Where the ball (n, 3) truly is at readings (n, n_joints) without effects.
+        """Return true ball centres (n, 3) at readings (n, n_joints) without effects.
 
-        Distances between them do not depend on any datum or base posture.
+        Distances between them do not depend on datum or base posture.
         """
         turns_rad = (readings_rad - self.arm.zeros_rad) @ self.arm.gearing.T
         return probe_pose(self.arm.mechanism, turns_rad)[0]

@@ -1,4 +1,4 @@
-"""Common parts of the two commands that make campaigns: words, refusals, status."""
+"""Common parts of the commands that make campaigns."""
 
 import argparse
 import sys
@@ -23,7 +23,7 @@ def run_command(
     make: Callable[[Path, Arm, File, int], Sequence[str]],
     arguments: Sequence[str] | None,
 ) -> int:
-    """Run one; its exit status: 0 made, 2 the specification was refused.
+    """Run a command; return 0, or 2 if the specification was refused.
 
     ``make`` gets the folder, the arm, the specification and the seed, and returns a
     summary.

@@ -1,4 +1,4 @@
-"""Random numbers for every purpose; time, warmth, speed and force of contacts."""
+"""Random numbers by purpose; time, temperature, speed and force of contacts."""
 
 from typing import Literal
 
@@ -28,9 +28,9 @@ _TAGS: dict[Purpose, int] = {
 
 
 def stream(seed: int, purpose: Purpose) -> np.random.Generator:
-    """Random numbers that no other purpose of the same seed shares.
+    """Return a generator for one purpose of a seed.
 
-    So that, say, more blunders leave every other drawn value as it was.
+    More blunders, say, leave every other drawn value as it was.
     """
     return np.random.default_rng([seed, _TAGS[purpose]])
 
@@ -51,10 +51,10 @@ def temperatures_c(
 def drawn_conditions(
     table: ConditionTable, n_poses: int, n_joints: int, rng: np.random.Generator
 ) -> Surroundings:
-    """Draw the conditions of contacts in the order of time, with unknown directions.
+    """Draw conditions of contacts in the order of time, with unknown directions.
 
-    The sense of the last motion is drawn, too: the last motion before a contact is a
-    small one of the hand, whichever way the arm came. The speeds are in that sense.
+    The direction of the last motion is drawn: it is a small one of the hand, however
+    the arm came. Speeds have its sign.
     """
     gaps_s = table.interval_s * rng.uniform(1.0 - JITTER, 1.0 + JITTER, n_poses)
     time_s = np.cumsum(gaps_s) - gaps_s[0]

@@ -1,4 +1,4 @@
-"""Draws noise for a set of poses: the campaign as its files have it, and the truth."""
+"""Noise of a set of poses: the campaign as in its files, and the truth."""
 
 import numpy as np
 
@@ -29,7 +29,6 @@ from traverse.simulator.effects.posture import tilt_matrices
 
 
 def simulate_campaign(arm: Arm, spec: CampaignSpec, seed: int) -> SimulatedCampaign:
-    """Draw a whole campaign from one seed."""
     return draw_noise(make_poses(arm, spec, seed), seed)
 
 
@@ -38,9 +37,8 @@ def draw_noise(
 ) -> SimulatedCampaign:
     """Draw the errors of readings, contacts and certificates.
 
-    The true lengths of standards are those of the specification, and what the
-    campaign states is off by their standard deviations: so the same poses serve
-    for any number of draws.
+    The true lengths of standards are those of the specification; the campaign states
+    them with errors, so that the same poses serve for any number of draws.
 
     Equal seeds give equal errors; ``noise`` replaces that of the specification.
     """
@@ -108,9 +106,9 @@ def draw_noise(
 
 
 def _read_lengths(poses: PoseSet) -> Floats | None:
-    """The lengths that draw wires read, (n,).
+    """Return the lengths that draw wires read, (n,), without contact noise.
 
-    Of the contact without its noise: the ball that is off by it makes the length wrong.
+    A contact displaced by its noise makes the length wrong.
     """
     lengths_mm = np.full(poses.n_poses, np.nan)
     for index, placed in enumerate(poses.artefacts):
@@ -129,10 +127,10 @@ def _measured_orientations(
     off_rad: Floats,
     rng: np.random.Generator,
 ) -> tuple[Floats, Floats] | tuple[None, None]:
-    """How the instrument's probe is mounted, (3, 3), and what is measured, (n, 4).
+    """Return the probe's mounting (3, 3), and measured orientations (n, 4).
 
-    The axes of the system that points are stated in are those of the instrument. Errors
-    turn the probe about its own axes, beside others, (n, 3).
+    The axes of the system of stated points are those of the instrument. Errors turn the
+    probe about its own axes, beside others, (n, 3).
     """
     measured = oriented_poses(poses)
     if not np.any(measured):
@@ -156,10 +154,10 @@ def _measured_orientations(
 
 
 def _quaternion(rotation: Floats) -> Floats:
-    """The unit quaternion (4,) of a rotation (3, 3), of either sign.
+    """Return a unit quaternion (4,) of a rotation (3, 3), of either sign.
 
-    The eigenvector of the largest eigenvalue, 1, of a matrix of sums and differences
-    of its entries (Bar-Itzhack).
+    The eigenvector of the largest eigenvalue, 1, of a matrix of sums and differences of
+    its entries (Bar-Itzhack).
     """
     (a, b, c), (d, e, f), (g, h, i) = rotation
     sums = [
@@ -173,7 +171,7 @@ def _quaternion(rotation: Floats) -> Floats:
 
 
 def _whole_counts(readings_rad: Floats, arm: Arm) -> Floats:
-    """Readings (n, n_joints) as encoders give them."""
+    """Round readings (n, n_joints) to the encoders' counts."""
     per_turn = [joint.encoder.counts_per_turn for joint in arm.joints if joint.encoder]
     steps_rad = 2.0 * np.pi / np.array(per_turn, dtype=np.float64)
     rounded: Floats = np.rint(readings_rad / steps_rad) * steps_rad
@@ -181,7 +179,7 @@ def _whole_counts(readings_rad: Floats, arm: Arm) -> Floats:
 
 
 def _stated_stds(noise: NoiseTable, n_joints: int) -> tuple[float | None, float | None]:
-    """The stated noise; one number for all encoders."""
+    """Return the stated noise; one number for all encoders."""
     if not noise.stated:
         return None, None
     mean_rad = noise.encoder_rad
@@ -191,7 +189,6 @@ def _stated_stds(noise: NoiseTable, n_joints: int) -> tuple[float | None, float 
 
 
 def _stated_artefacts(poses: PoseSet, seed: int) -> tuple[StatedArtefact, ...]:
-    """The stated artefacts."""
     rng = stream(seed, "certificates")
     stated = []
     for placed in poses.artefacts:
@@ -205,7 +202,7 @@ def _stated_artefacts(poses: PoseSet, seed: int) -> tuple[StatedArtefact, ...]:
 
 
 def _divided(table: Table, factor: float) -> Table:
-    """The statement of a standard that is longer than stated."""
+    """Return the statement of a standard that is longer than stated."""
     divided = dict(table)
     if "distance_mm" in table:
         divided["distance_mm"] = table["distance_mm"] / factor
@@ -222,7 +219,7 @@ def _divided(table: Table, factor: float) -> Table:
 
 
 def _stated_directions(towards: Floats, noise: NoiseTable, seed: int) -> Floats:
-    """Unit vectors (n, 3) off by a small turn; NaN where there are none."""
+    """Turn unit vectors (n, 3) a little; NaN where there are none."""
     errors = stream(seed, "directions").standard_normal(towards.shape)
     across = noise.direction_rad * np.cross(errors, towards)
     leaning = towards + across

@@ -1,7 +1,4 @@
-"""Random errors of readings and contacts, white or serially correlated, and blunders.
-
-Spoilt poses: displaced contacts, encoders that jumped, wrong labels.
-"""
+"""Errors of readings and contacts, white or serially correlated, and blunders."""
 
 from dataclasses import dataclass
 
@@ -20,10 +17,10 @@ LEAST_LEVER = 0.3  # of the longest: a joint that jumps must be felt at the cont
 
 @dataclass(frozen=True, slots=True)
 class PosesWithOutliers:
-    """Poses after the blunders.
+    """Poses with blunders.
 
     Attributes:
-        blunders: In the order of rows.
+        blunders: in the order of rows.
         shifts_mm: (n, 3) of the contact.
         jumps_rad: (n, n_joints) of the readings.
         turns_rad: (n, 3) of the measured orientations.
@@ -42,10 +39,10 @@ class PosesWithOutliers:
 def spoilt_poses(
     poses: PoseSet, noise: NoiseTable, rng: np.random.Generator
 ) -> PosesWithOutliers:
-    """Draw blunders; a share of 0 leaves everything right.
+    """Draw blunders, in a share of the poses.
 
     The size is in standard deviations of the misclosure along the normal, in a seat
-    along the direction that is disturbed: sqrt(contact^2 + |d' J stds|^2), with J the
+    along the disturbed direction: sqrt(contact^2 + |d' J stds|^2), with J the
     derivative of the ball's centre by the readings.
     """
     artefact, feature = _labels(poses)
@@ -92,7 +89,7 @@ def spoilt_poses(
 
 
 def oriented_poses(poses: PoseSet) -> NDArray[np.bool_]:
-    """Whose orientation is measured, (n,)."""
+    """Return which orientations are measured, (n,)."""
     measured = [
         isinstance(placed.artefact, Points) and placed.artefact.orientations
         for placed in poses.artefacts
@@ -101,7 +98,7 @@ def oriented_poses(poses: PoseSet) -> NDArray[np.bool_]:
 
 
 def _labels(poses: PoseSet) -> tuple[Names, Names]:
-    """Right ids (n,) and feature names (n,)."""
+    """Return right ids (n,) and feature names (n,)."""
     ids = np.array([placed.artefact.id for placed in poses.artefacts])
     longest = max(
         len(name) for placed in poses.artefacts for name in placed.artefact.features
@@ -115,10 +112,10 @@ def _labels(poses: PoseSet) -> tuple[Names, Names]:
 
 
 def _confusable(poses: PoseSet) -> list[list[tuple[int, int]]]:
-    """By artefact, the (artefact, feature) with which one of its own may be confused.
+    """Return by artefact the (artefact, feature) that may be mistaken for it.
 
-    Another feature of the same artefact or, where it has one only, another artefact
-    of the same kind.
+    Another feature of the same artefact or, if it has only one, another artefact of the
+    same kind.
     """
     kinds = [placed.artefact.kind for placed in poses.artefacts]
     others = []
@@ -135,7 +132,7 @@ def _confusable(poses: PoseSet) -> list[list[tuple[int, int]]]:
 def _spoilable(
     poses: PoseSet, noise: NoiseTable, others: list[list[tuple[int, int]]]
 ) -> Indices:
-    """Rows that one of the kinds of blunder can befall."""
+    """Return rows in which a kind of blunder is possible."""
     confusable = np.array([bool(labels) for labels in others])
     which = {
         "label": confusable[poses.artefact_index],
@@ -152,7 +149,7 @@ def _mistaken(
     others: list[list[tuple[int, int]]],
     rng: np.random.Generator,
 ) -> tuple[str, str]:
-    """A wrong id and feature name for a row."""
+    """Draw a wrong id and feature name for a row."""
     right = (int(poses.artefact_index[row]), int(poses.feature_index[row]))
     wrong = [labels for labels in others[right[0]] if labels != right]
     number, feature = wrong[int(rng.integers(len(wrong)))]
@@ -173,7 +170,7 @@ class _Disturbance:
         self._sigma = noise.blunder_sigma
 
     def shift_mm(self, rng: np.random.Generator) -> Floats:
-        """A displacement (3,) along the normal, either way, or in any direction."""
+        """Draw a displacement (3,) along the normal, or in a seat in any direction."""
         direction = rng.standard_normal(3)
         if not np.isnan(self._towards[0]):
             direction = np.sign(direction[0]) * self._towards
@@ -182,7 +179,6 @@ class _Disturbance:
         return shift
 
     def jump(self, rng: np.random.Generator) -> tuple[int, float]:
-        """A joint and how far its reading jumps."""
         seated = np.isnan(self._towards[0])
         levers_mm = (
             np.linalg.norm(self._levers_mm, axis=0)
@@ -202,20 +198,20 @@ class _Disturbance:
         return joint, size_rad * float(rng.choice((-1.0, 1.0)))
 
     def _std_mm(self, direction: Floats) -> float:
-        """Standard deviation of the misclosure along a direction (3,)."""
+        """Return the standard deviation of the misclosure along a direction (3,)."""
         by_joint_mm = (direction @ self._levers_mm) * self._stds_rad
         return float(np.hypot(self._contact_mm, np.linalg.norm(by_joint_mm)))
 
 
 def encoder_stds(noise: NoiseTable, n_joints: int) -> Floats:
-    """Standard deviations (n_joints,) [rad]."""
+    """Return standard deviations (n_joints,) [rad]."""
     if noise.encoders_rad is None:
         return np.full(n_joints, noise.encoder_rad)
     return np.array(noise.encoders_rad, dtype=np.float64)
 
 
 def contact_stds(noise: NoiseTable, poses: PoseSet) -> Floats:
-    """Standard deviations (n,) [mm]; an artefact may have its own."""
+    """Return standard deviations (n,) [mm]; an artefact may have its own."""
     contact_stds_mm = [placed.artefact.contact_mm for placed in poses.artefacts]
     stds_mm = np.array(
         [noise.contact_mm if std is None else std for std in contact_stds_mm]
@@ -226,7 +222,7 @@ def contact_stds(noise: NoiseTable, poses: PoseSet) -> Floats:
 def serial_noise(
     rng: np.random.Generator, n_rows: int, n_columns: int, noise: NoiseTable
 ) -> Floats:
-    """Standard normal numbers (n_rows, n_columns), partly correlated along rows.
+    """Draw standard normal numbers (n_rows, n_columns), partly correlated along rows.
 
     sqrt(1 - share) white + sqrt(share) e with e_i = phi e_(i-1) + sqrt(1 - phi^2) w_i.
     """
@@ -243,7 +239,7 @@ def serial_noise(
 
 
 def contact_shifts(towards: Floats, standard: Floats) -> Floats:
-    """Displacements (n, 3): along the normal, in a seat in all directions.
+    """Return displacements (n, 3): along the normal, in a seat in all directions.
 
     Of (n, 3) standard normal numbers the first serves along the normal.
     """

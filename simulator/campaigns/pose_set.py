@@ -1,4 +1,4 @@
-"""A set of contacts: one posture each, with all that surrounds it and all effects."""
+"""A set of contacts with postures, conditions and effects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ class PlacedArtefact:
     placement: Placement
 
     def true_table(self) -> dict[str, Any]:
-        """Its true values at 20 C, in the arm's system."""
+        """Return its true values at 20 C, in the arm's system."""
         names = {"id": self.artefact.id, "kind": self.artefact.kind}
         return {**names, **self.artefact.true_table(self.placement)}
 
@@ -40,21 +40,20 @@ class PoseSet:
     """Contacts in the order of time; any number of noises can be drawn for them.
 
     Attributes:
-        spec: The specification.
-        arm: The arm file.
-        truth: The geometry as it is.
+        spec: the specification.
+        arm: the arm file.
+        truth: the true geometry.
         limits_rad: (n_joints, 2) of the turns.
-        artefacts: With their places.
-        artefact_index: (n,) which of them is touched.
-        feature_index: (n,) which part of it.
+        artefacts: with their places.
+        artefact_index: (n,) touched artefact.
+        feature_index: (n,) touched feature.
         contacts_mm: (n, 3) centre of a ball of the arm file's radius that touches.
-        rigid_turns_rad: (n, n_joints) from the base posture, with which an arm
-            without effects touches.
-        turns_rad: (n, n_joints) with which the arm as it is touches.
-        around: Conditions of every contact, and directions towards the material.
-        effects: Of the arm as it is, and of standards.
-        faults: What else is wrong with it, which no arm file can name.
-        faulty: The arm as it is.
+        rigid_turns_rad: (n, n_joints) from the base posture, of an arm without effects.
+        turns_rad: (n, n_joints) of the arm with effects.
+        around: conditions of every contact, and directions towards the material.
+        effects: of the true arm, and of standards.
+        faults: of the true arm, which no arm file can name.
+        faulty: the true arm with both.
     """
 
     spec: CampaignSpec
@@ -74,7 +73,6 @@ class PoseSet:
 
     @property
     def n_poses(self) -> int:
-        """Number of contacts."""
         return len(self.turns_rad)
 
     @property
@@ -83,7 +81,7 @@ class PoseSet:
         return self.faulty.readings_rad(self.turns_rad, self.around)
 
     def length_error(self, artefact: str) -> float:
-        """By how much of its certified length a standard is longer."""
+        """Return by how much of its certified length a standard is longer."""
         errors_ppm = [
             float(effect.values["error_ppm"])
             for effect in self.effects
@@ -94,7 +92,7 @@ class PoseSet:
 
 
 def rigid_fields(arm: Arm, truth: TrueArm, turns_rad: Floats) -> dict[str, Any]:
-    """Fields of a set without effects, of an arm at turns (n, n_joints)."""
+    """Return fields of a set without effects, of an arm at turns (n, n_joints)."""
     return {
         "arm": arm,
         "truth": truth,
@@ -109,17 +107,16 @@ def rigid_fields(arm: Arm, truth: TrueArm, turns_rad: Floats) -> dict[str, Any]:
 def with_effects(
     poses: PoseSet, effects: Sequence[Effect], faults: Sequence[Fault] = ()
 ) -> PoseSet:
-    """Touch the same spots with other effects, instead of those that were there.
+    """Touch the same spots with other effects.
 
-    Artefacts, contacts and conditions stay. The joints give way as little as they can,
-    so that the ball of the arm as it then is touches. Vectors of wobble and runout are
-    turned onto the true axes; the effects of the result are those.
+    Artefacts, contacts and conditions stay; the joints move as little as possible.
+    Vectors of wobble and runout are turned onto the true axes.
 
     ``faults`` may be some that no arm file can name.
 
     Raises:
-        FileError: Naming all effects that cannot be played.
-        MissedContactError: Effects so large that the ball does not reach its spots.
+        FileError: lists all effects that cannot be played.
+        MissedContactError: effects so large that the ball does not reach its spots.
     """
     _refuse_without_time(poses, effects)
     truth, around = poses.truth, poses.around

@@ -1,4 +1,4 @@
-"""Contacts as they truly are, before any noise."""
+"""Contacts before any noise."""
 
 from dataclasses import dataclass, replace
 
@@ -43,9 +43,9 @@ def make_poses(
     ``truth`` is not drawn.
 
     Raises:
-        FileError: Everything in the specification that does not fit the arm, or all
-            effects of the arm that cannot be played.
-        UnreachableError: What the arm cannot reach.
+        FileError: lists everything in the specification that does not fit the arm, or
+            all effects that cannot be played.
+        UnreachableError: something cannot be reached.
     """
     refuse_misfits(spec, arm)
     if truth is None:
@@ -79,7 +79,7 @@ def make_poses(
 
 
 def _touched(artefacts: tuple[Artefact, ...], n_visits: int) -> tuple[Indices, Indices]:
-    """The order of artefacts and features (n,): the round is made n times."""
+    """Return the order of artefacts and features (n,) in n_visits rounds."""
     counts = np.array([artefact.n_poses for artefact in artefacts])
     visits = []
     for visit in range(n_visits):
@@ -95,7 +95,7 @@ def _touched(artefacts: tuple[Artefact, ...], n_visits: int) -> tuple[Indices, I
 
 @dataclass(frozen=True, slots=True)
 class _Touching:
-    """All that decides where the ball is, but for the spot that is touched."""
+    """Draws contacts and their postures."""
 
     artefacts: tuple[PlacedArtefact, ...]
     artefact_index: Indices
@@ -106,7 +106,7 @@ class _Touching:
     def postures(
         self, workspace: Workspace, rng: np.random.Generator
     ) -> tuple[Floats, Floats]:
-        """Turns (n, n_joints) and directions towards the material (n, 3)."""
+        """Return turns (n, n_joints) and directions towards the material (n, 3)."""
         n_poses = len(self.artefact_index)
         turns_rad = np.empty((n_poses, self.truth.mechanism.n_joints))
         towards = np.empty((n_poses, 3))
@@ -140,7 +140,6 @@ class _Touching:
         return Contacts(centres_mm, towards)
 
     def _missed(self, rows: Indices) -> str:
-        """Report what could not be touched."""
         lines = []
         for number, placed in enumerate(self.artefacts):
             count = int(np.sum(self.artefact_index[rows] == number))

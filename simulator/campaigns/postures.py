@@ -1,8 +1,8 @@
-"""Joint limits, and postures within them that put the ball where it should be.
+"""Joint limits, and postures within them that put the ball in given places.
 
-Newton's method on the true geometry, damped while far away, each target from a random
-start of its own, the nearest of a few: what a redundant arm leaves free stays as drawn,
-so that postures vary.
+Newton's method on the true geometry, damped while far away, each target from the
+nearest of a few random starts: the free joints of a redundant arm stay as drawn, so
+that postures vary.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ ALONG = 0.7  # cosine from which on a joint turns about the element that it carr
 
 
 def travel_limits(mechanism: Mechanism, travel: str) -> Floats:
-    """Least and largest turns (n_joints, 2) by the name of a travel.
+    """Return least and largest turns (n_joints, 2) by the name of a travel.
 
     A roll turns about the element that it carries, a hinge folds it.
     """
@@ -57,10 +57,10 @@ LEAST_DAMPING_MM = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Workspace:
-    """What an arm reaches within the limits of its joints.
+    """Reach of an arm within its joint limits.
 
     Attributes:
-        mechanism: True geometry.
+        mechanism: true geometry.
         limits_rad: (n_joints, 2) least and largest turn from the base posture.
     """
 
@@ -74,12 +74,12 @@ class Workspace:
 
         Args:
             targets_mm: (n, 3) for the ball's centre.
-            rng: Draws the starts.
-            n_rounds: How often an unreached target is tried from a new start.
+            rng: draws the starts.
+            n_rounds: starts for each target.
 
         Returns:
-            Turns (n, n_joints) and whether each target was reached: within the
-            tolerance and within the limits.
+            Turns (n, n_joints) and whether each target was reached within tolerance and
+            limits.
         """
         n_targets = len(targets_mm)
         turns_rad = np.zeros((n_targets, self.mechanism.n_joints))
@@ -98,14 +98,14 @@ class Workspace:
         return turns_rad, reached
 
     def drawn_turns(self, n_poses: int, rng: np.random.Generator) -> Floats:
-        """Turns (n_poses, n_joints), uniform within the limits."""
+        """Draw turns (n_poses, n_joints), uniform within the limits."""
         low, high = self.limits_rad.T
         return rng.uniform(low, high, (n_poses, len(self.limits_rad)))
 
     def _near_turns(
         self, targets_mm: Floats, n_choices: int, rng: np.random.Generator
     ) -> Floats:
-        """Of a few random turns a target (n, 3), those that put the ball nearest."""
+        """Return, of a few random turns for each target (n, 3), the nearest."""
         n_targets = len(targets_mm)
         turns_rad = self.drawn_turns(max(n_targets, n_choices), rng)
         centres_mm, _ = probe_pose(self.mechanism, turns_rad)
@@ -118,7 +118,7 @@ class Workspace:
     def _solved(
         self, targets_mm: Floats, starts_rad: Floats
     ) -> tuple[Floats, Booleans]:
-        """Go from starts (n, n_joints) to targets (n, 3); who arrives, leaves."""
+        """Solve for targets (n, 3) from starts (n, n_joints)."""
         low, high = self.limits_rad.T
         turns_rad = starts_rad
         good = np.zeros(len(targets_mm), dtype=bool)
@@ -149,7 +149,7 @@ def workspace_of(
     travel: str,
     limits_rad: Sequence[tuple[float, float]] | None = None,
 ) -> Workspace:
-    """Take given limits, or those of the name of a travel."""
+    """Use given limits, or those of a named travel."""
     if limits_rad is None:
         return Workspace(mechanism, travel_limits(mechanism, travel))
     return Workspace(mechanism, np.array(limits_rad, dtype=np.float64))

@@ -1,4 +1,4 @@
-"""Whether artefacts fit the arm, and places where it reaches them."""
+"""Check that artefacts fit the arm, and find places within its reach."""
 
 from collections.abc import Iterator, Sequence
 
@@ -25,7 +25,7 @@ N_LOOKS = 1000  # postures that determine the width of the working volume
 def spec_artefacts(
     spec: CampaignSpec, workspace: Workspace, seed: int
 ) -> tuple[Artefact, ...]:
-    """The artefacts of a specification that fits, in sizes for the arm."""
+    """Return the artefacts of a specification, in sizes for the arm."""
     if spec.mix is None or spec.n_poses is None:
         return spec.artefacts
     width_mm = _width_mm(workspace, stream(seed, "sizes"))
@@ -33,9 +33,9 @@ def spec_artefacts(
 
 
 def _width_mm(workspace: Workspace, rng: np.random.Generator) -> float:
-    """How wide the working volume is: three sigma where it is thinnest.
+    """Return the width of the working volume: three sigma along its thinnest axis.
 
-    Never more than the stretched arm: wide volumes are hollow.
+    At most the stretched arm: wide volumes are hollow.
     """
     mechanism = workspace.mechanism
     places_mm, _ = probe_pose(mechanism, workspace.drawn_turns(N_LOOKS, rng))
@@ -46,10 +46,10 @@ def _width_mm(workspace: Workspace, rng: np.random.Generator) -> float:
 
 
 def refuse_misfits(spec: CampaignSpec, arm: Arm, *others: Problem) -> None:
-    """Refuse a specification that does not fit an arm, or has other problems.
+    """Refuse a specification that does not fit an arm.
 
     Raises:
-        FileError: With all of them, if there are any.
+        FileError: lists all problems.
     """
     if problems := [*_misfits(spec, arm), *others]:
         raise FileError("campaign specification", problems)
@@ -102,11 +102,11 @@ def place_artefacts(
 ) -> tuple[Placement, ...]:
     """Place artefacts, one after the other.
 
-    Of the sites that can be touched in varied postures, one far from the artefacts
-    that are placed already is taken, so that they spread over the working volume.
+    Of the sites that can be touched in varied postures, one far from the others is
+    taken, so that they spread over the working volume.
 
     Raises:
-        UnreachableError: One that fits nowhere, with the best that was found.
+        UnreachableError: one fits nowhere; states the best attempt.
     """
     placed: list[Placement] = []
     for artefact in artefacts:
@@ -154,7 +154,7 @@ def _site(
 def _trial_contacts(
     artefact: Artefact, ball_mm: float, rng: np.random.Generator
 ) -> Floats:
-    """Ball centres (n, 3) on all features, in the artefact's coordinates."""
+    """Return ball centres (n, 3) on all features, in the artefact's coordinates."""
     n_features = len(artefact.features)
     features = np.arange(max(N_CONTACTS, n_features)) % n_features
     growths = np.ones(len(features))
@@ -162,7 +162,7 @@ def _trial_contacts(
 
 
 def _distances_mm(at_mm: Floats, taken_mm: Floats) -> Floats:
-    """Distance (n,) of places (n, 3) from the nearest of others (m, 3); 1 if none."""
+    """Return distances (n,) of places (n, 3) to the nearest of (m, 3); 1 if none."""
     if len(taken_mm) == 0:
         return np.ones(len(at_mm))
     gaps_mm = np.linalg.norm(at_mm[:, None] - taken_mm, axis=2)

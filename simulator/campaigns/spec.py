@@ -29,9 +29,9 @@ Maker = Callable[[str, int, float], Artefact]  # id, poses, width [mm]
 
 
 def mix_artefacts(name: str, n_poses: int, width_mm: float) -> tuple[Artefact, ...]:
-    """Artefacts of a mix; the poses are dealt out evenly.
+    """Return the artefacts of a mix, a key of `MIXES`, with evenly shared poses.
 
-    The name is a key of `MIXES`; artefacts without poses are left out.
+    Artefacts without poses are left out.
     """
     makers = MIXES[name]
     share, rest = divmod(n_poses, len(makers))
@@ -45,7 +45,7 @@ def _maker(
     shares: Mapping[str, float] | None = None,
     **values: float | str,
 ) -> Maker:
-    """A maker of artefacts with lengths that are shares of the width."""
+    """Return a maker of artefacts with lengths that are shares of the width."""
 
     def make(name: str, n_poses: int, width_mm: float) -> Artefact:
         # Whole millimetres, as makers of standards like them.
@@ -132,21 +132,21 @@ class NoiseTable(StrictModel):
     """Errors between the truth and the file.
 
     Attributes:
-        encoder_rad: Standard deviation of every reading.
-        encoders_rad: One for each joint, instead.
-        contact_mm: Standard deviation of a contact along the normal; in three
-            directions where there is no normal.
-        serial_share: Part of the variance of both that is serially correlated.
-        serial_phi: Correlation of that part from one pose to the next.
-        quantised: Readings are whole counts of the arm file's encoders.
-        direction_rad: Error of a stated direction, in each of two directions across.
-        blunder_share: Part of the poses that are spoilt.
-        blunder_sigma: Size of a blunder, in standard deviations of the misclosure.
-        blunder_kinds: Those that may occur: the contact is displaced, an encoder has
+        encoder_rad: standard deviation of every reading.
+        encoders_rad: one for each joint, instead.
+        contact_mm: standard deviation of a contact along the normal; in three
+            directions in a seat.
+        serial_share: serially correlated part of the variance of both.
+        serial_phi: correlation of that part from one pose to the next.
+        quantised: readings are whole counts of the arm file's encoders.
+        direction_rad: error of a stated direction, in each of two directions across.
+        blunder_share: share of poses with blunders.
+        blunder_sigma: size of a blunder, in standard deviations of the misclosure.
+        blunder_kinds: possible ones: the contact is displaced, an encoder has
             jumped, the label is that of another feature, the orientation is off.
-        orientation_rad: Standard deviation of a measured orientation about each axis.
-        stated: The campaign states the standard deviations.
-        stated_factor: Stated over true noise.
+        orientation_rad: standard deviation of a measured orientation about each axis.
+        stated: the campaign states the standard deviations.
+        stated_factor: stated over true noise.
     """
 
     encoder_rad: float = Field(default=5e-6, ge=0.0)
@@ -179,19 +179,19 @@ class NoiseTable(StrictModel):
 
 
 class ConditionTable(StrictModel):
-    """Under what conditions it is measured.
+    """Conditions of measurement.
 
     Attributes:
-        interval_s: From pose to pose, on average.
-        visits: How often the operator returns to every artefact.
-        temperature_c: In the middle.
-        swing_c: Largest departure of the temperature from that, in a slow wave.
-        drift_c: By how much it also rises, evenly, from the first pose to the last.
-        speed_rad_s: Standard deviation of the joints' speeds at a contact.
-        force_n: Median contact force.
-        force_spread: Standard deviation of its logarithm.
-        columns: Optional columns that are written.
-        start_utc: When time_s is 0.
+        interval_s: mean interval between poses.
+        visits: how often the operator returns to every artefact.
+        temperature_c: mean.
+        swing_c: amplitude of a slow wave of the temperature.
+        drift_c: even rise from the first pose to the last.
+        speed_rad_s: standard deviation of the joints' speeds at a contact.
+        force_n: median contact force.
+        force_spread: standard deviation of its logarithm.
+        columns: optional columns that are written.
+        start_utc: when time_s is 0.
     """
 
     interval_s: float = Field(default=4.0, gt=0.0)
@@ -210,14 +210,14 @@ class CampaignSpec(StrictModel):
     """A campaign, but for its arm and its seed.
 
     Attributes:
-        mix: Name of a mix of artefacts, with `n_poses` for all of them.
-        n_poses: Of a mix.
-        artefacts: Instead of a mix.
-        deviations: Of the true arm from its file.
-        travel: Joint limits, about the base posture.
-        limits_rad: A pair [low, high] for each joint, instead.
-        noise: Between the truth and the file.
-        conditions: Under which it is measured.
+        mix: name of a mix of artefacts, with `n_poses` for all of them.
+        n_poses: of a mix.
+        artefacts: instead of a mix.
+        deviations: of the true arm from its file.
+        travel: joint limits, about the base posture.
+        limits_rad: a pair [low, high] for each joint, instead.
+        noise: between the truth and the file.
+        conditions: of measurement.
     """
 
     mix: str | None = None
@@ -250,7 +250,7 @@ class CampaignSpec(StrictModel):
 
 
 class CampaignFile(CampaignSpec):
-    """A whole file: also names the arm and the seed."""
+    """A whole file, with arm and seed."""
 
     schema_: Literal["traverse/simulated-campaign/1"] = Field(alias="schema")
     arm: str
@@ -258,7 +258,6 @@ class CampaignFile(CampaignSpec):
 
 
 def spec_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
-    """Find what is wrong between keys."""
     if ("mix" in raw) == bool(raw.get("artefacts")):
         mistake = "both are given" if "mix" in raw else "neither is given"
         yield Problem("mix", f"a mix or artefacts: {mistake}; give one of them")

@@ -1,4 +1,4 @@
-"""Writes a campaign as a folder, numbers bit for bit, and the truth beside it."""
+"""Writes a campaign as a folder, numbers to the bit, with its truth."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,8 +25,7 @@ MOST_POINTS = 100  # more coordinates than that get a CSV file of their own
 def write_campaign(folder: Path, simulated: SimulatedCampaign, arm: Arm) -> None:
     """Write campaign.toml and poses.csv, arm.toml, and a folder truth.
 
-    The arm file, to start an identification from, has no effects: others are to
-    find those of the truth.
+    The arm file, a start for identification, has no effects.
     """
     folder.mkdir(parents=True, exist_ok=True)
     campaign = simulated.campaign
@@ -50,10 +49,6 @@ def campaign_text(
     noise: Sequence[float | None],
     poses: str = "poses.csv",
 ) -> str:
-    """The text of campaign.toml.
-
-    The noise is of encoders [rad], contacts [mm] and, if any, orientations [rad].
-    """
     lines = ['schema = "traverse/campaign/1"', f'poses = "{poses}"']
     if start_utc is not None:
         lines.append(f"start_utc = {start_utc}")
@@ -82,7 +77,6 @@ def campaign_text(
 
 
 def pose_lines(campaign: Campaign) -> Iterator[str]:
-    """The lines of poses.csv."""
     columns = list(_columns(campaign))
     yield ",".join(name for names, _ in columns for name in names) + "\n"
     for first in range(0, campaign.n_poses, CHUNK):
@@ -115,10 +109,10 @@ def _columns(campaign: Campaign) -> Iterator[tuple[list[str], NDArray[Any]]]:
 
 
 def true_arm_file(arm: Arm, truth: TrueArm) -> Arm:
-    """An arm file with the true geometry in the place of the design's.
+    """Return an arm file with the true geometry.
 
-    Effects stay; their vectors are turned onto the true axes. The shank's direction
-    is stated, since the true last link does not determine it.
+    Effects stay; their vectors are turned onto the true axes. The shank's direction is
+    stated, since the true last link does not determine it.
     """
     mechanism = truth.mechanism
     vector_mm = np.array(arm.probe.vector_mm)
@@ -144,7 +138,7 @@ def true_arm_file(arm: Arm, truth: TrueArm) -> Arm:
 
 
 def _write_truth(folder: Path, truth: Truth, arm: Arm) -> None:
-    """Write what the campaign does not state."""
+    """Write the truth that the campaign does not state."""
     folder.mkdir(exist_ok=True)
     true = true_arm_file(arm, truth.arm)
     if truth.effects or arm.effects:

@@ -1,7 +1,7 @@
-"""Simulated devices, one file each; `kinds.py` is the table that names them.
+"""Simulated devices, one file each; `kinds.py` lists them.
 
 To add one: a child of `DeviceTable` (its keys), a class made as `Class(table,
 mounting)` that is a `SimulatedDevice`, a line in `kinds.py`. For a device on serial
-lines take `SerialTable` and `SerialDevice` and define what a byte means. Bytes are
-written from the protocol's facts and never with the code that will decode them.
+lines take `SerialTable` and `SerialDevice` and define the meaning of a byte. Bytes are
+written from the protocol's facts and never with the code that decodes them.
 """

@@ -22,10 +22,7 @@ MULTI_TURN = 1 << VALUE_BITS
 
 
 class Amt21Table(SerialTable):
-    """Encoders on an RS-485 line.
-
-    `encoder_turns` is 1, or 16384 for multi-turn encoders.
-    """
+    """Encoders on an RS-485 line; `encoder_turns` is 1, or 16384 for multi-turn."""
 
     FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"status"} | {"check"}
     MOST_CHANNELS: ClassVar[int] = 63
@@ -44,7 +41,7 @@ class Amt21Table(SerialTable):
     def channel_problems(
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
-        """Report what does not match the arm file's encoders on this line."""
+        """Report mismatches with the arm file's encoders on this line."""
         yield from self.number_problems("addresses", len(counts_per_turn))
         yield from self.bit_problems(self.bits, MULTI_TURN, counts_per_turn)
 
@@ -61,7 +58,7 @@ class SimulatedAmt21Line(SerialDevice):
         super().__init__(table, mounting, [table.port])
 
     def power_up(self, now_s: float) -> None:
-        """All encoders start."""
+        """Start all encoders."""
         self._ready_s = [now_s] * len(self._zeros)
         self._commanded: int | None = None
 
@@ -107,7 +104,7 @@ class SimulatedAmt21Line(SerialDevice):
 
 
 def _check_bits(value: int) -> int:
-    """K1 K0: each makes the number of ones among its bits odd."""
+    """Return K1 K0, which make the number of ones among their bits odd."""
     odd = sum(value >> bit & 1 for bit in range(1, VALUE_BITS, 2))
     even = sum(value >> bit & 1 for bit in range(0, VALUE_BITS, 2))
     return (odd + 1) % 2 << 1 | (even + 1) % 2

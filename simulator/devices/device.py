@@ -1,9 +1,9 @@
 """The interface between the simulator's loop and a device.
 
-Devices are made as `Class(table, mounting)`; an `OSError` from there is reported as a
-mistake of the device's table. Everything happens in one thread: the loop waits until
-a descriptor is ready or `next_due_s` is reached and then calls `live` of every device
-with the time of the simulation, which never runs backwards.
+Devices are made as `Class(table, mounting)`; an `OSError` is reported as a mistake of
+the device's table. Everything happens in one thread: the loop waits until a descriptor
+is ready or `next_due_s` is reached and then calls `live` of every device with the
+simulated time, which never runs backwards.
 """
 
 from abc import ABC, abstractmethod
@@ -27,16 +27,16 @@ class DeviceContext:
     """What a device receives besides its table.
 
     Attributes:
-        folder: Paths of its table are relative to it.
-        encoders: Wired to it, by channel.
-        source: Of their counts.
-        script: What happens to its inputs.
-        clock: When the script begins; a device calls `clock.begin(time_s)` with its
-            first reading.
-        faults: That concern it and that its kind plays.
-        seed: Of everything that this device draws.
-        notes: Of what it does.
-        climate: What its temperature sensors feel.
+        folder: base of relative paths in its table.
+        encoders: wired to it, by channel.
+        source: of their counts.
+        script: events of its inputs.
+        clock: of the script; a device calls `clock.begin(time_s)` with its first
+            reading.
+        faults: that concern it and that its kind plays.
+        seed: of everything that this device draws.
+        notes: log of events.
+        climate: of its temperature sensors.
     """
 
     folder: Path
@@ -51,21 +51,20 @@ class DeviceContext:
 
     @property
     def n_channels(self) -> int:
-        """How many encoders it has."""
         return len(self.encoders.joints)
 
     @property
     def line_faults(self) -> tuple[Fault, ...]:
-        """Those of the line and of the device itself."""
+        """Faults of the line and of the device itself."""
         return tuple(f for f in self.faults if not isinstance(f, EncoderFault))
 
     def wiring(
         self, inputs: Sequence[str], n_power_ups: int, from_s: float = 0.0
     ) -> Wiring:
-        """Wire the encoders and inputs up, anew at each power-up.
+        """Wire encoders and inputs up, at each power-up.
 
-        Each power-up, counted from 1, has noise of its own; changes before
-        ``from_s`` are not reported.
+        Each power-up, counted from 1, has noise of its own; changes before ``from_s``
+        are not reported.
         """
         return Wiring(
             self.source,
@@ -79,27 +78,26 @@ class DeviceContext:
         )
 
     def away(self, now_s: float) -> bool:
-        """Whether a fault "gone" has removed the device."""
+        """Return whether a fault "gone" has removed the device."""
         if self.clock.begin_s is None:
             return False
         return self.struck("gone", now_s)
 
     def struck(self, kind: str, at_s: float, channel: int | None = None) -> bool:
-        """Whether a fault of a kind lasts, for a channel or the device as a whole."""
         script_s = self.clock.script_s(at_s)
         return any(f.kind == kind and f.strikes(script_s, channel) for f in self.faults)
 
 
 class SimulatedDevice(ABC):
-    """A device of whatever kind, which faults take away and bring back.
+    """A device of any kind, which faults take away and bring back.
 
     Attributes:
-        id: Of its table.
-        where: Where hosts find it, printed in its line "ready <id> <where>".
-        mounting: What it is connected to.
-        disturbed: Plays the faults of its line.
-        wiring: Of its encoders and inputs since the last power-up.
-        n_power_ups: So often it was switched on.
+        id: of its table.
+        where: address for hosts, printed in its line "ready <id> <where>".
+        mounting: its connections.
+        disturbed: plays the faults of its line.
+        wiring: of its encoders and inputs since the last power-up.
+        n_power_ups: number of power-ups.
     """
 
     where: str
@@ -120,16 +118,16 @@ class SimulatedDevice(ABC):
     @property
     @abstractmethod
     def is_on(self) -> bool:
-        """It has power, and hosts find it."""
+        """Whether it has power, and hosts find it."""
 
     @property
     def streaming(self) -> bool:
-        """It sends samples by itself; fast time may run ahead."""
+        """Whether it sends samples by itself; fast time may run ahead."""
         return False
 
     @property
     def ahead(self) -> bool:
-        """The host is still busy with what it was sent; fast time waits."""
+        """Whether the host is still busy with earlier bytes; fast time waits."""
         return False
 
     @abstractmethod
@@ -138,31 +136,31 @@ class SimulatedDevice(ABC):
 
     @abstractmethod
     def next_due_s(self, block_s: float) -> float:
-        """When to call `live` next; samples of a stream may be gathered so long."""
+        """Return when to call `live` next, gathering samples for up to ``block_s``."""
 
     @abstractmethod
     def readers(self) -> list[int]:
-        """Descriptors to wait for until they can be read."""
+        """Return descriptors to wait for until readable."""
 
     @abstractmethod
     def writers(self) -> list[int]:
-        """Descriptors to wait for until they can be written."""
+        """Return descriptors to wait for until writable."""
 
     @abstractmethod
     def close(self) -> None:
-        """Take away what hosts find; may be called again."""
+        """Release the address; may be called again."""
 
     def switch_on(self, now_s: float) -> None:
-        """Get power; a child also makes what hosts find.
+        """Get power; a child also creates the address.
 
         Raises:
-            OSError: That cannot be made.
+            OSError: that cannot be made.
         """
         self.n_power_ups += 1
         self.wiring = self.mounting.wiring(self._inputs, self.n_power_ups, now_s)
 
     def is_there(self, now_s: float) -> bool:
-        """Disappear and return by the faults; whether it is there now."""
+        """Disappear and return by the faults; return whether it is there."""
         away = self.mounting.away(now_s)
         if away and self.is_on:
             self.close()
@@ -171,16 +169,16 @@ class SimulatedDevice(ABC):
         return not away
 
     def totals(self) -> dict[str, Any]:
-        """Final counters over all power-ups, for the last line of the truth log."""
+        """Return final counters over all power-ups, for the truth log."""
         counts = asdict(self.disturbed.counts)
         return {"power_ups": self.n_power_ups, "faults": counts}
 
 
 def make_device(table: DeviceTable, mounting: DeviceContext) -> SimulatedDevice:
-    """Make a device of the kind of its table.
+    """Make the device of a table.
 
     Raises:
-        OSError: Its port cannot be made.
+        OSError: its port cannot be made.
     """
     device: SimulatedDevice = class_named(KINDS[table.kind].device)(table, mounting)
     return device

@@ -2,13 +2,12 @@
 
 Written from the specification: address, function, data, and a check sum of 16 bits, low
 byte first (polynomial A001, reflected, begun with FFFF). A frame ends where its
-function; 3.5 characters of silence begin a new one. Registers are big-endian. A
+function says; 3.5 characters of silence begin a new one. Registers are big-endian. A
 refusal is the function with its highest bit set and a code.
 
 An encoder shows its position from `position_register` on, among holding and input
 registers, and bits in `status_register`: 0 error, 1 warning. Writing the position's
-registers makes what is written the present position; any other register takes what is
-written.
+registers presets the position; other registers store the value.
 """
 
 from collections.abc import Iterator, Sequence
@@ -40,7 +39,6 @@ CRC_TABLE = _crc_table()
 
 
 def crc(data: bytes) -> bytes:
-    """Check sum at the end of a frame."""
     value = 0xFFFF
     for byte in data:
         value = value >> 8 ^ CRC_TABLE[(value ^ byte) & 0xFF]
@@ -51,12 +49,12 @@ class ModbusTable(SerialTable):
     """Encoders on an RS-485 line.
 
     Attributes:
-        addresses: Channel i has address i.
-        position_register: The first of the position.
-        words: Registers of the position.
-        word_order: Of them, "high" word first or "low".
-        status_register: Of the status bits.
-        parity: What a byte costs more on the wire; a pty has none.
+        addresses: channel i has address i.
+        position_register: the first of the position.
+        words: registers of the position.
+        word_order: "high" word first or "low".
+        status_register: of the status bits.
+        parity: adds to the duration of a byte; a pty has none.
     """
 
     FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS | {"check"}
@@ -77,7 +75,7 @@ class ModbusTable(SerialTable):
     def channel_problems(
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
-        """Report what does not match the arm file's encoders on this line."""
+        """Report mismatches with the arm file's encoders on this line."""
         yield from self.number_problems("addresses", len(counts_per_turn))
         most = 1 << 16 * self.words
         for channel, counts in enumerate(counts_per_turn):
@@ -102,12 +100,11 @@ class SimulatedModbusLine(SerialDevice):
         super().__init__(table, mounting, [table.port], bits_per_byte=bits)
 
     def power_up(self, now_s: float) -> None:
-        """Drop a frame that had begun."""
         self._frame = b""
         self._heard_s = now_s
 
     def receive_byte(self, line: int, byte: int, at_s: float) -> None:
-        """Gather a frame; obey it once it is whole."""
+        """Gather a frame; process it once it is whole."""
         if at_s - self._heard_s > self._silence_s:
             self._frame = b""
         self._heard_s = at_s
@@ -123,7 +120,7 @@ class SimulatedModbusLine(SerialDevice):
             self._send(line, channel, answer, at_s)
 
     def _size(self) -> int:
-        """Length of the frame in bytes, as far as known."""
+        """Return the length of the frame in bytes, as far as known."""
         if self._frame[1:2] == bytes((WRITE_MANY,)):
             return 9 + self._frame[6] if len(self._frame) > 6 else 9
         return 8

@@ -16,11 +16,10 @@ RESERVE_BYTES = 262_144  # for frames that may not be dropped
 
 
 class PtyPort:
-    """The board's end of a pty; whole frames go out or none of them.
+    """The board's end of a pty; whole frames go out or none.
 
-    Nothing is sent while no host holds the other end, as on a USB line.
-
-    The path is a symlink, made anew.
+    Nothing is sent while no host holds the other end, as on a USB line. The path is a
+    symlink, made anew.
     """
 
     def __init__(self, path: Path, buffer_bytes: int) -> None:
@@ -49,7 +48,6 @@ class PtyPort:
         self._changes.poll(0)
 
     def close(self) -> None:
-        """Take the port away, symlink first."""
         if self.descriptor < 0:
             return
         if self.path.is_symlink() and str(self.path.readlink()) == self._target:
@@ -60,7 +58,6 @@ class PtyPort:
 
     @property
     def backlog(self) -> bool:
-        """Bytes wait for the host to read."""
         return bool(self._waiting)
 
     @property
@@ -69,20 +66,19 @@ class PtyPort:
         return self._held
 
     def readers(self) -> list[int]:
-        """Descriptors to wait for until the host writes, leaves, or arrives."""
         return [self.descriptor if self._held else self._changes.fileno()]
 
     def writers(self) -> list[int]:
-        """Descriptors to wait for until the host takes what waits; none if nothing."""
+        """Return descriptors to wait for until the host takes waiting bytes."""
         return [self.descriptor] if self._waiting else []
 
     @property
     def host_speed(self) -> int:
-        """At which the host has set its end, as a constant of termios."""
+        """Speed set by the host, as a constant of termios."""
         return int(termios.tcgetattr(self.descriptor)[4])
 
     def host_changed(self) -> bool:
-        """Check whether a host took or released the other end."""
+        """Return whether a host took or released the other end."""
         self._changes.poll(0)
         state = self._poll.poll(0)
         held = not any(flags & select.POLLHUP for _, flags in state)
@@ -99,8 +95,8 @@ class PtyPort:
         """Make the other end available, also if the last host locked it.
 
         A pty stays exclusive (TIOCEXCL) when its host is killed, until both ends are
-        closed; a USB line does not. Who may not open such a pty cannot change that
-        either, and gets a new one, which the symlink then leads to.
+        closed; a USB line does not. A process without the right to open such a pty
+        cannot change that, and makes a new one for the symlink.
         """
         try:
             other = os.open(self._target, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -116,7 +112,7 @@ class PtyPort:
         self._changes.poll(0)  # of our own opening and closing
 
     def read(self) -> bytes:
-        """Return what the host has sent; kept until the host is detected."""
+        """Return the host's bytes; they are kept until the host is detected."""
         return self._received() if self._held else b""
 
     def _received(self) -> bytes:
@@ -129,7 +125,7 @@ class PtyPort:
         """Send frames as far as the line takes them.
 
         Returns:
-            How many samples had to be dropped.
+            How many samples were dropped.
         """
         n_dropped = 0
         most_bytes = self._buffer_bytes + RESERVE_BYTES
@@ -145,7 +141,7 @@ class PtyPort:
         return n_dropped
 
     def drain(self, most_s: float) -> None:
-        """Send what waits, and wait for so long that the host takes it."""
+        """Send what waits, and wait up to a time for the host to take it."""
         until_s = time.monotonic() + most_s
         while (
             self._waiting and self._held and (left_s := until_s - time.monotonic()) > 0
@@ -154,7 +150,6 @@ class PtyPort:
             self.flush()
 
     def flush(self) -> None:
-        """Send what waits."""
         while self._waiting and self._held:
             chunk = b"".join(self._waiting)
             try:
@@ -168,7 +163,7 @@ class PtyPort:
 
 
 def _link(path: Path, target: str) -> None:
-    """Make a symlink, in the place of one that an earlier run left behind."""
+    """Make a symlink, replacing one of an earlier run."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.exists() and not path.is_symlink():
         raise FileExistsError(f"{path} exists and is no symlink; choose another port")

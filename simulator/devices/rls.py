@@ -1,13 +1,13 @@
 """RLS Orbis and AksIM encoders, each on a serial line of its own.
 
 Written from the makers' protocol as data sheets quote it. A request is one byte; the
-answer repeats it (but for "3"), then two bytes of turns where they are counted, then
+answer repeats it (but for "3"), then two bytes of turns if they are counted, then
 position and status bits left-aligned in two or three bytes, error and warning lowest
 and 0 when they apply. "d" adds a byte of conditions, "t" tenths of a degree.
 
 After CD EF 89 AB one setting follows; all these bytes are echoed and need 1 ms between
-them. "T" sets up the continuous mode, "S" starts it, "P" stops it. No other setting is
-played. Positions are latched when the request has arrived, or when an answer is due.
+them. "T" sets up the continuous mode, "S" starts it, "P" stops it; no other setting is
+simulated. Positions are latched when the request has arrived, or when an answer is due.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,10 +31,10 @@ class RlsTable(SerialTable):
     """Encoders on UARTs or RS-422 lines, one on each port.
 
     Attributes:
-        ports: Channel i is the encoder on port i.
-        bits: Of a turn.
-        temperature_c: Of the encoders at the start; it follows the climate.
-        clock_error_ppm: Of the continuous mode's period.
+        ports: channel i is the encoder on port i.
+        bits: of a turn.
+        temperature_c: of the encoders at the start; it follows the climate.
+        clock_error_ppm: of the continuous mode's period.
     """
 
     MOST_CHANNELS: ClassVar[int] = 16
@@ -47,7 +47,7 @@ class RlsTable(SerialTable):
     def channel_problems(
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
-        """Report what does not match the arm file's encoders on these ports."""
+        """Report mismatches with the arm file's encoders on these ports."""
         yield from self.number_problems("ports", len(counts_per_turn))
         multi_turn = min(65536, 2 ** (32 - self.bits))
         yield from self.bit_problems(self.bits, multi_turn, counts_per_turn)
@@ -74,20 +74,16 @@ class SimulatedRls(SerialDevice):
         super().__init__(table, mounting, table.ports)
 
     def power_up(self, now_s: float) -> None:
-        """No continuous mode, no setting begun."""
         self._ports = [_Port() for _ in self._table.ports]
 
     @property
     def streaming(self) -> bool:
-        """Some encoder is in the continuous mode."""
         return self.own_due_s() != float("inf")
 
     def own_due_s(self) -> float:
-        """When the next answer of the continuous mode is due."""
         return min(port.due_s for port in self._ports)
 
     def advance(self, to_s: float) -> None:
-        """Answer by itself in the continuous mode."""
         while (at_s := self.own_due_s()) <= to_s:
             number = [port.due_s for port in self._ports].index(at_s)
             port = self._ports[number]

@@ -1,7 +1,7 @@
 """Devices on ptys that answer requests byte by byte.
 
-A subclass defines what a byte means (`receive_byte`), its own actions (`advance`,
-`own_due_s`), and what it loses without power (`power_up`). It reads its encoders
+A subclass defines the meaning of a byte (`receive_byte`), its own actions (`advance`,
+`own_due_s`), and its loss of state without power (`power_up`). It reads its encoders
 with `latch` and answers with `say`; faults of the line, of the power and of single
 encoders are played here.
 """
@@ -26,7 +26,7 @@ def checked_addresses(
     """Return addresses.
 
     Raises:
-        ValueError: One is not valid, or given twice.
+        ValueError: one is invalid, or given twice.
     """
     for address in addresses:
         if address not in valid:
@@ -72,20 +72,19 @@ class SerialDevice(SimulatedDevice):
         del to_s  # most devices speak when they are spoken to
 
     def own_due_s(self) -> float:
-        """When `advance` has something to do; infinity for never."""
+        """Return when `advance` has something to do; infinity for never."""
         return float("inf")
 
     def lose_host(self, line: int) -> None:
-        """The host of a line opened or closed it: what was begun there ends."""
+        """Drop what was begun: the host opened or closed the line."""
         del line  # most devices have nothing to drop
 
     @property
     def is_on(self) -> bool:
-        """It has its ports."""
         return bool(self._lines)
 
     def latch(self, channel: int, at_s: float) -> tuple[int, int]:
-        """Read an encoder at an instant: its count, and status bits as a board's."""
+        """Read an encoder at an instant: its count, and status bits of a board."""
         self.mounting.clock.begin(at_s)
         counts, status = self.wiring.latch(np.array([at_s]), edge=False)
         count, flags = int(counts[0, channel]), int(status[0, channel])
@@ -96,10 +95,9 @@ class SerialDevice(SimulatedDevice):
     def say(
         self, line: int, data: bytes, at_s: float, channel: int | None = None
     ) -> None:
-        """Answer what was received at an instant, as faults allow.
+        """Answer a request that ended at an instant, as faults allow.
 
-        The instant is the end of the request; no channel means the whole
-        device.
+        No channel means the whole device.
         """
         script_s = self.mounting.clock.script_s(at_s)
         leaves_s = (
@@ -130,19 +128,16 @@ class SerialDevice(SimulatedDevice):
 
     @property
     def ahead(self) -> bool:
-        """Bytes wait for a host."""
         return bool(self.writers())
 
     def readers(self) -> list[int]:
-        """Its ports."""
         return [number for line in self._lines for number in line.port.readers()]
 
     def writers(self) -> list[int]:
-        """Its ports on which bytes wait."""
         return [number for line in self._lines for number in line.port.writers()]
 
     def live(self, now_s: float) -> None:
-        """Receive, do and answer all that is due, in order of time."""
+        """Receive, process and answer all that is due, in order of time."""
         if not self.is_there(now_s):
             return
         for number, line in enumerate(self._lines):
@@ -161,7 +156,7 @@ class SerialDevice(SimulatedDevice):
             line.release(now_s)
 
     def next_due_s(self, block_s: float) -> float:
-        """When to call `live` next."""
+        """Return when to call `live` next."""
         del block_s  # nothing is gathered: a host waits for each answer
         if not self._lines:
             return float("inf")
@@ -169,7 +164,6 @@ class SerialDevice(SimulatedDevice):
         return min(due_s, self.own_due_s())
 
     def totals(self) -> dict[str, Any]:
-        """Final counters, over all power-ups."""
         n_dropped = self._n_dropped + sum(line.n_dropped for line in self._lines)
         return {
             "samples": self.n_readings,
@@ -180,7 +174,6 @@ class SerialDevice(SimulatedDevice):
         }
 
     def close(self) -> None:
-        """Take the ports away."""
         for line in self._lines:
             self._n_dropped += line.n_dropped
             line.port.close()

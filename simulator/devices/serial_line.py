@@ -1,11 +1,10 @@
 """One serial line on a pty, with the time that bytes take.
 
-A pty hands everything on at once. What a line costs in the field is played by not
-looking at the host's bytes before their time and by holding answers back: a byte
-takes `bits_per_byte / baud_rate`, an adapter adds its delays on the way there and
-back. Instants are kept as numbers, so what is latched at them is exact however late
-the program is woken; an answer is written as soon after its instant as the operating
-operating system allows, some tens of microseconds.
+A pty passes bytes on at once. The delays of a real line are simulated by not looking at
+the host's bytes before their time and by holding answers back: a byte takes
+`bits_per_byte / baud_rate`, an adapter adds its delays either way. Instants are kept as
+numbers, so that latches are exact however late the program is woken; an answer is
+written within some tens of microseconds of its instant.
 """
 
 from collections import deque
@@ -26,7 +25,7 @@ ON_THE_WIRE = frozenset({"lost", "corrupted", "repeated", "garbage", "cut"})
 
 @dataclass(slots=True)
 class FaultCounts:
-    """How often the line was disturbed."""
+    """Counts of disturbances."""
 
     lost: int = 0
     corrupted: int = 0
@@ -43,8 +42,8 @@ class DisturbedLine:
     """Link between the board and the port.
 
     Attributes:
-        faults: Of the line, and `silent` ones.
-        counts: What was done so far.
+        faults: of the line, and `silent` ones.
+        counts: of disturbances so far.
     """
 
     faults: tuple[Fault, ...]
@@ -74,7 +73,6 @@ class DisturbedLine:
         return frame
 
     def delay_s(self, script_s: float, channel: int | None = None) -> float:
-        """The delay of an answer."""
         late_s = 0.0
         for number, fault in self._lasting(script_s, channel):
             if isinstance(fault, LateFault) and self._draw(number):
@@ -83,7 +81,7 @@ class DisturbedLine:
         return late_s
 
     def spoils_check(self, script_s: float, channel: int | None = None) -> bool:
-        """Whether the check bits of an answer are wrong."""
+        """Return whether the check bits of an answer are wrong."""
         struck = [
             self._draw(number)
             for number, fault in self._lasting(script_s, channel)
@@ -139,7 +137,7 @@ class SerialLine:
         self._said_until_s = 0.0
 
     def listen(self, now_s: float) -> bool:
-        """Read what the host has sent; True if the host opened or closed the line."""
+        """Read from the host; True if it opened or closed the line."""
         changed = self.port.host_changed()
         if changed:
             self._coming.clear()
@@ -155,7 +153,7 @@ class SerialLine:
         return changed
 
     def arrived_by(self, now_s: float) -> Iterator[tuple[float, int]]:
-        """The bytes that have arrived by now, each with the instant of its last bit."""
+        """Yield bytes that have arrived, each with the instant of its last bit."""
         while self._coming and self._coming[0][0] <= now_s:
             yield self._coming.popleft()
 
@@ -166,7 +164,7 @@ class SerialLine:
         self._going.append((ends_s + self._table.reply_delay_s, data))
 
     def release(self, now_s: float) -> None:
-        """Pass to the host what has arrived at its end of the line by now."""
+        """Pass bytes to the host that have arrived at its end."""
         frames = []
         while self._going and self._going[0][0] <= now_s:
             frames.append(OutgoingFrame(True, self._going.popleft()[1]))
@@ -176,7 +174,7 @@ class SerialLine:
             self.port.flush()
 
     def next_due_s(self) -> float:
-        """When a byte has arrived or an answer is to be passed on."""
+        """Return when a byte arrives or an answer is to be passed on."""
         return min(
             self._coming[0][0] if self._coming else float("inf"),
             self._going[0][0] if self._going else float("inf"),

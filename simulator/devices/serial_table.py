@@ -14,10 +14,10 @@ class SerialTable(DeviceTable):
 
     Attributes:
         baud_rate: 0: bytes take no time.
-        request_delay_s: What an adapter adds to what the host sends.
-        reply_delay_s: What it adds to what the host gets.
-        turnaround_s: From the end of a request to the begin of its answer.
-        echo: The host receives what it sends.
+        request_delay_s: added by an adapter from the host.
+        reply_delay_s: added by an adapter to the host.
+        turnaround_s: from the end of a request to the begin of its answer.
+        echo: the host receives what it sends.
     """
 
     FAULTS: ClassVar[frozenset[str]] = frozenset(
@@ -44,7 +44,7 @@ class SerialTable(DeviceTable):
     echo: bool = False
 
     def number_problems(self, key: str, n_joints: int) -> Iterator[tuple[str, str]]:
-        """Report a key that does not have one entry for each encoder."""
+        """Report a key without one entry for each encoder."""
         n = len(getattr(self, key))
         if n != n_joints:
             yield key, f"{n} given for {counted(n_joints, 'joint')}"
@@ -52,7 +52,7 @@ class SerialTable(DeviceTable):
     def bit_problems(
         self, bits: int, multi_turn: int, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
-        """Report encoders of another width, or of turns that there are not."""
+        """Report encoders of another width, or of unsupported turns."""
         for channel, counts in enumerate(counts_per_turn):
             if counts != 1 << bits:
                 text = f"channel {channel} has {counts} counts per turn in the arm file"

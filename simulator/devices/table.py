@@ -1,7 +1,7 @@
-"""`[[device]]` of the simulator's configuration: the kinds, and what all share.
+"""`[[device]]` of the simulator's configuration: the kinds, and common keys.
 
-A new kind is one file in this folder and one line here. Names instead of classes, so
-that a kind which needs an optional package is imported only where it is used.
+A new kind is one file in this folder and one line here. Kinds are named, not imported,
+so that optional packages are imported only where used.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,11 +16,11 @@ from traverse.simulator.kind_table import KindTable
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """Where a kind is found, as "module:Class" with a module of this folder.
+    """Location of a kind, as "module:Class" with a module of this folder.
 
     Attributes:
-        table: A child of `DeviceTable`: its keys of the configuration.
-        device: A `SimulatedDevice`, made from its table and a `Mounting`.
+        table: a child of `DeviceTable`: its keys of the configuration.
+        device: a `SimulatedDevice`, made from its table and a `Mounting`.
     """
 
     table: str
@@ -28,7 +28,7 @@ class Kind:
 
 
 def class_named(name: str) -> type[Any]:
-    """Import a class by its name, "module:Class" with a module of this folder."""
+    """Import "module:Class", a class of a module in this folder."""
     module, _, attribute = name.partition(":")
     named: type[Any] = getattr(
         import_module(f"traverse.simulator.devices.{module}"), attribute
@@ -56,12 +56,12 @@ class DeviceTable(KindTable):
     """Keys of every device; each kind adds its own.
 
     Attributes:
-        FAULTS: Kinds of `[[fault]]` that this kind of device plays.
-        BY_CHANNEL: Each encoder is polled by itself, so that a fault of the line may be
+        FAULTS: kinds of `[[fault]]` that this kind of device plays.
+        BY_CHANNEL: each encoder is polled by itself, so that a fault of the line may be
             of one channel alone.
-        MOST_CHANNELS: Encoders that it can have.
-        id: Of the device; the arm file's sources are "<id>/<channel>".
-        encoder_turns: Turns after which the counts wrap.
+        MOST_CHANNELS: greatest number of encoders.
+        id: of the device; the arm file's sources are "<id>/<channel>".
+        encoder_turns: turns after which the counts wrap.
     """
 
     FAMILY = "device"
@@ -76,14 +76,13 @@ class DeviceTable(KindTable):
 
     @classmethod
     def class_of(cls, kind: str) -> type[Self]:
-        """Import the class of a kind."""
         table_class: type[Self] = class_named(cls.KINDS[kind].table)
         return table_class
 
     def channel_problems(
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
-        """Report what does not match the arm file's encoders on this device.
+        """Report mismatches with the arm file's encoders on this device.
 
         Yields:
             A key of the table and what is wrong with it.

@@ -23,10 +23,7 @@ from traverse.simulator.devices.wrong_clock import ClockTable, WrongClock
 
 
 class TextLineTable(SerialTable):
-    """A board that prints lines.
-
-    Only a ``sketch`` prints buttons, on bit 0, 1, ...
-    """
+    """A board that prints lines; only a ``sketch`` prints buttons, on bit 0, 1, ..."""
 
     FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"status", "late"} | {"cut"}
     BY_CHANNEL: ClassVar[bool] = False
@@ -51,7 +48,7 @@ class SimulatedTextLine(SerialDevice):
         super().__init__(table, mounting, [table.port], table.buttons)
 
     def power_up(self, now_s: float) -> None:
-        """Count lines and time from zero; a ``toy-department`` waits for its start."""
+        """Restart lines and time at zero; a ``toy-department`` waits for its start."""
         self._power_up_s = now_s
         self._n_lines = self.levels = 0
         self._next_s = now_s if self._form != "toy-department" else float("inf")
@@ -59,11 +56,9 @@ class SimulatedTextLine(SerialDevice):
 
     @property
     def streaming(self) -> bool:
-        """It prints."""
         return self._next_s < float("inf")
 
     def receive_byte(self, line: int, byte: int, at_s: float) -> None:
-        """Carry out a whole command."""
         del line
         if byte not in b"\r\n":
             self._command += bytes([byte]) if len(self._command) < 64 else b""
@@ -88,7 +83,6 @@ class SimulatedTextLine(SerialDevice):
             self.power_up(to_s)
 
     def own_due_s(self) -> float:
-        """The next line."""
         return self._next_s
 
     def _line(self, at_s: float) -> bytes:

@@ -1,8 +1,8 @@
-"""The clock of a device, which is never quite right.
+"""A device's clock with errors.
 
-A board counts the periods of a resonator or a crystal: its rate is off, and changes
-with the temperature; its program may lose counts once, while interrupts are blocked, or
-with every page that it writes; it may stop for ever.
+It counts the periods of a resonator or a crystal: its rate is off and changes with the
+temperature; its program may lose counts while interrupts are blocked, or with every
+page that it writes; it may stop for ever.
 """
 
 from functools import cached_property
@@ -19,17 +19,17 @@ ROUNDING_S = 1e-11  # far below a tick
 
 
 class ClockTable(StrictModel):
-    """How a device's clock runs; times are true ones since power-up.
+    """Errors of a device's clock; times are true ones since power-up.
 
     Attributes:
-        error_ppm: By how much it runs fast.
-        drift_ppm_per_s: How that changes, as while a board warms up,
+        error_ppm: by how much it runs fast.
+        drift_ppm_per_s: change of that, as while a board warms up,
         drift_s: for so long.
-        lost_every_s: With every such period, it stands still
+        lost_every_s: with every such period, it stands still
         lost_s: for so long at its end.
         steps: `[at_s, by_s]` each: it jumps ahead, or, by less than 0, stands still for
             so long.
-        stops_at_s: It stands still for ever.
+        stops_at_s: it stands still for ever.
     """
 
     error_ppm: float = Field(default=0.0, ge=-100_000.0, le=100_000.0)
@@ -42,11 +42,11 @@ class ClockTable(StrictModel):
 
 
 class WrongClock:
-    """What a device's clock shows [s] at true times since power-up [s].
+    """Readings of a device's clock [s] at true times since power-up [s].
 
     Args:
-        table: How it runs.
-        error_ppm: By how much it runs fast besides.
+        table: its errors.
+        error_ppm: by how much it runs fast besides.
     """
 
     def __init__(self, table: ClockTable | None = None, error_ppm: float = 0.0) -> None:
@@ -55,7 +55,7 @@ class WrongClock:
 
     @cached_property
     def is_steady(self) -> bool:
-        """Its rate is always the same, and it loses nothing."""
+        """Whether its rate is constant, and it loses nothing."""
         table = self._table
         drifts = table.drift_ppm_per_s and table.drift_s
         return not (
@@ -64,7 +64,7 @@ class WrongClock:
 
     @cached_property
     def _standstills(self) -> list[tuple[float, float]]:
-        """Begin and end [s] of each by `steps`; those that overlap are one."""
+        """Begin and end [s] of standstills by `steps`, overlapping ones joined."""
         merged: list[tuple[float, float]] = []
         for at_s, by_s in sorted(self._table.steps):
             if by_s >= 0.0:
@@ -77,7 +77,6 @@ class WrongClock:
         return merged
 
     def _lost_s(self, passed_s: Floats) -> Floats:
-        """How long it has stood still by regular losses."""
         table = self._table
         lost_s = min(table.lost_s, table.lost_every_s)
         periods, into_s = np.divmod(passed_s, table.lost_every_s)
@@ -85,13 +84,13 @@ class WrongClock:
         return np.asarray(periods * lost_s + in_period_s)
 
     def shown_s(self, true_s: float) -> float:
-        """What it shows at a time."""
+        """Return its reading at a time."""
         if self.is_steady:
             return true_s * self._rate
         return float(self._shown_s(np.array([true_s]))[0])
 
     def true_s(self, shown_s: float) -> float:
-        """When it begins to show a time; infinity if it never does."""
+        """Return when it begins to show a time; infinity if it never does."""
         return float(self.true_times_s(np.array([shown_s]))[0])
 
     def true_times_s(self, shown_s: Floats) -> Floats:
@@ -113,7 +112,7 @@ class WrongClock:
         return np.where(high_s < FOREVER_S / 2.0, high_s, np.inf)
 
     def _shown_s(self, true_s: Floats) -> Floats:
-        """At times (n,): first how long it has run, then at which rate."""
+        """Return readings at times (n,): first the running time, then by its rate."""
         table, run_s = self._table, np.array(true_s)
         if table.stops_at_s is not None:
             run_s = np.minimum(run_s, table.stops_at_s)

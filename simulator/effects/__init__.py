@@ -1,8 +1,8 @@
 """Faults that make a real arm differ from its geometry, played forwards.
 
-Inputs are true turns of the hinges; outputs are what encoders show and where the ball
-really is. The corrections of an arm file go the other way; nothing is shared with them
-but the table of an `[[effects]]` entry.
+Inputs are true turns of the hinges; outputs are readings of encoders and true places of
+the ball. The corrections of an arm file go the other way; only the table of an
+`[[effects]]` entry is shared with them.
 """
 
 from traverse.simulator.effects.fault import BodyFault, Fault, ReadingFault, TouchFault

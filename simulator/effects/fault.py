@@ -1,7 +1,7 @@
 """Faults: entries of an arm file, and three classes by the quantity that they change.
 
-What an entry does is in `laws`; any fault of a class can be played beside it, whether
-an arm file can name it or not.
+`laws` has the laws of entries; any fault of a class can be played beside it, whether an
+arm file can name it or not.
 """
 
 from abc import ABC, abstractmethod
@@ -20,10 +20,10 @@ class JointState:
     """The state of an encoder.
 
     Attributes:
-        build: The arm.
+        build: the arm.
         turns_rad: (n, n_joints) of the encoders, true.
-        readings_rad: (n, n_joints) what the encoders show, their errors included.
-        around: Of every sample.
+        readings_rad: (n, n_joints) of the encoders, errors included.
+        around: of every sample.
     """
 
     build: Build
@@ -37,7 +37,7 @@ class Touch:
     """How the ball touches.
 
     Attributes:
-        build: The arm.
+        build: the arm.
         motion: (n, 4, 4) of the last element, from the base posture.
         towards: (n, 3) from the ball towards the material; zero without contact.
         force_n: (n,)
@@ -54,14 +54,14 @@ class ReadingFault(ABC):
     """Encoders show something else than the turn.
 
     Attributes:
-        joints: Which ones, from 0.
+        joints: concerned, from 0.
     """
 
     joints: slice
 
     @abstractmethod
     def errors_rad(self, seen: JointState) -> Floats:
-        """Excess of the reading, (n, n_chosen joints) or (n, 1)."""
+        """Return the excess of the reading, (n, n_chosen joints) or (n, 1)."""
 
 
 class BodyFault(ABC):
@@ -69,15 +69,15 @@ class BodyFault(ABC):
 
     @abstractmethod
     def move(self, posture: Posture, yielding: Deflection) -> None:
-        """Add to what has yielded."""
+        """Add to the deflection."""
 
 
 class TouchFault(ABC):
-    """The end of the rigid arm is not where the ball should be when it reports."""
+    """The end of the rigid arm is off the ball's place when it reports."""
 
     @abstractmethod
     def offsets_mm(self, touch: Touch) -> Floats:
-        """From where a perfect ball is to where the arm's end is, (n, 3)."""
+        """Return the way from a perfect ball to the arm's end, (n, 3)."""
 
 
 OF_JOINT = ("_temperature_c", "_speed_rad_s", "_approach", "_rad")
@@ -86,16 +86,16 @@ OF_ARM = ("time_s", "temperature_c", "force_n")
 
 @dataclass(frozen=True, slots=True)
 class EffectEntry:
-    """An effect of an arm file with what it refers to.
+    """An effect of an arm file, resolved.
 
     Attributes:
-        kind: Its own.
-        values: Of the keys of its kind.
-        joints: Which ones, from 0; all where it names none.
-        joint: Which one; -1 where it names none.
-        reference_c: Of the arm.
-        epoch_utc_s: Since 1970; 0 where it has none.
-        names: Of the arm's joints.
+        kind: of effect.
+        values: of the keys of its kind.
+        joints: concerned, from 0; all if it names none.
+        joint: concerned; -1 if it names none.
+        reference_c: of the arm.
+        epoch_utc_s: since 1970; 0 if it has none.
+        names: of the arm's joints.
     """
 
     kind: str
@@ -111,7 +111,6 @@ class EffectEntry:
         return number
 
     def array(self, key: str) -> Floats:
-        """The vector of a key."""
         return np.array(self.values[key], dtype=np.float64)
 
     @property

@@ -43,12 +43,12 @@ LED_DAMPING_MM = 1.0  # a stretched arm continues without being exact
 
 
 class MissedContactError(ValueError):
-    """A ball that faults keep from where it should be."""
+    """The ball misses its place because of faults."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultyArm:
-    """The true arm and all that is wrong with it."""
+    """The true arm with its faults."""
 
     build: Build
     readings: tuple[tuple[slice, Callable[[JointState], Floats]], ...]
@@ -57,13 +57,13 @@ class FaultyArm:
 
     @property
     def is_stiff(self) -> bool:
-        """Whether the ball is where it is on the rigid arm."""
+        """Whether the ball is in the place of the rigid arm."""
         return not self.bodies and not self.touches
 
     def readings_rad(self, turns_rad: Floats, around: Surroundings) -> Floats:
-        """Readings of the encoders at true turns of the hinges, (n, n_joints).
+        """Return readings at true turns of the hinges, (n, n_joints).
 
-        Errors depend on what is shown: looked up until they agree.
+        Errors depend on the reading: solved by iteration.
         """
         turns_rad = self.build.encoders_of(turns_rad)
         perfect_rad = turns_rad + self.build.zeros_rad
@@ -81,10 +81,9 @@ class FaultyArm:
         return shown_rad
 
     def balls_mm(self, turns_rad: Floats, around: Surroundings) -> Floats:
-        """Positions (n, 3) [mm] of the ball, as defined by touching material.
+        """Return positions (n, 3) [mm] of the ball, as defined by touching material.
 
-        That is where the centre of a ball of the arm file's radius is that begins
-        where this one does.
+        That is the centre of a ball of the arm file's radius with the same contact.
         """
         return self.probe(turns_rad, around)[0]
 
@@ -101,19 +100,19 @@ class FaultyArm:
         return ends_mm, motion[:, :3, :3] @ mechanism.shank
 
     def last_body(self, turns_rad: Floats, around: Surroundings) -> Floats:
-        """How the last element is turned from the base posture, (n, 3, 3)."""
+        """Return the rotation of the last element from the base posture, (n, 3, 3)."""
         return self._motion(turns_rad, around)[:, :3, :3]
 
     def touching_turns(
         self, turns_rad: Floats, balls_mm: Floats, around: Surroundings
     ) -> Floats:
-        """Move the ball to places (n, 3) that the rigid arm reaches at some turns.
+        """Move the ball to places (n, 3) that the rigid arm reaches at given turns.
 
         The joints move least. The rigid arm's derivatives serve for all steps, since
         faults are small.
 
         Raises:
-            MissedContactError: Faults are not small.
+            MissedContactError: faults are not small.
         """
         if self.is_stiff or len(turns_rad) == 0:
             return turns_rad
@@ -133,10 +132,9 @@ class FaultyArm:
     def led_turns(
         self, turns_rad: Floats, balls_mm: Floats, around: Surroundings
     ) -> Floats:
-        """Move the ball nearly there, in as many steps wherever it is.
+        """Move the ball nearly there, in a constant number of steps.
 
-        Samples do not depend on each other, and postures from which the rigid arm
-        cannot move its ball everywhere are no matter.
+        Samples do not depend on each other, and singular postures do no harm.
         """
         gains = self._gains(turns_rad, LED_DAMPING_MM)
         for _ in range(N_LED_STEPS):
@@ -145,14 +143,14 @@ class FaultyArm:
         return turns_rad
 
     def _gains(self, turns_rad: Floats, damping_mm: float) -> Floats:
-        """Least turns that make up for a miss, (n, n_joints, 3) [rad/mm]."""
+        """Return least turns that compensate for a miss, (n, n_joints, 3) [rad/mm]."""
         _, _, rates, _ = probe_rates(self.build.mechanism, turns_rad)
         back = rates.transpose(0, 2, 1)
         gains: Floats = back @ np.linalg.inv(rates @ back + damping_mm**2 * np.eye(3))
         return gains
 
     def _motion(self, turns_rad: Floats, around: Surroundings) -> Floats:
-        """Of the last element, (n, 4, 4)."""
+        """Return the motion of the last element, (n, 4, 4)."""
         yielding = no_yielding(*turns_rad.shape)
         posture = Posture(self.build, turns_rad, around)
         for move in self.bodies:
@@ -163,7 +161,6 @@ class FaultyArm:
 def faulty_arm(
     arm: Arm, mechanism: Mechanism, zeros_rad: Floats, faults: Iterable[Fault]
 ) -> FaultyArm:
-    """Put faults into a true arm."""
     readings, bodies, touches = [], [], []
     first_moments_kg_m = np.zeros((len(arm.joints), 3))
     for fault in faults:

@@ -22,12 +22,12 @@ OF_STANDARDS = "artefact_length"
 def faults_from_effects(
     arm: Arm, effects: Sequence[Effect], source: str = "arm file"
 ) -> tuple[EffectEntry, ...]:
-    """Make faults; those of standards are not the arm's and are left out.
+    """Make faults, except of standards.
 
     Messages call them ``source``.
 
     Raises:
-        FileError: With all effects that cannot be played.
+        FileError: lists all effects that cannot be played.
     """
     names = tuple(joint.name for joint in arm.joints)
     problems, faults = [], []
@@ -69,7 +69,7 @@ def faults_from_effects(
 
 
 def effect_problems(arm: Arm, where: str) -> list[Problem]:
-    """Report which effects of an arm file cannot be played, with their key paths."""
+    """Report effects of an arm file that cannot be played, with key paths."""
     try:
         faults_from_effects(arm, arm.effects)
     except FileError as error:
@@ -80,11 +80,9 @@ def effect_problems(arm: Arm, where: str) -> list[Problem]:
 def on_true_axes(
     arm: Arm, effects: Sequence[Effect], axes: Floats
 ) -> tuple[Effect, ...]:
-    """Rotate vectors across or along design axes onto the true ones.
+    """Rotate vectors across or along design axes onto the true ones, (n_joints, 3).
 
-    A bearing wanders across the axis that it has, not across the one on paper.
-
-    Axes are true unit vectors (n_joints, 3).
+    A bearing wanders across its true axis, not across the one on paper.
     """
     names = [joint.name for joint in arm.joints]
     turned: list[Effect] = []

@@ -1,12 +1,12 @@
-"""What effects of an arm file do, forwards: a law for every kind of `[[effects]]`.
+"""Forward laws of the effects of an arm file: one for every kind of `[[effects]]`.
 
-A law of readings gives their excess (n, n_chosen joints) or (n, 1). A disc's error
-belongs to the line under the head, so to what is shown, not to the true turn: a reading
-is found where both agree.
+A law of readings returns their excess (n, n_chosen joints) or (n, 1). A disc's error
+belongs to the line under the head, so to the reading and not to the true turn; the
+reading is solved for.
 
-A law of bodies adds to what has yielded. A law of touches gives the way (n, 3) from
-where a perfect ball is to where the arm's end is; in a seat, where there is no single
-direction of contact, it is zero: what it would be there is one constant, or unknown.
+A law of bodies adds to the deflection. A law of touches returns the way (n, 3) from a
+perfect ball to the arm's end; in a seat, without a single direction of contact, it is
+zero: it would be a constant, or unknown.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from traverse.simulator.effects.posture import Deflection, Posture
 
 
 def wavy_disc(entry: EffectEntry, seen: JointState) -> Floats:
-    """The disc is eccentric, tilted, oval: one sine of the reading with its phase."""
+    """The disc is eccentric, tilted, oval: a sine of the reading."""
     size = np.hypot(entry["cos_rad"], entry["sin_rad"])
     phase = np.arctan2(entry["cos_rad"], entry["sin_rad"])
     order = entry.values.get("order", 1)
@@ -29,7 +29,7 @@ def wavy_disc(entry: EffectEntry, seen: JointState) -> Floats:
 
 
 def toothed_drive(entry: EffectEntry, seen: JointState) -> Floats:
-    """Teeth that are not alike: a phasor turns so many times as fast as the reading."""
+    """Teeth differ: a phasor turns several times as fast as the reading."""
     turns = entry["cycles"] * seen.readings_rad[:, entry.joints] / (2.0 * np.pi)
     phasor = np.exp(2j * np.pi * np.mod(turns, 1.0))
     change_rad: Floats = np.real(complex(entry["cos_rad"], -entry["sin_rad"]) * phasor)
@@ -37,14 +37,13 @@ def toothed_drive(entry: EffectEntry, seen: JointState) -> Floats:
 
 
 def long_tape(entry: EffectEntry, seen: JointState) -> Floats:
-    """Too many lines a radian: grows with what is shown since the base posture."""
+    """Too many lines a radian: grows with the reading from the base posture."""
     joints = entry.joints
     shown_rad = seen.readings_rad[:, joints] - seen.build.zeros_rad[joints]
     return 1e-6 * entry["scale_ppm"] * shown_rad
 
 
 def warm_head(entry: EffectEntry, seen: JointState) -> Floats:
-    """The head moves with the temperature."""
     warmer_c = seen.around.temperature_c - entry.reference_c
     return entry["rate_rad_c"] * warmer_c[:, None]
 
@@ -61,12 +60,12 @@ def lost_counts(entry: EffectEntry, seen: JointState) -> Floats:
 
 
 def late_reading(entry: EffectEntry, seen: JointState) -> Floats:
-    """A joint that moves forwards is shown too far back: where it was before."""
+    """A joint that moves forwards is shown where it was before."""
     return -entry["latency_s"] * seen.around.speed_rad_s[:, entry.joints]
 
 
 def play(entry: EffectEntry, seen: JointState) -> Floats:
-    """The encoder runs ahead of the joint in the sense of the motion: two-valued."""
+    """The encoder runs ahead of the joint in the direction of motion: two-valued."""
     return entry["half_width_rad"] * seen.around.approach[:, entry.joints]
 
 
@@ -105,11 +104,11 @@ def curved_error(entry: EffectEntry, seen: JointState) -> Floats:
 
 @lru_cache(maxsize=64)
 def natural_slopes(knots: tuple[float, ...], values: tuple[float, ...]) -> Floats:
-    """Slopes (m,) of the natural cubic spline: no bending at both ends.
+    """Return slopes (m,) of the natural cubic spline: no bending at both ends.
 
     Second derivatives continuous: s_(i-1)/h_(i-1) + 2 s_i (1/h_(i-1) + 1/h_i) +
-    s_(i+1)/h_i = 3 (c_(i-1)/h_(i-1) + c_i/h_i), c the slopes of the chords; at the
-    ends 2 s_0 + s_1 = 3 c_0.
+    s_(i+1)/h_i = 3 (c_(i-1)/h_(i-1) + c_i/h_i), c the slopes of the chords; at the ends
+    2 s_0 + s_1 = 3 c_0.
     """
     weights = 1.0 / np.diff(knots)
     pulls = 3.0 * weights**2 * np.diff(values)
@@ -149,7 +148,6 @@ def soft_mount(entry: EffectEntry, posture: Posture, yielding: Deflection) -> No
 
 
 def warm_elements(entry: EffectEntry, posture: Posture, yielding: Deflection) -> None:
-    """Elements grow with the temperature."""
     warmer_c = posture.around.temperature_c - entry.reference_c
     yielding.growths[:, entry.joints] += entry["expansion_per_c"] * warmer_c[:, None]
 
@@ -172,7 +170,6 @@ def _wander(entry: EffectEntry, posture: Posture, unit: str) -> Floats:
 
 
 def creeping_base(entry: EffectEntry, posture: Posture, yielding: Deflection) -> None:
-    """The base creeps continuously."""
     since_s = posture.around.since_s(entry.epoch_utc_s)
     yielding.base_shifts_mm[...] += since_s[:, None] * entry.array("rate_mm_s")
 
@@ -184,7 +181,7 @@ def knocked_base(entry: EffectEntry, posture: Posture, yielding: Deflection) -> 
 
 
 def _across(vectors: Floats, units: Floats) -> Floats:
-    """Components of vectors (n, 3) across units (n, 3)."""
+    """Return components of vectors (n, 3) across units (n, 3)."""
     along = np.einsum("ni,ni->n", vectors, units)
     rest: Floats = vectors - along[:, None] * units
     return rest

@@ -1,4 +1,4 @@
-"""Where the arm's parts are: rigid at some turns, and after everything has yielded.
+"""Positions of the arm's parts: rigid at given turns, and after all deflections.
 
     T_k = T_(k-1) shift_k tilt_k exp(S_k (theta_k + twist_k)) growth_k
     T_0 = the base's shift, and its tilt about the first joint's origin
@@ -19,16 +19,16 @@ from traverse.simulator.arm.truth import gearing_of
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """Everything that a fault may depend on; one sample a row.
+    """Conditions that a fault may depend on; one sample a row.
 
     Attributes:
         time_s: (n,) since the campaign or the script began.
         utc_s: (n,) since 1970, or None if unknown.
         temperature_c: (n,) of the whole arm.
         speed_rad_s: (n, n_joints) of the encoders.
-        approach: (n, n_joints) -1, 0, +1: sense of the last motion.
-        towards: (n, 3) unit vectors from the ball towards the material; NaN where the
-            ball touches nothing or sits in a seat.
+        approach: (n, n_joints) -1, 0, +1: sign of the last motion.
+        towards: (n, 3) unit vectors from the ball towards the material; NaN without
+            contact or in a seat.
         force_n: (n,) of the contact.
     """
 
@@ -41,10 +41,10 @@ class Surroundings:
     force_n: Floats
 
     def since_s(self, epoch_utc_s: float) -> Floats:
-        """Seconds (n,) since a moment.
+        """Return seconds (n,) since a moment.
 
         Raises:
-            ValueError: The time is unknown.
+            ValueError: the time is unknown.
         """
         if self.utc_s is None:
             raise ValueError(
@@ -53,7 +53,7 @@ class Surroundings:
         return self.utc_s - epoch_utc_s
 
     def part(self, rows: slice | Indices) -> "Surroundings":
-        """Some of the samples."""
+        """Select samples."""
         columns = {field.name: getattr(self, field.name) for field in fields(self)}
         known = {name: c[rows] for name, c in columns.items() if c is not None}
         return replace(self, **known)
@@ -67,15 +67,15 @@ class Build:
     """The true arm with its masses, in the base posture.
 
     Attributes:
-        mechanism: Geometry.
+        mechanism: geometry.
         zeros_rad: (n_joints,) readings in the base posture.
         links_mm: (n_joints, 3) from each joint's origin to the next one's.
-        masses_kg: (n_joints + 1,) of the elements and, last, of the probe; 0 where
-            the arm file states none.
-        centres_mm: (n_joints + 1, 3) where those masses are; the probe's at the ball.
+        masses_kg: (n_joints + 1,) of the elements and, last, of the probe; 0 if the
+            arm file states none.
+        centres_mm: (n_joints + 1, 3) of those masses; the probe's at the ball.
         gravity_m_s2: (3,)
-        first_moments_kg_m: (n_joints, 3) what weighs beside those masses: mass times
-            distance from the joint's origin, of the element and all beyond it.
+        first_moments_kg_m: (n_joints, 3) besides those masses: mass times distance
+            from the joint's origin, of the element and all beyond it.
         gearing: (n_joints, n_joints) turns of the hinges by those of the encoders.
     """
 
@@ -89,14 +89,14 @@ class Build:
     gearing: Floats
 
     def encoders_of(self, hinges: Floats) -> Floats:
-        """Turns of encoders, or their rates, from those of hinges: (n, n_joints)."""
+        """Convert turns or rates of hinges to those of encoders, (n, n_joints)."""
         return np.asarray(np.linalg.solve(self.gearing, hinges.T).T, dtype=np.float64)
 
 
 def build_of(
     arm: Arm, mechanism: Mechanism, zeros_rad: Floats, first_moments_kg_m: Floats
 ) -> Build:
-    """Hang the masses of an arm file on the true geometry, and first moments beside."""
+    """Add the masses and first moments of an arm file to the true geometry."""
     origins_mm = mechanism.origins_mm
     end_mm = mechanism.probe_mm - np.array(arm.probe.vector_mm)
     links_mm = np.diff(np.vstack([origins_mm, end_mm]), axis=0)
@@ -119,12 +119,12 @@ def build_of(
 
 @dataclass(frozen=True)
 class Posture:
-    """The rigid arm at some turns; values are computed once.
+    """The rigid arm at given turns; values are computed once.
 
     Attributes:
-        build: The arm.
+        build: the arm.
         turns_rad: (n, n_joints) from the base posture.
-        around: Of every sample.
+        around: of every sample.
     """
 
     build: Build
@@ -133,14 +133,14 @@ class Posture:
 
     @cached_property
     def motions(self) -> Floats:
-        """Of all bodies from the base posture, (n, n_joints + 1, 4, 4)."""
+        """Motions of all bodies from the base posture, (n, n_joints + 1, 4, 4)."""
         return body_motions(self.build.mechanism, self.turns_rad)
 
     @cached_property
     def moments_nm(self) -> Floats:
-        """Of all weights beyond each joint about its origin, (n, n_joints, 3).
+        """Moments of all weights beyond each joint about its origin, (n, n_joints, 3).
 
-        Every mass pulls at where it is now, (p - o) x m g.
+        Every mass acts at its present place, (p - o) x m g.
         """
         n_joints = self.build.mechanism.n_joints
         carriers = [*range(1, n_joints + 1), n_joints]  # the last one has the probe
@@ -158,21 +158,21 @@ class Posture:
         return moments
 
     def axis(self, joint: int) -> Floats:
-        """Where the axis of a joint points, (n, 3)."""
+        """Return the direction of a joint's axis, (n, 3)."""
         pointing: Floats = (
             self.motions[:, joint, :3, :3] @ self.build.mechanism.axes[joint]
         )
         return pointing
 
     def in_carrier(self, vectors: Floats, joint: int) -> Floats:
-        """Vectors (n, 3) as the body that carries the joint had them at first."""
+        """Rotate vectors (n, 3) back to the base posture of a joint's carrier."""
         turned = self.motions[:, joint, :3, :3]
         brought: Floats = np.einsum("mij,mi->mj", turned, vectors)
         return brought
 
 
 def moved_points(motions: Floats, points_mm: Floats) -> Floats:
-    """Points (m, 3) each moved by its own motion (n, m, 4, 4): (n, m, 3)."""
+    """Move points (m, 3) by their own motions (n, m, 4, 4): (n, m, 3)."""
     turned = (motions[..., :3, :3] @ points_mm[:, :, None])[..., 0]
     moved: Floats = turned + motions[..., :3, 3]
     return moved
@@ -184,8 +184,8 @@ class Deflection:
 
     Attributes:
         twists_rad: (n, n_joints) about the axes.
-        tilts_rad: (n_joints, n, 3) rotation vectors about the joints' origins, as the
-            body that carries the joint had them in the base posture.
+        tilts_rad: (n_joints, n, 3) rotation vectors about the joints' origins, in the
+            carrier's base posture.
         shifts_mm: (n_joints, n, 3) of the joints' origins, likewise.
         growths: (n, n_joints) of the elements, over their lengths.
         base_tilts_rad: (n, 3)
@@ -201,7 +201,6 @@ class Deflection:
 
 
 def no_yielding(n_samples: int, n_joints: int) -> Deflection:
-    """Nothing has yielded yet."""
     return Deflection(
         twists_rad=np.zeros((n_samples, n_joints)),
         tilts_rad=np.zeros((n_joints, n_samples, 3)),
@@ -213,7 +212,7 @@ def no_yielding(n_samples: int, n_joints: int) -> Deflection:
 
 
 def deflected_motion(build: Build, turns_rad: Floats, yielding: Deflection) -> Floats:
-    """Motion (n, 4, 4) of the last element from the base posture."""
+    """Return the motion (n, 4, 4) of the last element from the base posture."""
     origins_mm = build.mechanism.origins_mm
     motion = tilt_matrices(origins_mm[0], yielding.base_tilts_rad)
     motion[:, :3, 3] += yielding.base_shifts_mm
@@ -230,7 +229,7 @@ def deflected_motion(build: Build, turns_rad: Floats, yielding: Deflection) -> F
 
 
 def tilt_matrices(origin_mm: Floats, tilts_rad: Floats) -> Floats:
-    """Turns (n, 4, 4) about a point by rotation vectors (n, 3)."""
+    """Return rotations (n, 4, 4) about a point by rotation vectors (n, 3)."""
     matrices = np.zeros((len(tilts_rad), 4, 4))
     x, y, z = tilts_rad.T
     cross = np.zeros((len(tilts_rad), 3, 3))
@@ -247,5 +246,5 @@ def tilt_matrices(origin_mm: Floats, tilts_rad: Floats) -> Floats:
 
 
 def _displace(motions: Floats, shifts_mm: Floats) -> None:
-    """Shift what is carried by (n, 3), as the carrier had it in the base posture."""
+    """Shift the carried parts by (n, 3), in the carrier's base posture."""
     motions[:, :3, 3] += np.einsum("nij,nj->ni", motions[:, :3, :3], shifts_mm)

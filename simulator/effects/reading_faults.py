@@ -1,7 +1,6 @@
 """Encoders that show the wrong angle in ways that no arm file can name.
 
-A diagnosis should say that it knows no name. Their angles are true ones: reading minus
-errors.
+A diagnosis should name none. Their angles are true ones: reading minus errors.
 """
 
 from dataclasses import dataclass
@@ -14,12 +13,12 @@ from traverse.simulator.effects.fault import JointState, ReadingFault
 
 @dataclass(frozen=True, slots=True)
 class Bump(ReadingFault):
-    """Damaged lines: a smooth hill over a range of angles, nothing elsewhere.
+    """Damaged lines: a raised cosine over a range of angles, nothing elsewhere.
 
     Attributes:
-        middle_rad: Of the hill.
-        half_width_rad: To where it ends.
-        height_rad: Of the hill.
+        middle_rad: of the hill.
+        half_width_rad: to its end.
+        height_rad: of the hill.
     """
 
     middle_rad: float
@@ -27,7 +26,6 @@ class Bump(ReadingFault):
     height_rad: float
 
     def errors_rad(self, seen: JointState) -> Floats:
-        """A raised cosine."""
         off = (_angles_rad(seen, self.joints) - self.middle_rad) / self.half_width_rad
         hill = 0.5 * (1.0 + np.cos(np.pi * np.clip(off, -1.0, 1.0)))
         return self.height_rad * hill
@@ -41,32 +39,29 @@ class JumpInAngle(ReadingFault):
     step_rad: float
 
     def errors_rad(self, seen: JointState) -> Floats:
-        """Nothing below the angle."""
         beyond = _angles_rad(seen, self.joints) >= self.at_rad
         return np.where(beyond, self.step_rad, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class CubicError(ReadingFault):
-    """An error that grows with the third power of the turn."""
+    """An error that grows with the third power of the turn from the base posture."""
 
     rate_per_rad2: float
 
     def errors_rad(self, seen: JointState) -> Floats:
-        """Of the turn from the base posture."""
         cubes: Floats = seen.turns_rad[:, self.joints] ** 3
         return self.rate_per_rad2 * cubes
 
 
 @dataclass(frozen=True, slots=True)
 class Sawtooth(ReadingFault):
-    """A gear or interpolator that creeps and snaps back, so many times a turn."""
+    """A gear or interpolator that creeps and snaps back, several times a turn."""
 
     teeth: int
     height_rad: float
 
     def errors_rad(self, seen: JointState) -> Floats:
-        """From minus half to plus half of the height."""
         cycles = self.teeth * _angles_rad(seen, self.joints) / (2.0 * np.pi)
         return self.height_rad * (cycles % 1.0 - 0.5)
 
@@ -76,11 +71,11 @@ class CrossCoupling(ReadingFault):
     """One joint's reading follows another joint's angle, for example by a cable.
 
     Attributes:
-        joints: Of the encoder that is spoilt.
-        other: The joint that it follows.
-        height_rad: Largest error.
-        order: Periods a turn of the other joint.
-        phase_rad: Of the wave.
+        joints: with the error.
+        other: joint that it follows.
+        height_rad: largest error.
+        order: periods a turn of the other joint.
+        phase_rad: of the wave.
     """
 
     other: int
@@ -89,7 +84,6 @@ class CrossCoupling(ReadingFault):
     phase_rad: float = 0.0
 
     def errors_rad(self, seen: JointState) -> Floats:
-        """A wave of the other joint's angle."""
         angles_rad = _angles_rad(seen, slice(self.other, self.other + 1))
         waves: Floats = np.sin(self.order * angles_rad + self.phase_rad)
         return self.height_rad * waves
@@ -103,13 +97,12 @@ class SquareOfTemperature(ReadingFault):
     reference_c: float = 20.0
 
     def errors_rad(self, seen: JointState) -> Floats:
-        """Equal for warmer and colder."""
         warmer_c = seen.around.temperature_c - self.reference_c
         squares: Floats = warmer_c[:, None] ** 2
         return self.rate_rad_c2 * squares
 
 
 def _angles_rad(seen: JointState, joints: slice) -> Floats:
-    """True angles on the disc, (n, n_chosen)."""
+    """Return true angles on the disc, (n, n_chosen)."""
     angles: Floats = seen.turns_rad[:, joints] + seen.build.zeros_rad[joints]
     return angles

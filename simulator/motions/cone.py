@@ -23,7 +23,7 @@ LONGEST_STEP_RAD = 0.4  # between knots; more is a jump to another branch
 
 
 class Cone(Motion):
-    """Press the button in many postures with the ball at one place."""
+    """Press the button in many postures with the ball in one place."""
 
     artefact: str = "cone"
     seat_mm: Vector
@@ -31,7 +31,6 @@ class Cone(Motion):
     postures: int = Field(ge=1)
 
     def play(self, stage: CourseBuilder) -> None:
-        """Append this motion to the course."""
         axis = unit(self.axis)
         seats_mm = np.tile(np.array(self.seat_mm), (self.postures, 1))
         shanks = np.tile(-axis, (self.postures, 1))
@@ -98,7 +97,7 @@ def _articulation(
 
 
 def _stays_seated(stage: CourseBuilder, way_rad: Floats, seat_mm: Floats) -> bool:
-    """Check between the knots, where the course is only interpolated."""
+    """Check between the knots, where the course is interpolated."""
     pieces = spline_pieces(np.linspace(0.0, 1.0, N_KNOTS), way_rad)
     between = np.einsum("p,npj->nj", 0.5 ** np.arange(6), pieces)
     centres_mm, _ = probe_pose(stage.reach.mechanism, between)

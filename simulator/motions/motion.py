@@ -33,7 +33,6 @@ class Motion(KindTable):
     KINDS: ClassVar[dict[str, type["Motion"]]] = {}  # filled by the package
 
     def play(self, stage: CourseBuilder) -> None:
-        """Append this motion to the course."""
         raise NotImplementedError(self.kind)
 
 
@@ -46,7 +45,6 @@ class RestMotion(Motion):
     duration_s: float = Field(gt=0.0)
 
     def play(self, stage: CourseBuilder) -> None:
-        """Append this motion to the course."""
         stage.rest(self.duration_s)
 
 
@@ -56,7 +54,7 @@ class ReplayMotion(Motion):
     file: str
 
     def play(self, stage: CourseBuilder) -> None:
-        """Append this motion to the course: its duration, and its inputs."""
+        """Append its duration and its inputs to the course."""
         recording = read_recording(stage.folder / self.file)
         stage.events += [
             ScriptEvent(time_s, name, level)

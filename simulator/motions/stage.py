@@ -1,4 +1,4 @@
-"""Where motions are played: a course is put together, piece by piece."""
+"""The stage of motions: a course is put together, piece by piece."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -27,14 +27,14 @@ class Operator(StrictModel):
     """How the arm is led.
 
     Attributes:
-        move_s: From one target to the next.
-        approach_s: From the clearance to the contact.
-        dwell_s: In contact, besides the press.
-        press_s: How long the button is held down.
-        clearance_mm: Where an approach begins.
-        switch_speed_mm_s: Of a switching probe at the contact.
-        overtravel_mm: Of a switching probe beyond the contact.
-        tilt_rad: How far the shank may lean from the normal.
+        move_s: from one target to the next.
+        approach_s: from the clearance to the contact.
+        dwell_s: in contact, besides the press.
+        press_s: duration of a press.
+        clearance_mm: begin of an approach.
+        switch_speed_mm_s: of a switching probe at the contact.
+        overtravel_mm: of a switching probe beyond the contact.
+        tilt_rad: greatest angle of the shank to the normal.
     """
 
     move_s: float = Field(default=0.8, gt=0.0)
@@ -67,12 +67,10 @@ class CourseBuilder:
     _pieces: list[Floats] = field(default_factory=list)
 
     def trajectory(self) -> Trajectory:
-        """The whole course."""
         breaks_s = np.array([0.0, *self._ends_s])
         return Trajectory(breaks_s, np.concatenate(self._pieces))
 
     def rest(self, duration_s: float) -> None:
-        """Hold still."""
         self._append([self.time_s + duration_s], rest_pieces(self.posture_rad))
 
     def move(self, posture_rad: Floats, duration_s: float) -> None:
@@ -82,9 +80,9 @@ class CourseBuilder:
         self.posture_rad = posture_rad
 
     def move_clear(self, posture_rad: Floats, is_clear: IsClear) -> None:
-        """Go to a posture, past a drawn one if the ball would hit on the way.
+        """Go to a posture, by a drawn one if the ball would hit on the way.
 
-        If no way around is found the direct one is taken: surfaces are not solid here.
+        Without a free way the direct one is taken: surfaces are not solid here.
         """
         limits, here = self.reach.limits_rad, self.posture_rad
         duration_s = self.operator.move_s
@@ -101,7 +99,7 @@ class CourseBuilder:
         self.move(posture_rad, duration_s)
 
     def follow(self, postures_rad: Floats, times_s: Floats) -> None:
-        """Pass through postures (n, n_joints), the first is the present one.
+        """Pass through postures (n, n_joints), the first being the present one.
 
         Times (n,) count from now, beginning with 0.
         """

@@ -17,7 +17,7 @@ from traverse.simulator.motions.touching import (
 
 
 def crossed(normal: Floats) -> tuple[Floats, Floats]:
-    """Two unit vectors that span the plane across a unit vector (3,)."""
+    """Return two unit vectors that span the plane across a unit vector (3,)."""
     other = np.eye(3)[int(np.argmin(np.abs(normal)))]
     first = other - (other @ normal) * normal
     first /= np.linalg.norm(first)
@@ -25,14 +25,13 @@ def crossed(normal: Floats) -> tuple[Floats, Floats]:
 
 
 def unit(vector: tuple[float, float, float]) -> Floats:
-    """The direction of a vector."""
     whole = np.array(vector, dtype=np.float64)
     direction: Floats = whole / np.linalg.norm(whole)
     return direction
 
 
 def cap_directions(pole: Floats, opening_rad: float, n_points: int) -> Floats:
-    """Unit vectors (n, 3) within an angle of the pole, on a golden spiral."""
+    """Return unit vectors (n, 3) within an angle of the pole, on a golden spiral."""
     heights = np.linspace(1.0, np.cos(opening_rad), n_points)
     around = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(n_points)
     radii = np.sqrt(np.maximum(0.0, 1.0 - heights**2))
@@ -56,8 +55,6 @@ class _Balls(Motion):
     opening_rad: float = Field(default=1.4, gt=0.0, le=3.0)
 
     def touch_ball(self, stage: CourseBuilder, feature: str, centre_mm: Floats) -> None:
-        """Touch the sphere at a place (3,)."""
-
         def is_clear(places_mm: Floats, ball_mm: float) -> Booleans:
             distances_mm: Floats = np.linalg.norm(places_mm - centre_mm, axis=1)
             return distances_mm > self.radius_mm + ball_mm
@@ -76,7 +73,6 @@ class Sphere(_Balls):
     artefact: str = "sphere"
 
     def play(self, stage: CourseBuilder) -> None:
-        """Append this motion to the course."""
         self.touch_ball(stage, "", np.array(self.centre_mm))
 
 
@@ -89,7 +85,6 @@ class BallBar(_Balls):
     radius_mm: float = Field(default=25.4, gt=0.0)
 
     def play(self, stage: CourseBuilder) -> None:
-        """Append this motion to the course."""
         half_mm = 0.5 * self.distance_mm * unit(self.direction)
         for feature, side in (("1", -1.0), ("2", 1.0)):
             self.touch_ball(stage, feature, np.array(self.centre_mm) + side * half_mm)
@@ -108,7 +103,6 @@ class Plane(Motion):
     rows: int = Field(default=4, ge=1)
 
     def play(self, stage: CourseBuilder) -> None:
-        """Append this motion to the course."""
         normal, centre_mm = unit(self.normal), np.array(self.centre_mm)
         across, along = crossed(normal)
         contacts = []
@@ -141,7 +135,7 @@ class Sweep(Motion):
     """Scan a sphere or a plane.
 
     The spiral begins at the pole of the sphere or at the centre of the plane;
-    `radius_mm` is the sphere's, or how far the spiral on the plane reaches.
+    `radius_mm` is of the sphere, or of the spiral on the plane.
     """
 
     over: Literal["sphere", "plane"]
@@ -154,7 +148,6 @@ class Sweep(Motion):
     speed_mm_s: float = Field(default=20.0, gt=0.0)
 
     def play(self, stage: CourseBuilder) -> None:
-        """Append this motion to the course."""
         fine, _ = self._spiral(np.linspace(0.0, 1.0, 2000))
         length_mm = float(np.sum(np.linalg.norm(np.diff(fine, axis=0), axis=1)))
         n_knots = int(np.clip(length_mm / KNOT_DISTANCE_MM, FEWEST_KNOTS, MOST_KNOTS))
@@ -177,7 +170,7 @@ class Sweep(Motion):
         stage.follow(leave, approach.times_s)
 
     def _spiral(self, fractions: Floats) -> tuple[Floats, Floats]:
-        """Surface points and normals (n, 3) at fractions (n,) of the spiral."""
+        """Return surface points and normals (n, 3) at fractions (n,) of the spiral."""
         pole, centre_mm = unit(self.normal), np.array(self.centre_mm)
         first, second = crossed(pole)
         around = 2.0 * np.pi * self.windings * fractions

@@ -18,8 +18,8 @@ class Contact:
     """A place on a surface.
 
     Attributes:
-        artefact: Its name.
-        feature: Of the artefact.
+        artefact: name.
+        feature: of the artefact.
         surface_mm: (3,)
         normal: (3,) out of the material.
     """
@@ -30,7 +30,7 @@ class Contact:
     normal: Floats
 
     def change(self, time_s: float, input_name: str, level: int) -> ScriptEvent:
-        """An input changes while the ball is here."""
+        """Return a change of an input while the ball is here."""
         return ScriptEvent(
             time_s,
             input_name,
@@ -49,7 +49,7 @@ class Approach:
     Attributes:
         times_s: (n,) from 0.
         distances_mm: (n,) along the normal, the clearance first.
-        contact: Index of the knot with distance 0.
+        contact: index of the knot with distance 0.
     """
 
     times_s: Floats
@@ -60,11 +60,10 @@ class Approach:
 def touch(stage: CourseBuilder, contacts: list[Contact], is_clear: IsClear) -> None:
     """Go to every contact in turn.
 
-    ``is_clear`` tells whether balls at places (n, 3) of some radius are off the
-    surface.
+    ``is_clear`` returns whether balls at places (n, 3) are off the surface.
 
     Raises:
-        UnreachableError: Naming the contacts that cannot be reached.
+        UnreachableError: names the contacts that cannot be reached.
     """
     postures = solve_contacts(stage, contacts)
     approach = _switch_approach(stage) if stage.switching else hard_approach(stage)
@@ -83,7 +82,7 @@ def solve_contacts(stage: CourseBuilder, contacts: list[Contact]) -> Floats:
     """Find postures (n, n_joints) with the ball exactly in contact.
 
     Raises:
-        UnreachableError: Naming the contacts that cannot be reached.
+        UnreachableError: names the contacts that cannot be reached.
     """
     centres_mm, normals = _ball_places(stage, contacts)
     postures, reached = stage.reach.postures(
@@ -156,7 +155,7 @@ def _paths(
     postures: Floats,
     contacts: list[Contact],
 ) -> Floats:
-    """Postures (n_contacts, n_knots, n_joints), exact at the contact."""
+    """Return postures (n_contacts, n_knots, n_joints), exact at the contact."""
     centres_mm, normals = _ball_places(stage, contacts)
     targets = centres_mm + approach.distances_mm[:, None, None] * normals
     contact = approach.contact
@@ -168,7 +167,7 @@ def _paths(
 def _ball_places(
     stage: CourseBuilder, contacts: list[Contact]
 ) -> tuple[Floats, Floats]:
-    """Ball centres in contact and normals, (n, 3) each."""
+    """Return ball centres in contact and normals, (n, 3) each."""
     normals = np.array([contact.normal for contact in contacts])
     surfaces_mm = np.array([contact.surface_mm for contact in contacts])
     return surfaces_mm + stage.radius_mm * normals, normals

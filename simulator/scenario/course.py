@@ -1,9 +1,9 @@
 """True course of the arm with its faults along a script.
 
-The operator watches the ball: a joint that yields is compensated, so that the
-ball moves as in the script. These corrections of the turns are small and
-smooth: they are found every 10 ms and interpolated. What is logged as true is
-computed from the resulting turns, so it is true whatever the interpolation leaves.
+The operator watches the ball and compensates for deflections, so that the ball moves as
+in the script. These corrections of the turns are small and smooth: they are solved
+every 10 ms and interpolated. The truth log is computed from the resulting turns, so
+that it is exact.
 """
 
 from collections import OrderedDict
@@ -30,10 +30,10 @@ class ClimateTable(StrictModel):
     """A temperature that drifts and swings.
 
     Attributes:
-        temperature_c: Of the arm at the start of the script.
-        drift_c_s: By how much it rises in a second, for ever.
-        swing_c: Largest departure from that, up first.
-        swing_period_s: From wave to wave.
+        temperature_c: of the arm at the start of the script.
+        drift_c_s: rise in a second, for ever.
+        swing_c: amplitude, up first.
+        swing_period_s: period.
     """
 
     temperature_c: float = 20.0
@@ -42,7 +42,6 @@ class ClimateTable(StrictModel):
     swing_period_s: float = Field(default=3600.0, gt=0.0)
 
     def change_c(self, script_s: Floats) -> Floats:
-        """By how much it is warmer than at the start, any shape."""
         waves: Floats = np.sin(2.0 * np.pi / self.swing_period_s * script_s)
         return self.drift_c_s * script_s + self.swing_c * waves
 
@@ -51,13 +50,13 @@ class ClimateTable(StrictModel):
 class ContactDirections:
     """Directions from the ball towards the material that it touches or is led to.
 
-    Between two contacts they shrink to nothing and grow again, so that what depends
-    on them changes without a jump.
+    Between two contacts they shrink to nothing and grow again, so that what depends on
+    them changes without a jump.
 
     Attributes:
         knots_s: (m,) rising, within the script.
         towards: (m, 3) there; linear in between.
-        loop_s: Duration of the script if it repeats, None if it ends.
+        loop_s: duration of the script if it repeats, None if it ends.
     """
 
     knots_s: Floats
@@ -65,7 +64,7 @@ class ContactDirections:
     loop_s: float | None
 
     def at(self, script_s: Floats) -> Floats:
-        """Directions (n, 3) at times (n,) of the script; not longer than 1."""
+        """Return directions (n, 3) at script times (n,); not longer than 1."""
         if self.loop_s is not None:
             script_s = script_s % self.loop_s
         columns = [np.interp(script_s, self.knots_s, c) for c in self.towards.T]
@@ -73,7 +72,7 @@ class ContactDirections:
 
 
 def contact_directions(script: Script) -> ContactDirections:
-    """Find them from the changes of inputs, which happen in contact."""
+    """Derive directions from the changes of inputs, which happen in contact."""
     knots_s, towards = [0.0], [np.zeros(3)]
     nexts = (*script.events[1:], None)
     for event, next_ in zip(script.events, nexts[: len(script.events)], strict=True):
@@ -112,7 +111,7 @@ class Course:
         self._corrections: OrderedDict[int, Floats] = OrderedDict()
 
     def readings_rad(self, script_s: Floats) -> Floats:
-        """Readings of the encoders, (n, n_joints), at times (n,)."""
+        """Return readings (n, n_joints) at script times (n,)."""
         turns_rad = self.turns_rad(script_s)
         if not self._arm.readings:
             build = self._arm.build
@@ -120,11 +119,10 @@ class Course:
         return self._arm.readings_rad(turns_rad, self._around(script_s))
 
     def probe(self, script_s: Floats) -> tuple[Floats, Floats]:
-        """Centres of the ball (n, 3) and directions of the shank (n, 3), true ones."""
+        """Return true ball centres and shank directions, (n, 3) each."""
         return self._arm.probe(self.turns_rad(script_s), self._around(script_s))
 
     def turns_rad(self, script_s: Floats) -> Floats:
-        """True turns of the hinges, (n, n_joints)."""
         scripted_rad = self._script.turns(script_s)
         if self._arm.is_stiff:
             return scripted_rad
@@ -143,7 +141,7 @@ class Course:
         )
 
     def _interpolated(self, script_s: Floats) -> Floats:
-        """Corrections (n, n_joints): cubics through four neighbours."""
+        """Return corrections (n, n_joints): cubics through four neighbours."""
         steps = script_s / STEP_S
         below = np.floor(steps).astype(np.int64)
         u = (steps - below)[:, None]

@@ -16,7 +16,7 @@ from traverse.simulator.kind_table import KindTable
 class Fault(KindTable):
     """A fault; `at_s` counts from the start of the script.
 
-    Without `duration_s` a fault lasts, without `device` it is of all devices.
+    Without `duration_s` it lasts, without `device` it is of all devices.
     """
 
     FAMILY = "fault"
@@ -27,11 +27,11 @@ class Fault(KindTable):
     duration_s: float = Field(default=math.inf, gt=0.0, allow_inf_nan=True)
 
     def lasts(self, script_s: float) -> bool:
-        """Whether it is there at a time of the script."""
+        """Return whether it lasts at a time of the script."""
         return self.at_s <= script_s < self.at_s + self.duration_s
 
     def strikes(self, script_s: float, channel: int | None) -> bool:
-        """Whether it lasts for a channel; None: for the device as a whole."""
+        """Return whether it lasts for a channel; None: for the device as a whole."""
         own_channel = getattr(self, "channel", None)
         return self.lasts(script_s) and own_channel in {None, channel}
 
@@ -39,7 +39,7 @@ class Fault(KindTable):
 class LineFault(Fault):
     """Frames that are lost, corrupted, repeated, lack a byte, or follow on garbage.
 
-    With `channel` only what one encoder sends, where each answers by itself.
+    With `channel` only those of one encoder, if each answers by itself.
     """
 
     probability: float = Field(gt=0.0, le=1.0)
@@ -83,10 +83,10 @@ class BoardFault(Fault):
 
 
 class SpeakerFault(BoardFault):
-    """A device, or one encoder where each answers by itself, that sends nothing.
+    """A device, or one encoder that answers by itself, that sends nothing.
 
     After `silent` it continues as before, after `reset` it has lost power; `duplicate`
-    is the contrary: it sends everything twice, as two encoders with one number do.
+    sends everything twice, as two encoders with one number do.
     """
 
     channel: int | None = Field(default=None, ge=0)
@@ -96,10 +96,10 @@ class EmcyFault(Fault):
     """An emergency message of an encoder; the error ends with the fault.
 
     Attributes:
-        code: Emergency error code.
-        error_register: Object 1001.
-        alarms: Bits of CiA 406 that are set meanwhile.
-        warnings: The same of the warnings.
+        code: emergency error code.
+        error_register: object 1001.
+        alarms: bits of CiA 406 that are set meanwhile.
+        warnings: bits of the warnings.
     """
 
     channel: int = Field(ge=0)
@@ -135,7 +135,7 @@ AnyFault = Annotated[SerializeAsAny[Fault], BeforeValidator(Fault.from_table)]
 def of_device(
     faults: Iterable[Fault], device: str, played: frozenset[str]
 ) -> tuple[Fault, ...]:
-    """Pick the faults that concern a device and are of the kinds that it plays."""
+    """Select the faults of a device, of kinds that it plays."""
     return tuple(
         fault
         for fault in faults

@@ -1,4 +1,4 @@
-"""Recorded counts: `time_s`, one column `<device>/<channel>` per channel.
+"""Recorded counts: `time_s`, one column `<device>/<channel>` for each channel.
 
 Optional columns `button` and `switch` hold the levels of the inputs, 0 or 1.
 """
@@ -19,21 +19,17 @@ INPUTS = ("button", "switch")
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A recorded stream.
-
-    Times (n,) rise from 0, columns are (n,) each.
-    """
+    """A recorded stream; times (n,) rise from 0, columns are (n,) each."""
 
     times_s: Floats
     columns: Mapping[str, Integers]
 
     @property
     def duration_s(self) -> float:
-        """From the first row to the last."""
         return float(self.times_s[-1])
 
     def input_changes(self) -> Iterator[tuple[float, str, int]]:
-        """Time, name and new level of each change, beginning from 0."""
+        """Yield time, name and new level of each change, beginning from 0."""
         for name in INPUTS:
             level = 0
             for time_s, now in zip(
@@ -46,13 +42,13 @@ class Recording:
 
 @dataclass(frozen=True, slots=True)
 class RecordedCounts:
-    """The counts of one device out of a recording, linear between the rows.
+    """The counts of one device from a recording, linear between the rows.
 
     Attributes:
         times_s: (n,)
         unwrapped: (n, n_channels) counts without wraps.
         moduli: (n_channels,)
-        repeat: Start again at the end.
+        repeat: start again at the end.
     """
 
     times_s: Floats
@@ -61,7 +57,7 @@ class RecordedCounts:
     repeat: bool
 
     def counts(self, script_s: Floats, noise: np.random.Generator) -> Integers:
-        """Counts (n, n_channels) at times (n,) of the script."""
+        """Return counts (n, n_channels) at script times (n,)."""
         del noise  # a recording has its own
         if self.repeat:
             script_s = script_s % self.times_s[-1]
@@ -74,7 +70,7 @@ class RecordedCounts:
 def recorded_counts(
     recording: Recording, names: list[str], moduli: Integers, repeat: bool
 ) -> RecordedCounts:
-    """Take the channels of one device; differences are taken nearest zero."""
+    """Select the channels of one device; differences are taken nearest zero."""
     wrapped = np.stack([recording.columns[name] for name in names], axis=1)
     steps = np.diff(wrapped, axis=0)
     steps = (steps + moduli // 2) % moduli - moduli // 2
@@ -88,7 +84,7 @@ def read_recording(path: Path) -> Recording:
     """Read a table of counts.
 
     Raises:
-        FileError: With file, line and reason; nothing is half-read.
+        FileError: with file, line and reason; nothing is half-read.
     """
     times_s: list[float] = []
     values: list[list[int]] = []

@@ -13,13 +13,13 @@ class ScriptEvent:
     """A press, a release, or a change of the probe's switch.
 
     Attributes:
-        time_s: From the start of the script.
+        time_s: from the start of the script.
         input_name: "button" or "switch".
         level: 1 active, 0 not.
-        artefact: What is touched; empty if nothing is.
-        feature: Of the artefact.
-        surface_mm: Where the ball touches, None for a seat.
-        normal: Of the surface there, outwards.
+        artefact: touched one; empty for none.
+        feature: of the artefact.
+        surface_mm: touched place, None for a seat.
+        normal: of the surface there, outwards.
     """
 
     time_s: float
@@ -33,10 +33,7 @@ class ScriptEvent:
 
 @dataclass(frozen=True, slots=True)
 class Script:
-    """A course of the arm; times in a loop are taken modulo its duration.
-
-    Its events are in order of time.
-    """
+    """A course of the arm, with events in order of time; loops repeat it."""
 
     trajectory: Trajectory
     events: tuple[ScriptEvent, ...]
@@ -44,19 +41,18 @@ class Script:
 
     @property
     def duration_s(self) -> float:
-        """Of one loop."""
         return self.trajectory.duration_s
 
     def turns(self, times_s: Floats) -> Floats:
-        """Turns (n, n_joints) at script times (n,)."""
+        """Return turns (n, n_joints) at script times (n,)."""
         return self.trajectory.turns(self._in_loop_s(times_s))
 
     def speeds(self, times_s: Floats) -> Floats:
-        """Speeds of the turns (n, n_joints) [rad/s]."""
+        """Return speeds of the turns (n, n_joints) [rad/s]."""
         return self.trajectory.speeds(self._in_loop_s(times_s))
 
     def senses(self, times_s: Floats) -> Floats:
-        """Sense of the last motion, (n, n_joints): -1, +1, or 0 before any."""
+        """Return signs of the last motion, (n, n_joints): -1, +1, or 0 before any."""
         senses = self.trajectory.senses(self._in_loop_s(times_s))
         if self.repeat:
             again = (times_s >= self.duration_s)[:, None] & (senses == 0.0)
@@ -69,7 +65,7 @@ class Script:
         return times_s
 
     def event(self, number: int) -> tuple[float, ScriptEvent] | None:
-        """Event by number, counted over all loops, with its script time."""
+        """Return an event by number, counted over all loops, with its script time."""
         if not self.events:
             return None
         loop, index = divmod(number, len(self.events))

@@ -1,4 +1,4 @@
-"""Values that cross a device's border: what it is wired to, what it sends."""
+"""Values exchanged with a device: events of its inputs, frames that it sends."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from traverse.simulator.scenario.script import ScriptEvent
 
 @dataclass(frozen=True, slots=True)
 class InputChange:
-    """An input takes a new level (1 active, 0 not), by an event of the script."""
+    """A new level of an input (1 active, 0 not), by an event of the script."""
 
     time_s: float
     input_number: int
@@ -20,13 +20,13 @@ class InputChange:
 
 @dataclass(frozen=True, slots=True)
 class LatchedEdge:
-    """An edge with what was latched at its first change.
+    """An edge with the readings latched at its first change.
 
     Attributes:
-        inputs: Levels of all inputs right after it, as bits.
+        inputs: levels of all inputs right after it, as bits.
         counts: (n_channels,)
         status: (n_channels,)
-        event: Of the script that caused it.
+        event: of the script that caused it.
     """
 
     time_s: float
@@ -41,7 +41,7 @@ class LatchedEdge:
 
 @dataclass(frozen=True, slots=True)
 class AlarmChange:
-    """An encoder begins or ends to complain."""
+    """Begin or end of an encoder's alarm."""
 
     time_s: float
     channel: int

@@ -15,15 +15,15 @@ READINGS_TOGETHER = 64  # that are worked out and written at a time
 
 
 class TruthLog:
-    """Write what really was; edges are flushed as they occur.
+    """Writes the truth; edges are flushed as they occur.
 
     Args:
-        path: Of the file, None to write nothing.
-        course: Of the true arm; None in a replay.
-        clock: When the script began.
-        origin_ns: The host's monotonic clock at time 0 of the simulation; None where
+        path: of the file, None to write nothing.
+        course: of the true arm; None in a replay.
+        clock: of the script.
+        origin_ns: the host's monotonic clock at time 0 of the simulation; None if
             that has a time of its own.
-        readings: Write each reading of an encoder that is polled by itself.
+        readings: write each reading of an encoder that is polled by itself.
     """
 
     def __init__(
@@ -51,7 +51,6 @@ class TruthLog:
             self._file.close()
 
     def edge(self, device: str, seq: int, edge: LatchedEdge) -> None:
-        """Write an edge."""
         if self._file is None:
             return
         self._write_readings()
@@ -89,7 +88,7 @@ class TruthLog:
     def reading(
         self, device: str, channel: int, time_s: float, count: int, status: int
     ) -> None:
-        """Note a reading; it is written together with others."""
+        """Note a reading; readings are written in batches."""
         if not self._takes_readings:
             return
         line = {
@@ -112,7 +111,7 @@ class TruthLog:
     def dropped(
         self, device: str, n_samples: int, time_s: float, stood_s: float
     ) -> None:
-        """Write that samples found no room in a device's buffer."""
+        """Write that samples had no room in a device's buffer."""
         self._write_readings()
         self._write(
             {
@@ -126,7 +125,6 @@ class TruthLog:
         )
 
     def summary(self, totals: Mapping[str, Any]) -> None:
-        """Write the last line."""
         self._write_readings()
         self._write({"event": "summary", **totals})
 

@@ -30,16 +30,15 @@ class ScriptedCounts:
     encoders: EncoderSet
 
     def counts(self, script_s: Floats, noise: np.random.Generator) -> Integers:
-        """Counts (n, n_channels) at times (n,) of the script."""
         return self.encoders.counts(self.course.readings_rad(script_s), noise)
 
 
 @dataclass(slots=True)
 class ScriptClock:
-    """When the script begins; the arm rests at its start before.
+    """Begin of the script; the arm rests at its start before.
 
     Attributes:
-        begin_s: Time of the simulation, None until the script begins.
+        begin_s: simulated time; None until the script begins.
     """
 
     begin_s: float | None = None
@@ -50,15 +49,14 @@ class ScriptClock:
             self.begin_s = time_s
 
     def script_s(self, time_s: float) -> float:
-        """Time of the script."""
         return 0.0 if self.begin_s is None else max(0.0, time_s - self.begin_s)
 
 
 class Wiring:
     """Latched channels and inputs of one board.
 
-    Moduli have shape (n_channels,); changes before ``from_script_s``, the power-up,
-    are not reported.
+    Moduli have shape (n_channels,); changes before ``from_script_s``, the power-up, are
+    not reported.
     """
 
     def __init__(
@@ -89,7 +87,7 @@ class Wiring:
     def latch(
         self, times_s: Floats, edge: bool
     ) -> tuple[NDArray[np.uint32], NDArray[np.uint8]]:
-        """Counts and status (n, n_channels) at times (n,)."""
+        """Return counts and status (n, n_channels) at times (n,)."""
         begin_s = self._clock.begin_s
         script_s = np.maximum(
             0.0, times_s - (times_s[-1] if begin_s is None else begin_s)
@@ -105,7 +103,7 @@ class Wiring:
         return counts.astype(np.uint32), status
 
     def peek_change(self) -> InputChange | AlarmChange | None:
-        """The next change, if any is known yet."""
+        """Return the next change, if any is known yet."""
         begin_s = self._clock.begin_s
         change = None if begin_s is None else self._next()
         if begin_s is None or change is None:
@@ -113,21 +111,20 @@ class Wiring:
         return replace(change, time_s=begin_s + change.time_s)
 
     def take_change(self) -> None:
-        """Advance to the one after it."""
         if isinstance(self._next(), AlarmChange):
             self._alarms.pop(0)
         else:
             self._next_event += 1
 
     def _next(self) -> InputChange | AlarmChange | None:
-        """The next change, at a time of the script."""
+        """Return the next change, at a time of the script."""
         change = self._next_of_inputs()
         if self._alarms and (change is None or self._alarms[0].time_s <= change.time_s):
             return self._alarms[0]
         return change
 
     def _next_of_inputs(self) -> InputChange | None:
-        """The next change of an input that this board has."""
+        """Return the next change of an input that this board has."""
         names = {event.input_name for event in self._script.events}
         if names.isdisjoint(self._inputs):
             return None

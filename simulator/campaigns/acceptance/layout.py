@@ -1,6 +1,6 @@
 """Places of standards in acceptance tests, and the points touched on them.
 
-Written from the standards' descriptions, not from the code that evaluates the tests.
+Written from the standards' descriptions, not from the code that evaluates tests.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ from traverse.simulator.campaigns.artefacts.artefact import Placement, Table
 
 
 class CalibratedSphere(Sphere):
-    """A calibrated sphere whose touches have names of groups."""
+    """Calibrated sphere whose touches have names of groups."""
 
     kind: Literal["sphere"] = "sphere"
     known: bool = True
@@ -29,23 +29,21 @@ class CalibratedSphere(Sphere):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """Names of the groups."""
         return self.groups
 
 
 class SidedCone(Cone):
-    """A seat that is touched with the elbow to either side."""
+    """Seat that is touched with the elbow to either side."""
 
     kind: Literal["cone"] = "cone"
 
     @property
     def features(self) -> tuple[str, ...]:
-        """Where the elbow is."""
         return ("left", "right")
 
 
 class SeatBar(Points):
-    """A bar with a seat at each end."""
+    """Bar with a seat at each end."""
 
     kind: Literal["points"] = "points"
     n_points: int = 2
@@ -55,18 +53,16 @@ class SeatBar(Points):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """The two seats."""
         return ("a", "b")
 
     @property
     def own_mm(self) -> Floats:
-        """The seats, (2, 3), along the third axis."""
         ends = np.zeros((2, 3))
         ends[:, 2] = -0.5 * self.length_mm, 0.5 * self.length_mm
         return ends
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
-        """Its length, by the certificate: each end has its part of the error."""
+        """Return the certified length; each end has its part of the error."""
         ends_mm = self.own_mm
         ends_mm[1, 2] += self.length_std_mm * float(rng.standard_normal())
         table: Table = {"frame": "own"}
@@ -110,14 +106,14 @@ class PlacedStandard:
     """One standard in one place.
 
     Attributes:
-        artefact: The standard.
-        way: Direction of its third axis, (3,).
-        zone: Least and largest distance of its middle from the shoulder, as parts of
-            the reach.
-        features: Of every touch, in order.
-        own_mm: Centres of the ball in the standard's coordinates, (n, 3).
-        towards: Towards the material, NaN in seats, (n, 3).
-        shanks: Required direction of the probe, NaN where any will do, (n, 3).
+        artefact: the standard.
+        way: direction of its third axis, (3,).
+        zone: least and largest distance of its middle from the shoulder over the
+            reach.
+        features: of every touch, in order.
+        own_mm: ball centres in the standard's coordinates, (n, 3).
+        towards: towards the material, NaN in seats, (n, 3).
+        shanks: required direction of the probe, NaN for any, (n, 3).
     """
 
     artefact: Artefact
@@ -132,9 +128,9 @@ class PlacedStandard:
 def layout_of(
     standard: str, reach_mm: float, ball_mm: float, *, std_mm: float = 0.0005
 ) -> Iterator[PlacedStandard]:
-    """Place the standards.
+    """Place the standards of a test.
 
-    The standard is `iso10360-12`, `asme-b89.4.22` or `vdi2617-9`. ``reach_mm`` is from
+    ``standard`` is `iso10360-12`, `asme-b89.4.22` or `vdi2617-9`. ``reach_mm`` is from
     the second joint, ``ball_mm`` a radius; certificates state ``std_mm``.
     """
     if standard == "iso10360-12":

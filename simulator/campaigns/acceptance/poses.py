@@ -1,8 +1,7 @@
-"""Simulated acceptance tests: the standards' artefacts, touched by an arm.
+"""Simulated acceptance tests: standards touched by an arm.
 
 `acceptance_poses` finds places and postures once; `touched_by` makes another arm touch
-the same spots, and `drawn_acceptance` draws noise and certificates: so any number of
-arms can be tested.
+the same spots, and `drawn_acceptance` draws noise and certificates.
 """
 
 from dataclasses import replace
@@ -38,12 +37,12 @@ def acceptance_poses(
     conditions: ConditionTable | None = None,
     std_mm: float = 0.0005,
 ) -> PoseSet:
-    """Place what a standard requires, and touch it, by the arm of the file.
+    """Place the artefacts of a standard, and touch them with the arm of the file.
 
     Equal seeds give equal poses; ``noise`` lies between the truth and the file.
 
     Raises:
-        UnreachableError: An artefact that fits nowhere.
+        UnreachableError: an artefact fits nowhere.
     """
     truth = true_arm(arm, Deviations(), seed)
     workspace = workspace_of(truth.mechanism, "full")
@@ -100,7 +99,7 @@ def touched_by(poses: PoseSet, truth: TrueArm) -> PoseSet:
 
 
 def drawn_acceptance(poses: PoseSet, seed: int) -> SimulatedCampaign:
-    """Draw noise and certificates; one standard in many places has one certificate."""
+    """Draw noise, and a certificate for each standard wherever it stands."""
     drawn = draw_noise(poses, seed)
     first: dict[str, StatedArtefact] = {}
     stated = []
@@ -113,7 +112,7 @@ def drawn_acceptance(poses: PoseSet, seed: int) -> SimulatedCampaign:
 
 
 def _standard_of(name: str) -> str:
-    """Name the physical standard: `uni-3-2` and `uni-5-2` are one."""
+    """Return the physical standard: `uni-3-2` and `uni-5-2` are one."""
     kind, _, rest = name.partition("-")
     if kind == "uni":
         return f"uni-{rest.rpartition('-')[2]}"
@@ -125,7 +124,7 @@ def _standard_of(name: str) -> str:
 
 
 def _reach(mechanism: Mechanism) -> tuple[Floats, float]:
-    """The second joint, and how far the ball gets from there."""
+    """Return the second joint, and the reach of the ball from there."""
     corners_mm = np.vstack([mechanism.origins_mm[1:], mechanism.probe_mm])
     links_mm = np.linalg.norm(np.diff(corners_mm, axis=0), axis=1)
     return corners_mm[0], float(np.sum(links_mm))
@@ -167,7 +166,7 @@ def _aligned(
     centres_mm: Floats,
     rng: np.random.Generator,
 ) -> Floats:
-    """Choose, of many postures a touch, the one whose probe points as required."""
+    """Choose, of many postures for a touch, the one whose probe is best aligned."""
     n = len(centres_mm)
     many = np.repeat(centres_mm, N_POSTURES, axis=0)
     turns_rad, reached = workspace.reaching(many, rng)
@@ -182,7 +181,7 @@ def _aligned(
 
 
 def _rotation(way: Floats) -> Floats:
-    """A rotation (3, 3) that takes the third axis to a direction."""
+    """Return a rotation (3, 3) of the third axis to a direction."""
     least = np.eye(3)[int(np.argmin(np.abs(way)))]
     first = np.cross(least, way)
     first /= np.linalg.norm(first)

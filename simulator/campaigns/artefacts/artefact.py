@@ -27,16 +27,16 @@ class Placement:
     position_mm: Floats
 
     def points_mm(self, own_mm: Floats) -> Floats:
-        """Points (n, 3) of the artefact in the arm's system."""
+        """Transform points (n, 3) of the artefact to the arm's system."""
         return own_mm @ self.rotation.T + self.position_mm
 
     def directions(self, directions: Floats) -> Floats:
-        """Directions (n, 3) of the artefact in the arm's system."""
+        """Transform directions (n, 3) of the artefact to the arm's system."""
         return directions @ self.rotation.T
 
 
 def drawn_rotation(rng: np.random.Generator) -> Floats:
-    """A rotation (3, 3), all alike probable: the axes of a random frame, righted."""
+    """Draw a rotation (3, 3) evenly: the axes of a random frame, made right-handed."""
     frame, triangle = np.linalg.qr(rng.standard_normal((3, 3)))
     frame = frame * np.sign(np.diag(triangle))
     if np.linalg.det(frame) < 0.0:
@@ -48,7 +48,7 @@ def drawn_rotation(rng: np.random.Generator) -> Floats:
 def drawn_directions(
     rng: np.random.Generator, n_directions: int, opening_rad: float
 ) -> Floats:
-    """Unit vectors (n, 3), even over the cap of that opening about the third axis."""
+    """Draw unit vectors (n, 3) evenly over a cap about the third axis."""
     heights = rng.uniform(np.cos(opening_rad), 1.0, n_directions)
     around = rng.uniform(-np.pi, np.pi, n_directions)
     radii = np.sqrt(np.maximum(0.0, 1.0 - heights**2))
@@ -62,12 +62,12 @@ REFERENCE_C = 20.0  # where the standards have their lengths
 
 @dataclass(frozen=True, slots=True)
 class Contacts:
-    """Where the ball's centre is when it touches.
+    """Ball centres in contact.
 
     Attributes:
         centres_mm: (n, 3)
-        towards: (n, 3) unit vectors from the ball towards the material; NaN where the
-            ball is held by a seat and there is no such direction.
+        towards: (n, 3) unit vectors from the ball towards the material; NaN in a
+            seat.
     """
 
     centres_mm: Floats
@@ -79,10 +79,10 @@ class Touches:
     """Requested contacts.
 
     Attributes:
-        rng: Draws where it is touched.
-        features: (n,) which part is touched, index into the artefact's `features`.
-        ball_mm: Radius of the ball.
-        growths: (n,) lengths at the time of the contact over those at 20 C.
+        rng: draws the contacts.
+        features: (n,) index into the artefact's `features`.
+        ball_mm: radius of the ball.
+        growths: (n,) lengths at the time of contact over those at 20 C.
     """
 
     rng: np.random.Generator
@@ -92,7 +92,6 @@ class Touches:
 
     @property
     def n(self) -> int:
-        """How many."""
         return len(self.features)
 
 
@@ -100,10 +99,10 @@ class Artefact(KindTable):
     """An artefact; every kind is a class of its own.
 
     Attributes:
-        kind: Its name in campaign files.
-        id: Unique in the campaign.
-        n_poses: How often it is touched.
-        contact_mm: Noise of its contacts; absent: that of the campaign.
+        kind: name in campaign files.
+        id: unique in the campaign.
+        n_poses: number of touches.
+        contact_mm: noise of its contacts; absent: that of the campaign.
     """
 
     FAMILY = "artefact"
@@ -116,12 +115,10 @@ class Artefact(KindTable):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """Names of its parts."""
         return ("",)
 
     @property
     def thermal_growth_per_c(self) -> float:
-        """By how much its lengths grow."""
         return 0.0
 
     def size_problem(self, ball_mm: float) -> str | None:
@@ -133,11 +130,11 @@ class Artefact(KindTable):
         raise NotImplementedError(self.kind)
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
-        """Its statement in a campaign, here none; errors of standards are drawn."""
+        """Draw errors and return the statement in a campaign; here none."""
         return {}
 
     def true_table(self, placement: Placement) -> Table:
-        """Its true values at 20 C, in the arm's system."""
+        """Return its true values at 20 C, in the arm's system."""
         raise NotImplementedError(self.kind)
 
 
@@ -151,12 +148,10 @@ class Standard(Artefact):
 
     @property
     def thermal_growth_per_c(self) -> float:
-        """By how much its lengths grow."""
         return self.expansion_per_c
 
     @property
     def stated_expansion(self) -> Table:
-        """The key of the expansion, where there is any."""
         stated = {"expansion_per_c": self.expansion_per_c}
         return stated if self.expansion_per_c else {}
 
@@ -164,7 +159,7 @@ class Standard(Artefact):
 def stated_length(
     rng: np.random.Generator, key: str, true_mm: float, std_mm: float
 ) -> Table:
-    """The key of a length by its certificate, with its uncertainty if any."""
+    """Return a certified length, with its uncertainty if any."""
     table: Table = {f"{key}_mm": true_mm + std_mm * float(rng.standard_normal())}
     if std_mm > 0.0:
         table[f"{key}_std_mm"] = std_mm
@@ -172,5 +167,4 @@ def stated_length(
 
 
 def no_directions(n_contacts: int) -> Floats:
-    """Directions (n, 3) that do not exist."""
     return np.full((n_contacts, 3), np.nan)

@@ -26,16 +26,15 @@ class Seated(Artefact):
 
     @property
     def seats_mm(self) -> Floats:
-        """The seated ball's centre at every feature, (n_features, 3)."""
         return np.zeros((1, 3))
 
     def contacts(self, touches: Touches) -> Contacts:
-        """The seats, as often as requested."""
+        """Return the seats as requested."""
         centres_mm = self.seats_mm[touches.features] * touches.growths[:, None]
         return Contacts(centres_mm, no_directions(touches.n))
 
     def true_table(self, placement: Placement) -> Table:
-        """The seats in the arm's system, by name."""
+        """Return the seats in the arm's system, by name."""
         true_mm = placement.points_mm(self.seats_mm)
         return {"points_mm": dict(zip(self.features, true_mm.tolist(), strict=True))}
 
@@ -46,14 +45,13 @@ class Cone(Seated):
     kind: Literal["cone"] = "cone"
 
     def true_table(self, placement: Placement) -> Table:
-        """Where the seated ball's centre is."""
         return {"point_mm": placement.position_mm.tolist()}
 
 
 class Seats(Seated, Standard):
-    """A bar with cones: seats in a row, which expand about its middle.
+    """A bar of cones in a row, which expand about its middle.
 
-    The standard deviation is that of the stated distances.
+    The standard deviation is of the stated distances.
     """
 
     kind: Literal["seats"] = "seats"
@@ -63,19 +61,18 @@ class Seats(Seated, Standard):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """Names of the seats."""
         return tuple(str(number + 1) for number in range(self.n_seats))
 
     @property
     def seats_mm(self) -> Floats:
-        """The seats (n_seats, 3) along the third axis, about their middle."""
+        """Seats (n_seats, 3) along the third axis, about their middle."""
         places_mm = np.zeros((self.n_seats, 3))
         steps = np.arange(self.n_seats) - 0.5 * (self.n_seats - 1)
         places_mm[:, 2] = self.distance_mm * steps
         return places_mm
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
-        """The distances from the first seat, as the certificate has them."""
+        """Return distances from the first seat by the certificate."""
         std_mm = self.distance_std_mm
         stated = [
             stated_length(rng, "distance", number * self.distance_mm, std_mm)
@@ -94,15 +91,15 @@ PLASTIC = 1.2207440846057596  # root of x^4 = x + 1: its powers spread points ev
 
 
 class Points(Seated, Standard):
-    """Seats for the ball, spread over a cube; they expand about its middle.
+    """Seats spread over a cube; they expand about its middle.
 
     Attributes:
-        n_points: How many.
-        size_mm: Side of the cube.
-        frame: In which system their coordinates are known.
-        scale: Length in the arm's system over length in their own.
-        points_std_mm: Of each coordinate that the campaign states.
-        orientations: The instrument measures the orientation of its probe, too.
+        n_points: number of seats.
+        size_mm: side of the cube.
+        frame: system of their coordinates.
+        scale: length in the arm's system over length in their own.
+        points_std_mm: of each coordinate that the campaign states.
+        orientations: the instrument measures the orientation of its probe, too.
     """
 
     kind: Literal["points"] = "points"
@@ -115,7 +112,6 @@ class Points(Seated, Standard):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """Names of the points."""
         return tuple(f"P{number + 1}" for number in range(self.n_points))
 
     @property
@@ -128,11 +124,10 @@ class Points(Seated, Standard):
 
     @property
     def seats_mm(self) -> Floats:
-        """The points in the arm's system but for their place."""
+        """Points in the arm's system but for their place."""
         return self.scale * self.own_mm
 
     def size_problem(self, ball_mm: float) -> str | None:
-        """A scale or an expansion needs a system of its own."""
         if self.expansion_per_c and self.frame == "arm":
             return (
                 f"expansion_per_c = {self.expansion_per_c:g} with frame = 'arm'; "
@@ -146,7 +141,6 @@ class Points(Seated, Standard):
         return None
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
-        """Their coordinates, as the certificate has them."""
         known_mm = self.own_mm
         if self.frame == "arm":
             known_mm = placement.points_mm(known_mm)
@@ -172,11 +166,11 @@ class DrawWire(Artefact):
     """A wire whose end is held at the ball's centre.
 
     Attributes:
-        shortest_mm: To which the wire is drawn out, from its anchor to the ball.
-        longest_mm: Likewise.
-        offset_mm: By which that is longer than what is read.
-        known: Whether the campaign states the offset.
-        opening_rad: From the wire's middle direction to the last.
+        shortest_mm: least distance of the ball from the anchor.
+        longest_mm: greatest distance.
+        offset_mm: actual distance minus reading.
+        known: whether the campaign states the offset.
+        opening_rad: from the wire's middle direction to the last.
     """
 
     kind: Literal["draw_wire"] = "draw_wire"
@@ -187,7 +181,6 @@ class DrawWire(Artefact):
     opening_rad: float = Field(default=1.2, gt=0.0, le=float(np.pi))
 
     def size_problem(self, ball_mm: float) -> str | None:
-        """It must be drawn out."""
         if self.longest_mm <= self.shortest_mm:
             return (
                 f"longest_mm = {self.longest_mm:g} is not longer than shortest_mm = "
@@ -196,17 +189,15 @@ class DrawWire(Artefact):
         return None
 
     def contacts(self, touches: Touches) -> Contacts:
-        """Places in a cap of a shell around the anchor."""
+        """Draw places in a cap of a shell around the anchor."""
         outwards = drawn_directions(touches.rng, touches.n, self.opening_rad)
         drawn_mm = touches.rng.uniform(self.shortest_mm, self.longest_mm, touches.n)
         return Contacts(drawn_mm[:, None] * outwards, no_directions(touches.n))
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
-        """The offset, if it is known."""
         return {"offset_mm": self.offset_mm} if self.known else {}
 
     def true_table(self, placement: Placement) -> Table:
-        """Anchor and offset."""
         return {
             "anchor_mm": placement.position_mm.tolist(),
             "offset_mm": self.offset_mm,

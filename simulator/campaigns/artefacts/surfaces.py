@@ -24,14 +24,14 @@ class Plane(Artefact):
     size_mm: float = Field(gt=0.0)
 
     def contacts(self, touches: Touches) -> Contacts:
-        """Spread evenly; the plate's outer normal is the third axis."""
+        """Draw contacts evenly; the plate's outer normal is the third axis."""
         centres_mm = np.full((touches.n, 3), touches.ball_mm)
         half_mm = 0.5 * self.size_mm
         centres_mm[:, :2] = touches.rng.uniform(-half_mm, half_mm, (touches.n, 2))
         return Contacts(centres_mm, np.tile([0.0, 0.0, -1.0], (touches.n, 1)))
 
     def true_table(self, placement: Placement) -> Table:
-        """Outer normal, and its product with any point of the plane."""
+        """Return the outer normal, and its product with any point of the plane."""
         normal = placement.rotation[:, 2]
         return {
             "normal": normal.tolist(),
@@ -43,10 +43,7 @@ INWARDS = -1.0
 
 
 class ParallelPlanes(Standard):
-    """Two square faces, features 1 and 2.
-
-    The standard deviation is that of the stated distance.
-    """
+    """Two square faces, features 1 and 2; the stated distance has the deviation."""
 
     kind: Literal["parallel_planes"] = "parallel_planes"
     distance_mm: float = Field(gt=0.0)
@@ -56,11 +53,10 @@ class ParallelPlanes(Standard):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """The two faces."""
         return ("1", "2")
 
     def size_problem(self, ball_mm: float) -> str | None:
-        """The ball must have room inside."""
+        """State why the ball has no room inside."""
         if self.side == "inside" and self.distance_mm <= 2.0 * ball_mm:
             return (
                 f"distance_mm = {self.distance_mm:g} is touched from inside by a ball "
@@ -69,7 +65,7 @@ class ParallelPlanes(Standard):
         return None
 
     def contacts(self, touches: Touches) -> Contacts:
-        """Spread evenly over both faces; their normal is the third axis."""
+        """Draw contacts evenly over both faces; their normal is the third axis."""
         side = 1.0 if self.side == "outside" else INWARDS
         ends = np.where(touches.features == 0, -1.0, 1.0)
         half_mm = 0.5 * self.size_mm
@@ -83,7 +79,6 @@ class ParallelPlanes(Standard):
         return Contacts(centres_mm, towards)
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
-        """Its distance, by the certificate."""
         return {
             **stated_length(rng, "distance", self.distance_mm, self.distance_std_mm),
             **({} if self.side == "outside" else {"side": self.side}),
@@ -106,11 +101,11 @@ class Sphere(Standard):
     """A sphere on a stem.
 
     Attributes:
-        radius_mm: True radius.
-        known: Whether the campaign states the radius.
-        radius_std_mm: Of the stated radius.
-        side: Where the ball is.
-        opening_rad: From the pole, which is opposite the stem, to the last contact.
+        radius_mm: true radius.
+        known: whether the campaign states the radius.
+        radius_std_mm: of the stated radius.
+        side: where the ball is.
+        opening_rad: from the pole, opposite the stem, to the last contact.
     """
 
     kind: Literal["sphere"] = "sphere"
@@ -121,7 +116,6 @@ class Sphere(Standard):
     opening_rad: float = Field(default=2.2, gt=0.0, le=float(np.pi))
 
     def size_problem(self, ball_mm: float) -> str | None:
-        """The ball must have room inside."""
         if self.side == "inside" and self.radius_mm <= ball_mm:
             return (
                 f"radius_mm = {self.radius_mm:g} is touched from inside by a ball of "
@@ -130,14 +124,13 @@ class Sphere(Standard):
         return None
 
     def contacts(self, touches: Touches) -> Contacts:
-        """Spread evenly over a cap."""
+        """Draw contacts evenly over a cap."""
         outwards = drawn_directions(touches.rng, touches.n, self.opening_rad)
         side = 1.0 if self.side == "outside" else INWARDS
         distances_mm = self.radius_mm * touches.growths + side * touches.ball_mm
         return Contacts(distances_mm[:, None] * outwards, -side * outwards)
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
-        """Its radius if that is known."""
         radius = stated_length(rng, "radius", self.radius_mm, self.radius_std_mm)
         return {
             **(radius if self.known else {}),
@@ -146,7 +139,6 @@ class Sphere(Standard):
         }
 
     def true_table(self, placement: Placement) -> Table:
-        """Centre and radius."""
         return {
             "centre_mm": placement.position_mm.tolist(),
             "radius_mm": self.radius_mm,
@@ -157,10 +149,7 @@ BAR_RAD = 0.6  # around the bar the spheres cannot be touched
 
 
 class BallBar(Standard):
-    """Two spheres, features 1 and 2.
-
-    The second has the radius of the first where it has none of its own.
-    """
+    """Two spheres, features 1 and 2, of one radius unless the second has its own."""
 
     kind: Literal["ball_bar"] = "ball_bar"
     radius_mm: float = Field(gt=0.0)
@@ -171,17 +160,14 @@ class BallBar(Standard):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """The two spheres."""
         return ("1", "2")
 
     @property
     def radii_mm(self) -> tuple[float, float]:
-        """Of both spheres."""
         second = self.second_radius_mm
         return (self.radius_mm, self.radius_mm if second is None else second)
 
     def size_problem(self, ball_mm: float) -> str | None:
-        """The spheres must be apart."""
         needed_mm = sum(self.radii_mm) + 2.0 * ball_mm
         if self.distance_mm <= needed_mm:
             return (
@@ -191,7 +177,7 @@ class BallBar(Standard):
         return None
 
     def contacts(self, touches: Touches) -> Contacts:
-        """All around both spheres but where the bar is, along the third axis."""
+        """Draw contacts around both spheres except near the bar, the third axis."""
         outwards = drawn_directions(touches.rng, touches.n, np.pi - BAR_RAD)
         ends = np.where(touches.features == 0, -1.0, 1.0)
         outwards[:, 2] *= ends
@@ -204,7 +190,6 @@ class BallBar(Standard):
         return Contacts(centres_mm, -outwards)
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
-        """Its distance and radii, as the certificate has them."""
         distance = stated_length(
             rng, "distance", self.distance_mm, self.distance_std_mm
         )
@@ -218,7 +203,6 @@ class BallBar(Standard):
         return {**radius, **distance, **self.stated_expansion}
 
     def true_table(self, placement: Placement) -> Table:
-        """Centres of the spheres, radii and distance."""
         own_mm = np.zeros((2, 3))
         own_mm[:, 2] = -0.5 * self.distance_mm, 0.5 * self.distance_mm
         return {

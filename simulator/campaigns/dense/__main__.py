@@ -1,4 +1,4 @@
-"""Makes a dense scan.
+"""Make a dense scan.
 
 `python -m traverse.simulator.campaigns.dense SPEC.toml --out DIR`
 """
@@ -18,7 +18,6 @@ from traverse.strict_toml.reader import read_strict
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status."""
     return run_command(
         "python -m traverse.simulator.campaigns.dense",
         "Make a simulated dense scan: campaign.toml and scan.mcap, "

@@ -1,7 +1,7 @@
 """Drags: the ball stays on an artefact while all joints move in slow waves.
 
-A posture is wished for (a start and waves), and the joints move as little from it as
-moves the ball to the path: first at knots, one after the other, then in between.
+From a drawn posture (a start and waves) the joints move as little as puts the ball on
+the path: first at knots, one after the other, then in between.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Drag:
     Attributes:
         turns_rad: (n, n_joints)
         towards: (n, 3) from the ball towards the material; NaN in seats.
-        contacts_mm: (n, 3) where the ball's centre is.
+        contacts_mm: (n, 3) ball centres.
     """
 
     turns_rad: Floats
@@ -44,13 +44,13 @@ class Drag:
 
 @dataclass(frozen=True, slots=True)
 class Dragging:
-    """All that drags have in common.
+    """Common parameters of drags.
 
     Attributes:
-        workspace: Of the true geometry.
-        ball_mm: Radius of the ball.
-        scan: How to drag.
-        rng: Draws paths and postures.
+        workspace: of the true geometry.
+        ball_mm: radius of the ball.
+        scan: settings.
+        rng: draws paths and postures.
     """
 
     workspace: Workspace
@@ -62,7 +62,7 @@ class Dragging:
         """Draw one drag.
 
         Raises:
-            UnreachableError: None of many drawn ones can be followed.
+            UnreachableError: none of many drawn ones can be followed.
         """
         n_knots = max(int(np.ceil(self.scan.seconds / KNOT_S)) + 1, 4)
         knots_s = np.linspace(0.0, self.scan.seconds, n_knots)
@@ -101,7 +101,7 @@ class Dragging:
         return waves
 
     def _followed(self, centres_mm: Floats, knots_s: Floats) -> Floats | None:
-        """Follow a path from knot to knot; None where the joints cannot."""
+        """Follow a path from knot to knot; None if the joints cannot."""
         start, reached = self.workspace.reaching(centres_mm[:1], self.rng)
         if not reached[0]:
             return None
@@ -139,10 +139,10 @@ class _Path:
     """A smooth path of the ball's centre on an artefact.
 
     Attributes:
-        placement: Of the artefact.
-        radius_mm: From the artefact's centre to the ball's; 0 in a seat.
-        inwards: -1 where the material is outwards, +1 inwards, NaN in a seat.
-        opening_rad: Largest angle from the pole.
+        placement: of the artefact.
+        radius_mm: from the artefact's centre to the ball's; 0 in a seat.
+        inwards: -1 if the material is outwards, +1 inwards, NaN in a seat.
+        opening_rad: largest angle from the pole.
         numbers: (4,) periods and phases of angle and azimuth.
     """
 
@@ -167,7 +167,6 @@ class _Path:
         return cls(placement, radius_mm, side, opening_rad, numbers)
 
     def at(self, times_s: Floats) -> tuple[Floats, Floats]:
-        """Centres of the ball (n, 3) and directions towards the material (n, 3)."""
         tilt_s, turn_s, tilt, turn = self.numbers
         angles = np.sin(2.0 * np.pi * times_s / tilt_s + tilt)
         angles = 0.5 * self.opening_rad * (1.1 + 0.9 * angles)

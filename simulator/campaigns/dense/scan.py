@@ -1,4 +1,4 @@
-"""A dense scan: drags, one after the other, as a stream of encoder counts."""
+"""A dense scan: successive drags as a stream of encoder counts."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -41,17 +41,17 @@ NOTHING = -1
 
 @dataclass(frozen=True, slots=True)
 class DenseScan:
-    """A stream and what is true of it.
+    """A stream and its truth.
 
     Attributes:
-        arm: The arm file.
-        artefacts: As the campaign states them.
-        file: The specification.
-        start_utc: Of the first sample.
-        around: Of n samples.
+        arm: the arm file.
+        artefacts: as the campaign states them.
+        file: the specification.
+        start_utc: of the first sample.
+        around: of n samples.
         counts: (n, n_joints) raw.
         touched: (n,) index of the artefact, -1 for none.
-        truth: The true arm.
+        truth: the true arm.
         readings_rad: (n, n_joints) before they became counts.
     """
 
@@ -70,8 +70,8 @@ def simulate_scan(arm: Arm, file: DenseFile, seed: int) -> DenseScan:
     """Draw a whole scan from one seed.
 
     Raises:
-        FileError: What does not fit arm or scan, or effects that cannot be played.
-        UnreachableError: What the arm cannot reach or follow.
+        FileError: something does not fit arm or scan, or an effect cannot be played.
+        UnreachableError: something cannot be reached or followed.
     """
     refuse_misfits(file, arm, *dense_misfits(file, arm))
     truth = true_arm(arm, file.deviations, seed)
@@ -116,7 +116,7 @@ def simulate_scan(arm: Arm, file: DenseFile, seed: int) -> DenseScan:
 
 
 def _order(counts: list[int]) -> list[int]:
-    """In which order artefacts are dragged over: round after round."""
+    """Return the order of drags over artefacts: round after round."""
     return [
         index
         for round_ in range(max(counts))
@@ -162,7 +162,7 @@ def _surroundings(
 
 
 def _senses(speed_rad_s: Floats) -> Floats:
-    """Sense of the last motion (n, n_joints); before any, that of the first."""
+    """Return signs of the last motion (n, n_joints); before any, that of the first."""
     moving = speed_rad_s != 0.0
     rows = np.where(moving, np.arange(len(speed_rad_s))[:, None], 0)
     last = np.maximum.accumulate(rows, axis=0)
@@ -185,7 +185,7 @@ def _readings(
     *,
     seed: int,
 ) -> Floats:
-    """Readings of the encoders, (n, n_joints), their noise included."""
+    """Return readings (n, n_joints), with noise."""
     turns_rad, drag_of = motion
     n_samples, n_joints = turns_rad.shape
     touching = drag_of != NOTHING
@@ -214,7 +214,6 @@ def _readings(
 
 
 def _counts(readings_rad: Floats, arm: Arm) -> NDArray[np.uint32]:
-    """Whole counts (n, n_joints) within a turn."""
     encoders = [joint.encoder for joint in arm.joints if joint.encoder is not None]
     per_turn = np.array([encoder.counts_per_turn for encoder in encoders])
     signs = np.array([encoder.sign for encoder in encoders])

@@ -1,4 +1,4 @@
-"""Specification of a dense scan: a simulated campaign of drags instead of touches."""
+"""Specification of a dense scan: a simulated campaign of drags."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -16,12 +16,12 @@ class ScanTable(StrictModel):
     """How the ball is dragged.
 
     Attributes:
-        rate_hz: Samples a second.
-        seconds: Of one drag; an artefact is dragged over n_poses times.
-        move_seconds: From one drag to the next, nothing touched.
-        wave_s: Typical period of the waves in which joints move.
-        swing: Amplitude of the waves, as a part of half a joint's range.
-        latch_jitter_s: Standard deviation of the time from latch to receipt.
+        rate_hz: samples a second.
+        seconds: of one drag; an artefact is dragged over n_poses times.
+        move_seconds: between drags, without contact.
+        wave_s: typical period of the waves in which joints move.
+        swing: amplitude of the waves over half a joint's range.
+        latch_jitter_s: standard deviation of the time from latch to receipt.
     """
 
     rate_hz: float = Field(default=200.0, ge=10.0, le=10000.0)
@@ -39,7 +39,6 @@ class DenseFile(CampaignFile):
 
 
 def dense_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
-    """Find what is wrong between keys."""
     yield from spec_problems(raw)
     if "mix" in raw:
         yield Problem("mix", "a scan names its artefacts; give [[artefacts]] instead")

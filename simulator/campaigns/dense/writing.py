@@ -1,7 +1,7 @@
 """Writes a dense scan as the folder of a campaign, its stream an MCAP file.
 
-Written from the format's description (docs/reference/recordings.md), not with the
-code that reads it, so that no error can cancel.
+Written from the format's description (docs/reference/recordings.md), not with the code
+that reads it, so that errors cannot cancel.
 """
 
 import json
@@ -49,7 +49,6 @@ def write_scan(folder: Path, scan: DenseScan, seed: int) -> None:
 
 
 def scan_campaign_text(scan: DenseScan) -> str:
-    """The text of campaign.toml."""
     noise = scan.file.noise
     factor = noise.stated_factor if noise.stated else None
     stds = (noise.encoder_rad, noise.contact_mm)
@@ -104,7 +103,7 @@ def _write_stream(writer: Writer, scan: DenseScan, seed: int) -> None:
 
 
 def _array(values: NDArray[np.integer]) -> msgpack.ExtType:
-    """An array as an extension: kind, size, dimensions, their sizes, elements."""
+    """Pack an array as an extension: kind, size, dimensions, their sizes, elements."""
     head = struct.pack("<cBB", values.dtype.kind.encode(), values.itemsize, values.ndim)
     shape = struct.pack(f"<{values.ndim}I", *values.shape)
     little = values.astype(values.dtype.newbyteorder("<"))

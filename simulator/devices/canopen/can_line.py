@@ -1,4 +1,4 @@
-"""Lines of simulated CANopen nodes: a bus of python-can, or an adapter of ours."""
+"""Lines of simulated CANopen nodes: a bus of python-can, or our own adapter."""
 
 import contextlib
 from abc import ABC, abstractmethod
@@ -9,7 +9,7 @@ from canopen.network import Network
 
 
 class PeriodicFrame:
-    """A frame that the loop sends again and again; the library stops or changes it."""
+    """A frame that the loop sends periodically; the library stops or changes it."""
 
     def __init__(self, can_id: int, data: bytes, period_s: float) -> None:
         self.can_id, self.data, self.period_s = can_id, bytes(data), period_s
@@ -17,11 +17,9 @@ class PeriodicFrame:
         self.stopped = False
 
     def stop(self) -> None:
-        """Send it no more."""
         self.stopped = True
 
     def update(self, data: bytes) -> None:
-        """Send something else from now on."""
         self.data = bytes(data)
 
 
@@ -34,21 +32,18 @@ class LoopNetwork(Network):
         self._periodic: list[PeriodicFrame] = []
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        """Put a frame on the bus."""
         del remote
         self._send(can_id, bytes(data))
 
     def send_periodic(  # type: ignore[override]  # as much of the library's as is used
         self, can_id: int, data: bytes, period: float, remote: bool = False
     ) -> PeriodicFrame:
-        """Send a frame every so many seconds."""
         del remote
         task = PeriodicFrame(can_id, data, period)
         self._periodic.append(task)
         return task
 
     def live(self, now_s: float) -> None:
-        """Send what is due."""
         self._periodic = [task for task in self._periodic if not task.stopped]
         for task in self._periodic:
             if task.due_s is None:
@@ -58,7 +53,6 @@ class LoopNetwork(Network):
                 task.due_s += task.period_s
 
     def due_s(self) -> float:
-        """When the next frame is due."""
         return min(
             (task.due_s for task in self._periodic if task.due_s is not None),
             default=float("inf"),
@@ -72,11 +66,11 @@ class CanLine(ABC):
     """The nodes' end of a bus.
 
     Attributes:
-        where: Where hosts find it.
-        poll_s: How often it must be polled; None where a descriptor shows it.
-        bus_off: No frame is received or sent.
-        n_dropped: Frames that the host did not take.
-        n_rejected: Received but not understood.
+        where: address for hosts.
+        poll_s: polling interval; None if a descriptor shows frames.
+        bus_off: no frame is received or sent.
+        n_dropped: frames that the host did not take.
+        n_rejected: received frames that were not understood.
     """
 
     poll_s: float | None = None
@@ -105,7 +99,6 @@ class CanLine(ABC):
         """Descriptors to wait for until frames arrive."""
 
     def writers(self) -> list[int]:
-        """Descriptors to wait for until frames can go."""
         return []
 
     @abstractmethod
@@ -116,10 +109,10 @@ class CanLine(ABC):
 class LibraryLine(CanLine):
     """A bus of python-can: `virtual`, `udp_multicast`, `socketcan`.
 
-    What its socket does not take is dropped.
+    Frames that its socket does not take are dropped.
 
     Raises:
-        OSError: It cannot be opened.
+        OSError: it cannot be opened.
     """
 
     def __init__(self, interface: str, channel: str) -> None:
@@ -134,7 +127,6 @@ class LibraryLine(CanLine):
             self._descriptors, self.poll_s = [], BLIND_POLL_S
 
     def receive(self) -> list[tuple[int, bytes]]:
-        """Received frames: identifier and data."""
         frames = []
         with contextlib.suppress(can.CanError):
             while (message := self._bus.recv(0)) is not None:
@@ -148,14 +140,12 @@ class LibraryLine(CanLine):
         return frames
 
     def send(self, can_id: int, data: bytes) -> None:
-        """Put a frame on the bus."""
         if not self.bus_off:
             self._put(
                 can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
             )
 
     def send_error(self, classes: int) -> None:
-        """Report an error to the hosts, as their own controllers would."""
         self._put(
             can.Message(
                 arbitration_id=classes,
@@ -166,11 +156,9 @@ class LibraryLine(CanLine):
         )
 
     def readers(self) -> list[int]:
-        """Its socket, if it has one."""
         return self._descriptors
 
     def close(self) -> None:
-        """Leave the bus."""
         self._bus.shutdown()
 
     def _put(self, message: can.Message) -> None:

@@ -58,7 +58,6 @@ class CanOpenBus(SimulatedDevice):
 
     @property
     def is_on(self) -> bool:
-        """It is on the bus."""
         return self._line is not None
 
     def live(self, now_s: float) -> None:
@@ -79,7 +78,6 @@ class CanOpenBus(SimulatedDevice):
         line.flush()
 
     def next_due_s(self, block_s: float) -> float:
-        """When to call `live` next."""
         del block_s  # nothing is gathered
         if self._line is None:
             return float("inf")
@@ -93,15 +91,12 @@ class CanOpenBus(SimulatedDevice):
         return due_s
 
     def readers(self) -> list[int]:
-        """Descriptors of its bus."""
         return [] if self._line is None else self._line.readers()
 
     def writers(self) -> list[int]:
-        """Descriptors of its bus on which bytes wait."""
         return [] if self._line is None else self._line.writers()
 
     def totals(self) -> dict[str, Any]:
-        """Final counters."""
         line = self._line
         return {
             "samples": self._n_syncs,
@@ -111,7 +106,6 @@ class CanOpenBus(SimulatedDevice):
         }
 
     def close(self) -> None:
-        """Leave the bus."""
         for encoder in self._encoders:
             encoder.power_down()
         if self._line is not None:
@@ -155,7 +149,6 @@ class CanOpenBus(SimulatedDevice):
                 self._say(TPDO1 + encoder.data.number, content)
 
     def _measure(self) -> None:
-        """All discs at this instant."""
         counts, status = self.wiring.latch(np.array([self._now_s]), False)
         script_s = self.mounting.clock.script_s(self._now_s)
         for channel, encoder in enumerate(self._encoders):

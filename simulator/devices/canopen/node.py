@@ -1,7 +1,7 @@
-"""One encoder of CiA 406: its objects, and what it makes of a SYNC.
+"""One encoder of CiA 406: its objects, and its response to SYNC.
 
-The `canopen` library's local node answers SDO and NMT and sends heartbeats; what it
-does not do is done here: TPDO1 at a SYNC or by its timer, presets, storing, resets.
+The `canopen` library's local node answers SDO and NMT and sends heartbeats; TPDO1 at a
+SYNC or by its timer, presets, storing and resets are added here.
 """
 
 import struct
@@ -28,10 +28,10 @@ class LssSlave:
     The identity is vendor, product, revision and serial number.
 
     Attributes:
-        node: The number that it has from the next reset on.
-        bit_rate: Code of the commanded bit rate.
-        stored: What was stored last: number and bit rate.
-        configures: It is in the state in which it accepts settings.
+        node: its number from the next reset on.
+        bit_rate: code of the commanded bit rate.
+        stored: number and bit rate stored last.
+        configures: it is in configuration state.
     """
 
     def __init__(
@@ -48,7 +48,6 @@ class LssSlave:
         self._scanned = 0  # of the four words of a fast scan
 
     def take(self, data: bytes) -> None:
-        """Obey a request of eight bytes."""
         if len(data) != 8:
             return
         command, word = data[0], int.from_bytes(data[1:5], "little")
@@ -82,7 +81,7 @@ class LssSlave:
             self._say(command, self.node)
 
     def _select(self, number: int, word: int) -> None:
-        """Vendor, product, revision and serial number, one after the other."""
+        """Match vendor, product, revision and serial number, one after the other."""
         if number != self._matched:
             self._matched = 0
         if number == self._matched and word == self._identity[number]:
@@ -95,7 +94,7 @@ class LssSlave:
             self._say(SELECTED)
 
     def _scan(self, word: int, bit: int, sub: int, following: int) -> None:
-        """Answer if the bits from ``bit`` up are those of the requested word."""
+        """Answer if the bits from ``bit`` up match the requested word."""
         if self.configures or self.node != WITHOUT_NUMBER:
             return
         if bit == UNCONFIGURED:
@@ -136,7 +135,6 @@ class EncoderData:
 
     @property
     def identity(self) -> tuple[int, int, int, int]:
-        """Vendor, product, revision, serial number."""
         return (0x0000_0053, 0x0196_0001, 0x0001_0000, self.serial)
 
 
@@ -144,9 +142,9 @@ class CanOpenEncoder:
     """An encoder on a bus.
 
     Attributes:
-        count: What its disc shows, below its modulus; set before a request.
-        alarms: Object 6503.
-        warnings: Object 6505.
+        count: of its disc, below its modulus; set before a request.
+        alarms: object 6503.
+        warnings: object 6505.
     """
 
     def __init__(self, data: EncoderData, network: Network) -> None:
@@ -163,7 +161,7 @@ class CanOpenEncoder:
         self.node: LocalNode | None = None
 
     def power_up(self) -> None:
-        """Begin as delivered, with what was stored, and send boot-up."""
+        """Begin as delivered, with stored settings, and send boot-up."""
         self.power_down()
         node = self.node = LocalNode(self.data.number, _objects(self.data))
         for (index, sub), content in self._stored.items():
@@ -176,7 +174,6 @@ class CanOpenEncoder:
         node.nmt.state = "PRE-OPERATIONAL"
 
     def power_down(self) -> None:
-        """Be without power."""
         if self.node is not None:
             self.node.nmt.stop_heartbeat()  # type: ignore[no-untyped-call]  # the library's
             del self._network[self.data.number]
@@ -184,20 +181,18 @@ class CanOpenEncoder:
 
     @property
     def state(self) -> str:
-        """Of its network management; empty without power."""
         return "" if self.node is None else str(self.node.nmt.state)
 
     def obey(self) -> None:
-        """See what an NMT command has made of it; resets begin it anew."""
+        """Apply the state that NMT commands have set; resets begin anew."""
         if self.state == "INITIALISING":
             self.power_up()
 
     def takes_questions(self) -> bool:
-        """Whether it answers SDO."""
         return self.state in {"OPERATIONAL", "PRE-OPERATIONAL"}
 
     def sync(self) -> bytes | None:
-        """Frame that it sends at a SYNC, if it answers this one."""
+        """Return the frame for a SYNC, if it answers this one."""
         kind = self._number(0x1800, 2)
         if not self._sends() or not 1 <= kind <= 240:
             return None
@@ -205,7 +200,7 @@ class CanOpenEncoder:
         return self.pdo() if self._syncs % kind == 0 else None
 
     def timer_due_s(self, now_s: float) -> float:
-        """When its timer sends next; infinity where it does not."""
+        """Return when its timer sends next; infinity for never."""
         period_s = 1e-3 * (self._number(0x1800, 5) or self._number(0x6200, 0))
         if not (self._sends() and self._number(0x1800, 2) >= 254 and period_s):
             self._timer_due_s = float("inf")
@@ -214,12 +209,10 @@ class CanOpenEncoder:
         return self._timer_due_s
 
     def timer_pdo(self) -> bytes:
-        """Frame that it sends by its timer, now."""
         self._timer_due_s += 1e-3 * (self._number(0x1800, 5) or self._number(0x6200, 0))
         return self.pdo()
 
     def pdo(self) -> bytes:
-        """TPDO1 as it is mapped."""
         content = b""
         if self.node is not None:
             for entry in range(1, self._number(0x1A00, 0) + 1):
@@ -230,7 +223,7 @@ class CanOpenEncoder:
         return content[:8]
 
     def position(self) -> int:
-        """Object 6004: reversed, scaled and preset as commanded."""
+        """Return object 6004: reversed, scaled and preset as commanded."""
         parameters, modulus = self._number(0x6000, 0), self.data.modulus
         count = -self.count % modulus if parameters & 1 else self.count
         if parameters & 4:
@@ -277,7 +270,6 @@ class CanOpenEncoder:
 
 
 def _objects(data: EncoderData) -> ObjectDictionary:
-    """Its objects, as they are delivered."""
     identity = enumerate(data.identity, 1)
     kind = 2 if data.turns > 1 else 1
     dictionary = ObjectDictionary()  # type: ignore[no-untyped-call]  # the library's

@@ -1,8 +1,9 @@
-r"""A CAN adapter on a serial port, as makers since Lawicel build them (slcan).
+r"""A CAN adapter on a serial port with Lawicel's protocol (slcan).
 
-Commands are letters with figures, ended by a carriage return; a carriage return says
-yes, a bell (07) no. Frames of the bus come as `t`, three figures of identifier, one of
-length, the data in hexadecimal. Only what 11-bit classic CAN needs is played.
+Commands are letters with figures, ended by a carriage return; a carriage return
+confirms, a bell (07) refuses. Frames of the bus come as `t`, three figures of
+identifier, one of length, the data in hexadecimal. Only 11-bit classic CAN is
+simulated.
 
     S0 .. S8     bit rate 10k 20k 50k 100k 125k 250k 500k 800k 1M; only while closed
     O  L  C      open, listen only, close
@@ -32,7 +33,6 @@ class SlcanAdapter(CanLine):
         self._open = self._listens = False
 
     def receive(self) -> list[tuple[int, bytes]]:
-        """Answer the host's commands; the frames that it sends."""
         if self._port.host_changed():
             self._open = False
             self._pending.clear()
@@ -48,25 +48,20 @@ class SlcanAdapter(CanLine):
         return frames
 
     def send(self, can_id: int, data: bytes) -> None:
-        """Send a frame of the bus to the host."""
         if self._open and not self.bus_off:
             text = f"t{can_id:03X}{len(data)}{data.hex().upper()}\r"
             self.n_dropped += self._port.write([OutgoingFrame(True, text.encode())])
 
     def flush(self) -> None:
-        """Send what waits."""
         self._port.flush()
 
     def readers(self) -> list[int]:
-        """Its port."""
         return self._port.readers()
 
     def writers(self) -> list[int]:
-        """Its port, when bytes wait."""
         return self._port.writers()
 
     def close(self) -> None:
-        """Take the port away."""
         self._port.close()
 
     def _obey(self, command: bytes) -> tuple[int, bytes] | None:

@@ -1,4 +1,4 @@
-"""The keys of CANopen encoders in the simulator's configuration."""
+"""Keys of CANopen encoders in the simulator's configuration."""
 
 from collections.abc import Iterator, Sequence
 from typing import Annotated, ClassVar, Literal, Self
@@ -17,11 +17,11 @@ class CanOpenTable(DeviceTable):
 
     Attributes:
         interface: "slcan" is an adapter on a pty, others are python-can's.
-        port: Of the adapter's pty.
-        channel: Of the other interfaces.
-        nodes: Numbers of the encoders, by channel; default 1, 2, 3, ...
-        heartbeat_ms: As they were delivered.
-        told_counts_per_turn: What they report; default what they have.
+        port: of the adapter's pty.
+        channel: of the other interfaces.
+        nodes: numbers of the encoders, by channel; default 1, 2, 3, ...
+        heartbeat_ms: as delivered.
+        told_counts_per_turn: reported ones; default the true ones.
     """
 
     FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"corrupted", "garbage"} | {
@@ -51,7 +51,7 @@ class CanOpenTable(DeviceTable):
     def channel_problems(
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
-        """Report what does not match the encoders of the arm file."""
+        """Report mismatches with the arm file's encoders."""
         n = len(counts_per_turn)
         if self.nodes and len(self.nodes) != n:
             yield (

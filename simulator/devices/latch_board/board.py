@@ -1,7 +1,7 @@
 """The latching controller board: bytes in, frames out, time set by the caller.
 
-It implements docs/serial-protocol.md from the board's side. No port and no clock
-here: `advance` moves the board's time, `receive` happens at a given time.
+It implements docs/serial-protocol.md from the board's side, without port and clock:
+`advance` moves the board's time, `receive` happens at a given time.
 """
 
 from collections import deque
@@ -34,7 +34,7 @@ class _Waiting:
 
 
 class EdgeQueue:
-    """The edges that were sent and not yet acknowledged, at most 16."""
+    """Edges sent and not yet acknowledged, at most 16."""
 
     def __init__(self) -> None:
         self.next_seq = 0
@@ -46,7 +46,7 @@ class EdgeQueue:
 
     @property
     def back(self) -> int:
-        """Next number less that of the oldest waiting edge; 0 if none waits."""
+        """Next number minus that of the oldest waiting edge; 0 if none waits."""
         return min(255, self.next_seq - self._waiting[0].seq) if self._waiting else 0
 
     def report(self, edge: LatchedEdge, now_s: float) -> bytes | None:
@@ -76,11 +76,10 @@ class EdgeQueue:
             self._waiting.popleft()
 
     def forget(self) -> None:
-        """Drop all of them."""
         self._waiting.clear()
 
     def next_due_s(self) -> float:
-        """When one is to be sent again; infinity if none waits."""
+        """Return when one is to be sent again; infinity if none waits."""
         due_s = min((entry.sent_s for entry in self._waiting), default=float("inf"))
         return due_s + AGAIN_AFTER_S
 
@@ -113,7 +112,7 @@ DROPPING_ENDS_S = 1.0  # so long without a loss, and the alarm is cleared
 
 
 class Alarms:
-    """Writes alarms and remembers which of the board's own are raised."""
+    """Encodes alarms and remembers which of the board's own are raised."""
 
     def __init__(self, ticks: TickCounter) -> None:
         self.tx_dropped = 0
@@ -123,27 +122,26 @@ class Alarms:
         self._losing_edges = False
 
     def of_encoder(self, change: AlarmChange) -> bytes:
-        """An encoder begins or ends to complain."""
+        """Encode the begin or end of an encoder's alarm."""
         at_s = change.time_s
         return self._write(
             at_s, change.channel, change.state, change.code, change.value
         )
 
     def drop(self, n_dropped: int, now_s: float) -> list[bytes]:
-        """Count samples that were dropped; raise the alarm at the first."""
+        """Count dropped samples; raise the alarm at the first."""
         self.tx_dropped += n_dropped
         begins = self._dropped_at_s is None
         self._dropped_at_s = now_s
         return [self._of_frames(1, now_s)] if begins else []
 
     def next_due_s(self) -> float:
-        """When dropping counts as over; infinity if nothing is dropped."""
+        """Return when dropping counts as over; infinity if nothing is dropped."""
         if self._dropped_at_s is None:
             return float("inf")
         return self._dropped_at_s + DROPPING_ENDS_S
 
     def end_dropping(self, now_s: float) -> list[bytes]:
-        """Clear the alarm."""
         self._dropped_at_s = None
         return [self._of_frames(0, now_s)]
 
@@ -153,7 +151,7 @@ class Alarms:
         return self._write(now_s, BOARD_ITSELF, 1, EDGES_LOST, n_lost)
 
     def end_losing_edges(self, n_lost: int, now_s: float) -> list[bytes]:
-        """Clear the alarm, if it is raised: no edge waits any more."""
+        """Clear the alarm, if it is raised: no edge waits."""
         if not self._losing_edges:
             return []
         self._losing_edges = False
@@ -174,8 +172,8 @@ class Alarms:
 class Board:
     """One board from power-up on.
 
-    At time t a sensor shows ``warming_c(t)`` more than at first, a missing one
-    None. ``on_edge`` takes every reported edge and its sequence number.
+    A sensor shows ``warming_c(t)`` more at t than at first, a missing one None.
+    ``on_edge`` takes every reported edge and its sequence number.
     """
 
     def __init__(
@@ -210,7 +208,6 @@ class Board:
 
     @property
     def streaming(self) -> bool:
-        """A timed stream runs."""
         return self.sampler.streaming
 
     @property
@@ -219,7 +216,7 @@ class Board:
         return self._rejected + self._segments.n_too_long
 
     def next_due_s(self) -> float:
-        """When `advance` has something to do next, samples apart."""
+        """Return when `advance` has something to do, samples apart."""
         return min(time_s for time_s, _ in self._agenda())
 
     def advance(self, to_s: float) -> list[OutgoingFrame]:
@@ -237,7 +234,6 @@ class Board:
         return frames
 
     def receive(self, received: bytes) -> list[OutgoingFrame]:
-        """Answer what the host sent, now."""
         frames: list[OutgoingFrame] = []
         for segment in self._segments.feed(received):
             body = wire.body_of(segment)
@@ -248,7 +244,7 @@ class Board:
         return frames
 
     def lose_host(self) -> None:
-        """The host released the line: a begun frame and the stream end."""
+        """Drop a begun frame and the stream: the host released the line."""
         self._segments.forget()
         self.sampler.stop()
 
@@ -258,7 +254,7 @@ class Board:
         return [OutgoingFrame(False, data) for data in alarms]
 
     def _agenda(self) -> list[tuple[float, Callable[[float], list[bytes]]]]:
-        """The next event but samples: when, and what to do then."""
+        """Return the next events but samples: when, and the action."""
         agenda: list[tuple[float, Callable[[float], list[bytes]]]] = [
             (self._heartbeat_s, self._beat),
             (self._temperature_s, self._show_temperatures),
@@ -363,7 +359,7 @@ class Board:
         return [OutgoingFrame(False, data) for data in cleared]
 
     def _set(self, kind: int, values: tuple[int, ...]) -> tuple[int, int]:
-        """Apply CONFIGURE, START or STOP; result and value of the REPLY."""
+        """Apply CONFIGURE, START or STOP; return result and value of the REPLY."""
         if kind == wire.CONFIGURE:
             settings = Settings(*values[1:])
             if settings.debounce_us > LONGEST_DEBOUNCE_US:

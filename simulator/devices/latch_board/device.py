@@ -1,4 +1,4 @@
-"""A latching controller board on a pty: its keys, its port, its faults, its power."""
+"""A latching controller board on a pty: keys, port, faults, power."""
 
 import secrets
 from collections import Counter
@@ -21,7 +21,7 @@ from traverse.simulator.scenario.truth_log import TruthLog
 
 
 class DropCounter:
-    """Notes each time that samples are dropped, from the first to the last in a row."""
+    """Notes successive dropped samples as one."""
 
     def __init__(self, device: str, notes: TruthLog) -> None:
         self._device, self._notes = device, notes
@@ -30,11 +30,9 @@ class DropCounter:
         self._n = 0
 
     def live(self, now_s: float) -> None:
-        """The program has reached the board."""
         self._stood_s, self._lived_s = now_s - self._lived_s, now_s
 
     def count(self, n_dropped: int) -> None:
-        """Samples have been sent, so many of them dropped."""
         if n_dropped and not self._n:
             self._begun_s, self._cause_s = self._lived_s, self._stood_s
         self._n += n_dropped
@@ -42,7 +40,6 @@ class DropCounter:
             self.finish()
 
     def finish(self) -> None:
-        """Write pending bytes."""
         if self._n:
             self._notes.dropped(self._device, self._n, self._begun_s, self._cause_s)
             self._n = 0
@@ -84,7 +81,6 @@ class SimulatedLatchBoard(SimulatedDevice):
         self.switch_on(0.0)
 
     def close(self) -> None:
-        """Take the port away."""
         if self.port is not None:
             self.port.close()
             self.port = None
@@ -92,27 +88,23 @@ class SimulatedLatchBoard(SimulatedDevice):
 
     @property
     def is_on(self) -> bool:
-        """It has its port."""
         return self.port is not None
 
     @property
     def streaming(self) -> bool:
-        """A timed stream runs."""
         return self.port is not None and self.board.streaming
 
     @property
     def ahead(self) -> bool:
-        """Bytes or edges wait for the host."""
+        """Whether bytes or edges wait for the host."""
         if self.port is None:
             return False
         return self.port.backlog or len(self.board.edges) > MOST_EDGES_AHEAD
 
     def readers(self) -> list[int]:
-        """Its port."""
         return [] if self.port is None else self.port.readers()
 
     def writers(self) -> list[int]:
-        """Its port, when bytes wait."""
         return [] if self.port is None else self.port.writers()
 
     def live(self, now_s: float) -> None:
@@ -140,14 +132,12 @@ class SimulatedLatchBoard(SimulatedDevice):
             self.port.flush()
 
     def next_due_s(self, block_s: float) -> float:
-        """When to call `live` next, samples gathered in blocks."""
         if self.port is None:
             return float("inf")
         sample_s = self.board.sampler.next_s()
         return min(self.board.next_due_s(), sample_s + block_s)
 
     def totals(self) -> dict[str, Any]:
-        """Final counters, over all power-ups."""
         self._drops.finish()
         counted = Counter(self._sent)
         counted.update(self._counted() if self.is_on else {})
@@ -177,7 +167,6 @@ class SimulatedLatchBoard(SimulatedDevice):
             self.port.write(self.board.count_dropped(n_dropped))
 
     def switch_on(self, now_s: float) -> None:
-        """Make the port, and begin as after power-up."""
         super().switch_on(now_s)
         table, mounting = self._table, self.mounting
         moduli = mounting.encoders.moduli

@@ -1,4 +1,4 @@
-"""Latches encoders: for the stream, for LATCH, for edges of the inputs."""
+"""Latching of encoders: for the stream, for LATCH, for edges of inputs."""
 
 import math
 from dataclasses import dataclass
@@ -22,14 +22,13 @@ ROUNDING = 1e-6  # of a tick: `at` of `time_s` must be the same tick again
 class TickCounter:
     """A counter in the units of true time.
 
-    Ticks are whole numbers without wrap here, 0 at power-up; `shown` is what a frame
-    carries.
+    Ticks do not wrap, and are 0 at power-up; `shown` is the value in a frame.
 
     Attributes:
-        rate_hz: What the board believes.
-        clock: What counts them, right or wrong.
-        first_ticks: What the counter shows at power-up.
-        power_up_s: True time of power-up.
+        rate_hz: nominal rate.
+        clock: its oscillator.
+        first_ticks: value at power-up.
+        power_up_s: true time of power-up.
     """
 
     rate_hz: int
@@ -38,25 +37,24 @@ class TickCounter:
     power_up_s: float
 
     def at(self, time_s: float) -> int:
-        """Ticks that have passed at a time."""
+        """Return the ticks passed at a time."""
         shown_s = self.clock.shown_s(time_s - self.power_up_s)
         return math.floor(shown_s * self.rate_hz + ROUNDING)
 
     def time_s(self, ticks: int) -> float:
-        """True time of a tick."""
         return self.power_up_s + self.clock.true_s(ticks / self.rate_hz)
 
     def times_s(self, ticks: Integers) -> Floats:
-        """True times (n,) of ticks (n,)."""
+        """Return the true times (n,) of ticks (n,)."""
         return self.power_up_s + self.clock.true_times_s(ticks / self.rate_hz)
 
     def shown(self, ticks: int) -> int:
-        """Value of the 32-bit counter."""
+        """Return the value of the 32-bit counter."""
         return (self.first_ticks + ticks) & 0xFFFFFFFF
 
 
 class InputLevels:
-    """Levels as they are, and as they are known to have held."""
+    """Levels of inputs, present and debounced."""
 
     def __init__(self) -> None:
         self.levels = 0
@@ -64,7 +62,7 @@ class InputLevels:
         self._watched: dict[int, tuple[float, LatchedEdge]] = {}
 
     def change(self, input_number: int, level: int) -> bool:
-        """Take a new level; True where an edge begins that must be latched."""
+        """Take a new level; True if an edge begins that must be latched."""
         bit = 1 << input_number
         self.levels = self.levels & ~bit | bit * level
         if self._watched.pop(input_number, None) is not None:
@@ -72,11 +70,11 @@ class InputLevels:
         return bool(self._reported & bit) != bool(level)
 
     def watch(self, edge: LatchedEdge, held_at_s: float) -> None:
-        """Wait whether an edge that was latched holds until a time."""
+        """Watch whether a latched edge holds until a time."""
         self._watched[edge.input_number] = (held_at_s, edge)
 
     def next_held_s(self) -> float:
-        """When the next edge has held; infinity if none is watched."""
+        """Return when the next edge has held; infinity if none is watched."""
         times_s = (held_at_s for held_at_s, _ in self._watched.values())
         return min(times_s, default=float("inf"))
 
@@ -100,7 +98,6 @@ class Stream:
     next_seq: int = 0
 
     def next_tick(self) -> int:
-        """Tick of the next sample."""
         return self.first_tick + self._offset(self.next_seq)
 
     def take_until(self, tick: int) -> tuple[Integers, Integers]:
@@ -155,21 +152,18 @@ class Sampler:
 
     @property
     def streaming(self) -> bool:
-        """A timed stream runs."""
         return self._stream is not None
 
     def start(self, request: int, rate_millihz: int, now_s: float) -> None:
-        """Begin a stream, in the place of another."""
         first_tick = self._ticks.at(now_s) + 1
         self._stream = Stream(request, rate_millihz, self._tick_rate_hz, first_tick)
         self.next_seq = 0
 
     def stop(self) -> None:
-        """End the stream, if there is one."""
         self._stream = None
 
     def next_s(self) -> float:
-        """When the next sample of the stream is latched; infinity without one."""
+        """Return when the next sample is latched; infinity without a stream."""
         if self._stream is None:
             return float("inf")
         return self._ticks.time_s(self._stream.next_tick())
@@ -186,7 +180,6 @@ class Sampler:
         return self._frames((STREAM, self._stream.request), seqs, ticks, times_s)
 
     def once(self, request: int, now_s: float) -> list[OutgoingFrame]:
-        """Latch now, for a LATCH."""
         ticks = np.array([self._ticks.at(now_s)])
         seqs = np.zeros(1, dtype=np.int64)
         return self._frames((ON_REQUEST, request), seqs, ticks, np.array([now_s]))

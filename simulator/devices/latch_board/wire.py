@@ -1,7 +1,7 @@
 """Bytes of a latching controller board, after docs/serial-protocol.md.
 
-Rules of this file: the board's side only, written from the specification and from
-nothing else, so that a misreading of it elsewhere cannot cancel.
+The board's side only, written from the specification alone, so that a misreading of it
+elsewhere cannot cancel.
 """
 
 import binascii
@@ -33,8 +33,8 @@ class Identity:
     """Identity of a board in HELLO.
 
     Attributes:
-        bits: Width of each channel's word.
-        moduli: Count at which each channel wraps, 1 to 2^32.
+        bits: width of each channel's word.
+        moduli: count at which each channel wraps, 1 to 2^32.
     """
 
     board_id: bytes
@@ -49,14 +49,14 @@ class Identity:
 
 
 def frame(body: bytes) -> bytes:
-    """Append the CRC, stuff the zeros away, end with the delimiter."""
+    """Append the CRC, stuff zeros, end with the delimiter."""
     whole = body + binascii.crc_hqx(body, 0xFFFF).to_bytes(2, "little")
     parts = whole.split(b"\0")
     return b"".join([bytes((len(part) + 1,)) + part for part in parts]) + b"\0"
 
 
 def body_of(segment: bytes) -> bytes | None:
-    """The body of the bytes between two delimiters; None if it is broken."""
+    """Return the body of the bytes between two delimiters; None if it is broken."""
     body = bytearray()
     offset = 0
     while offset < len(segment):
@@ -82,7 +82,6 @@ class Segments:
         self._overlong = False
 
     def feed(self, received: bytes) -> Iterator[bytes]:
-        """Return the segments that are complete, without delimiters."""
         *ended, rest = received.split(b"\0")
         for part in ended:
             self._keep(part)
@@ -95,7 +94,6 @@ class Segments:
         self._keep(rest)
 
     def forget(self) -> None:
-        """Drop what was begun and not ended."""
         self._kept.clear()
         self._overlong = False
 
@@ -108,7 +106,6 @@ class Segments:
 
 
 def hello(request: int, identity: Identity) -> bytes:
-    """Encode the board's identity."""
     head = struct.pack(
         "<BBBB12s3BBBBIII",
         0x81,
@@ -132,7 +129,6 @@ def hello(request: int, identity: Identity) -> bytes:
 
 
 def reply(request_type: int, request: int, result: int, value: int) -> bytes:
-    """Answer a request."""
     return frame(struct.pack("<BBBBI", 0x82, request_type, request, result, value))
 
 
@@ -146,12 +142,12 @@ def samples(
     counts: NDArray[np.uint32],
     status: NDArray[np.uint8],
 ) -> list[bytes]:
-    """Write a run of latches during which no input changed.
+    """Encode a run of latches during which no input changed.
 
     Args:
         cause: 0 the timed stream, 1 a LATCH.
-        request: Of the START or LATCH.
-        inputs: Bit i set where input i is active.
+        request: of the START or LATCH.
+        inputs: bit i set if input i is active.
         seqs: (n,)
         ticks: (n,)
         counts: (n, n_channels)
@@ -187,13 +183,12 @@ def edge(
     counts: NDArray[np.uint32],
     status: NDArray[np.uint8],
 ) -> bytes:
-    """Write the change of an input with the counts (n_channels,) latched at it."""
+    """Encode the change of an input with the counts (n_channels,) latched at it."""
     head = struct.pack("<BBBBII", 0x84, input_number, level, inputs, seq, ticks)
     return frame(head + counts.astype("<u4").tobytes() + status.tobytes())
 
 
 def temperatures(ticks: int, values_c: Sequence[float | None]) -> bytes:
-    """Write temperatures, None where there is no sensor."""
     hundredths = [NO_SENSOR if v is None else round(100.0 * v) for v in values_c]
     return frame(struct.pack(f"<BI{len(hundredths)}h", 0x85, ticks, *hundredths))
 
@@ -201,7 +196,7 @@ def temperatures(ticks: int, values_c: Sequence[float | None]) -> bytes:
 def alarm(
     channel: int, state: int, code: int, *, seq: int, ticks: int, value: int
 ) -> bytes:
-    """Write an alarm; channel 255 is the board itself."""
+    """Encode an alarm; channel 255 is the board itself."""
     return frame(struct.pack("<BBBHIIi", 0x86, channel, state, code, seq, ticks, value))
 
 
@@ -216,7 +211,6 @@ def heartbeat(
     tx_dropped: int,
     rx_rejected: int,
 ) -> bytes:
-    """Write a heartbeat."""
     numbers = (ticks, next_sample_seq, next_edge_seq, tx_dropped, rx_rejected)
     wrapped = [number & 0xFFFFFFFF for number in numbers]
     return frame(struct.pack("<BBBB5I", 0x87, state, inputs, edges_back, *wrapped))

@@ -1,9 +1,9 @@
-"""The box inside a MicroScribe: its responses to each byte that a host sends.
+"""The box inside a MicroScribe: its responses to each byte of a host.
 
-Written from the published protocol. It waits for "IMMC", echoes it, and after
-"BEGIN" reports what it is; from then on a byte below 80 requests a packet and one above
-is a command, echoed before its reply. C5 ends the session, and then it follows the
-baud rate of the next caller.
+Written from the published protocol. It waits for "IMMC", echoes it, and after "BEGIN"
+reports its identity; from then on a byte below 80 requests a packet and one above is a
+command, echoed before its reply. C5 ends the session, and then it follows the baud rate
+of the next caller.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,11 +28,11 @@ class Nameplate:
     """Stored identity of the box.
 
     Attributes:
-        hci: Version of the protocol, 2 or 3.
-        texts: By command.
-        geometry: The block of its own table.
-        home: Counts at the home position, 6 of them.
-        maxes: Greatest counts of the encoders that are there.
+        hci: version of the protocol, 2 or 3.
+        texts: by command.
+        geometry: block of its own table.
+        home: counts at the home position, 6 of them.
+        maxes: greatest counts of the encoders that are there.
     """
 
     hci: int
@@ -43,13 +43,12 @@ class Nameplate:
 
     @property
     def n_encoders(self) -> int:
-        """Of a whole packet."""
         return ENCODERS[self.hci][3]
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A report of motion that was requested."""
+    """A requested report of motion."""
 
     delay_s: float
     command: int
@@ -70,14 +69,14 @@ class HciBox:
     """A box that has just been switched on.
 
     Args:
-        plate: What is written into it.
-        state_at: Latches buttons, timer and encoders at an instant, for a command.
-        go_home: Puts the encoders at the home position from an instant on.
+        plate: its stored identity.
+        state_at: latches buttons, timer and encoders at an instant, for a command.
+        go_home: puts the encoders at the home position from an instant on.
 
     Attributes:
-        baud_rate: Of the session, None while it waits for one.
-        report: That runs, None for none.
-        n_rejected: Bytes that meant nothing, or required a password.
+        baud_rate: of the session; None while it waits for one.
+        report: running report, or None.
+        n_rejected: bytes without meaning, or that required a password.
     """
 
     def __init__(
@@ -103,7 +102,6 @@ class HciBox:
         self._wanted = 0  # bytes of the command being received
 
     def receive_byte(self, byte: int, at_s: float, baud_rate: int) -> bytes:
-        """Process a byte; return the reply."""
         if self.baud_rate is None:
             return self._wait_for_session(byte, baud_rate)
         if baud_rate != self.baud_rate:
@@ -118,7 +116,6 @@ class HciBox:
         return self._begin_command(byte, at_s)
 
     def packet(self, command: int, state: State) -> bytes:
-        """A packet as a command requests it."""
         packet = bytearray((command | 0x80, state.buttons & 0x7F))
         if command & 0x20:
             packet += _halves(state.ticks)
@@ -129,7 +126,7 @@ class HciBox:
         return bytes(packet)
 
     def requested_counts(self, command: int, state: State) -> Sequence[int]:
-        """Counts of the encoders that a command requests, 0 where there is none."""
+        """Return the counts that a command requests, 0 for absent encoders."""
         counts = (*state.counts, *[0] * self._plate.n_encoders)
         return counts[: ENCODERS[self._plate.hci][command & 3]]
 
@@ -197,7 +194,7 @@ class HciBox:
 
 
 def _greatest(plate: Nameplate) -> bytes:
-    """Greatest counts: buttons, timer, analogs, their low bits, encoders."""
+    """Encode greatest counts: buttons, timer, analogs, their low bits, encoders."""
     greatest = (*plate.maxes, *[0] * plate.n_encoders)[: plate.n_encoders]
     size = 2 if plate.hci == 2 else 4
     encoders = b"".join(count.to_bytes(size, "big") for count in greatest)
@@ -205,5 +202,5 @@ def _greatest(plate: Nameplate) -> bytes:
 
 
 def _halves(number: int) -> bytes:
-    """14 bits as two bytes without their bit 7."""
+    """Encode 14 bits as two bytes without their bit 7."""
     return bytes((number >> 7 & 0x7F, number & 0x7F))

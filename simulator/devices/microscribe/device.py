@@ -1,8 +1,8 @@
-"""A MicroScribe on a serial line: the box, its encoders on the virtual arm, its pedals.
+"""A MicroScribe on a serial line: box, encoders on the virtual arm, pedals.
 
 Buttons, timer and all encoders are latched at one instant: on arrival of the request,
-or at the polls of a report of motion. Its own table is that of the configuration; it
-is the user's business that it describes the arm of the arm file.
+or at the polls of a report of motion. Its own table is that of the configuration, which
+must describe the arm of the arm file.
 """
 
 import struct
@@ -34,13 +34,13 @@ BAUD_RATES = {
 
 
 class GeometryTable(StrictModel):
-    """The table that the arm keeps: six modified rows in its own units.
+    """The table that the arm stores: six modified rows in its own units.
 
     Attributes:
-        alpha: In 1/32768 of a half turn.
-        a: In 1/1000 inch.
-        d: In 1/1000 inch.
-        beta: Rotation about y at joint 3, in the units of `alpha`; an arm that has
+        alpha: in 1/32768 of a half turn.
+        a: in 1/1000 inch.
+        d: in 1/1000 inch.
+        beta: rotation about y at joint 3, in the units of `alpha`; an arm that has
             one has "Beta" in its comment.
     """
 
@@ -58,7 +58,6 @@ class GeometryTable(StrictModel):
 
     @property
     def block(self) -> bytes:
-        """As the arm sends it."""
         block = struct.pack(">18h", *self.alpha, *self.a, *self.d)
         return block if self.beta is None else block + struct.pack(">h", self.beta)
 
@@ -67,11 +66,11 @@ class MicroscribeTable(SerialTable):
     """A MicroScribe on a serial line.
 
     Attributes:
-        hci: Version of its protocol.
-        pedals: Inputs on bit 0, 1, ... of the buttons: right, left.
-        home: Counts at the home position.
-        timer_rate_hz: Of its timer.
-        first_ticks: Where the timer begins after power-up.
+        hci: version of its protocol.
+        pedals: inputs on bit 0, 1, ... of the buttons: right, left.
+        home: counts at the home position.
+        timer_rate_hz: of its timer.
+        first_ticks: of the timer at power-up.
     """
 
     FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"status"} | {"cut"}
@@ -95,7 +94,7 @@ class MicroscribeTable(SerialTable):
     first_ticks: int = Field(default=0, ge=0, lt=MOST_COUNTS)
 
     def plate(self, moduli: Integers) -> wire.Nameplate:
-        """Stored identity of the box with encoders of so many counts."""
+        """Return the identity of the box with encoders of so many counts."""
         beta = self.geometry is not None and self.geometry.beta is not None
         comment = f"{self.comment} Beta".strip() if beta else self.comment
         texts = {
@@ -118,7 +117,7 @@ class MicroscribeTable(SerialTable):
     def channel_problems(
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
-        """Report what does not match the arm file's encoders on this arm."""
+        """Report mismatches with the arm file's encoders."""
         most = wire.ENCODERS[self.hci][3]
         if len(counts_per_turn) > most:
             text = (
@@ -145,7 +144,7 @@ class SimulatedMicroscribe(SerialDevice):
         super().__init__(table, mounting, [table.port], table.pedals)
 
     def power_up(self, now_s: float) -> None:
-        """Wait for a host; count on from where the joints are."""
+        """Wait for a host; count from the present position."""
         self._box = wire.HciBox(self._plate, self._state_at, self._go_home)
         self._power_up_s = now_s
         self._offsets = np.zeros_like(self._moduli)
@@ -155,11 +154,9 @@ class SimulatedMicroscribe(SerialDevice):
 
     @property
     def streaming(self) -> bool:
-        """A report of motion runs."""
         return self._box.report is not None
 
     def receive_byte(self, line: int, byte: int, at_s: float) -> None:
-        """Answer, unless it is just losing power."""
         if self.mounting.struck("reset", at_s):
             return
         before = self._box.report
@@ -184,7 +181,6 @@ class SimulatedMicroscribe(SerialDevice):
                 self.say(0, self._box.packet(report.command, state), at_s)
 
     def own_due_s(self) -> float:
-        """The next look of a report."""
         return self._next_look_s
 
     def _has_changed(self, state: wire.State, report: wire.Report) -> bool:
