@@ -1,9 +1,9 @@
-"""The table of effects: one row per kind, with all its properties.
+"""The table of effects: one row for each kind, with all its properties.
 
-What a kind corrects stands in its own class in `traverse.kinematics.effects`. This
-table says how it is written down, where it can be applied, and what the laboratory has
-to know of it: how large it plausibly is, what it resembles, over what it is drawn, what
-it is called. A new effect needs its class, its row, and the simulator's own law.
+The correction of a kind is its class in `traverse.kinematics.effects`. This table has
+its keys, where it can be applied, and what the laboratory needs: plausible size,
+similar kinds, plots, labels. A new effect needs its class, its row, and the simulator's
+own law.
 """
 
 from collections.abc import Mapping
@@ -46,34 +46,34 @@ _FIRST_ORDER = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectKind:
-    """One row: how one kind of effect is written, how large it is, what it is called.
+    """One row: keys, size and labels of one kind of effect.
 
     Attributes:
-        family: What it resembles.
-        keys: The kind's own keys and their types, all required.
-        size: Plausible size of each parameter, in the unit of its key.
-        label: For people; may have {often}, {component}, {artefact}.
-        effect_class: L: in-line in the daemon; D: where the direction of the
-            surface is known; A: bound to time, has `epoch_utc`; O: off-line only.
-        joint: Whether the effect names a joint.
-        acts_on: What it changes; "shift" and "tilt" are of the joint's axis.
-        minimum_order: Least order, where there is an order.
-        components: Varieties and the least order of each.
-        most: Largest values of keys that are above 0.
-        size_by_order: Where the size depends on the order.
-        is_size_of_campaign: Whether `size` is the effect over a whole campaign, so that
-            the plausible rate is that over its duration.
-        phase: Key of a phase, with which the effect is not linear; its size is 1 rad.
-        log_prior: Preference before the data are used, a natural logarithm.
-        log_prior_of_joint: Instead, where one of several alike joints is meant.
-        log_prior_per_order: For each order above 2.
-        least_log_prior: However high the order.
-        covariates: Columns of a campaign that it is a function of, {} for the joint:
+        family: similar kinds.
+        keys: the kind's own keys and their types, all required.
+        size: plausible size of each parameter, in the unit of its key.
+        label: for people; may have {often}, {component}, {artefact}.
+        effect_class: L: in-line in the daemon; D: if the direction of the surface is
+            known; A: bound to time, has `epoch_utc`; O: off-line only.
+        joint: whether the effect names a joint.
+        acts_on: quantity that it changes; "shift" and "tilt" are of the joint's axis.
+        minimum_order: least order, if there is an order.
+        components: varieties and the least order of each.
+        most: largest values of keys that are above 0.
+        size_by_order: the size depends on the order.
+        is_size_of_campaign: `size` is the effect over a whole campaign, so that the
+            plausible rate is that over its duration.
+        phase: key of a phase, which is nonlinear; its size is 1 rad.
+        log_prior: preference before the data are used, a natural logarithm.
+        log_prior_of_joint: instead, for one of several alike joints.
+        log_prior_per_order: for each order above 2.
+        least_log_prior: however high the order.
+        covariates: columns of a campaign that it is a function of, {} for the joint:
             the joint's own one first, then that of the whole arm.
-        is_function: Whether it is a function of that column alone.
-        bank: Where the diagnosis looks for it; "none": nowhere.
-        absorbed_by: What it equals where a campaign cannot see it.
-        whole_arm_label: Instead of `label`, where all joints are meant.
+        is_function: it is a function of that column alone.
+        bank: where the diagnosis looks for it; "none": nowhere.
+        absorbed_by: equal parameters where a campaign cannot see it.
+        whole_arm_label: instead of `label`, for all joints.
     """
 
     family: Family
@@ -141,7 +141,7 @@ class EffectKind:
 
     @property
     def depends_on_posture(self) -> bool:
-        """Whether other postures separate it from others."""
+        """Whether other postures separate it from other effects."""
         return self.family not in _NOT_OF_POSES
 
     def least_order(self, component: object = None) -> int:
@@ -149,7 +149,7 @@ class EffectKind:
         return self.components.get(str(component), self.minimum_order)
 
     def plausible_size(self, order: float | None = None) -> float:
-        """Return how large a parameter plausibly is, in the unit of its key."""
+        """Return the plausible size of a parameter, in the unit of its key."""
         if order is None:
             return self.size
         return self.size_by_order.get(order, self.size)
@@ -158,8 +158,8 @@ class EffectKind:
         """Return its preference before the data are used.
 
         Args:
-            joint: Its name, or None for the whole arm.
-            order: Of a harmonic or of an error motion, or None.
+            joint: name, or None for the whole arm.
+            order: of a harmonic or of an error motion, or None.
 
         Returns:
             Natural logarithm, 0 for the usual ones, negative for unusual ones.
@@ -380,7 +380,7 @@ KEY_UNITS: Mapping[str, str] = MappingProxyType(
         "rate_mm_s": "mm/s",
     }
 )
-"""Units of keys whose unit is more than the `_rad` or `_mm` that the key ends with."""
+"""Units of keys other than the `_rad` or `_mm` at their ends."""
 
 
 def key_unit(key: str) -> str:

@@ -1,1 +1,1 @@
-"""Arm files: strict reading, and writing that keeps every number bit for bit."""
+"""Arm files."""

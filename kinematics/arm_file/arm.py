@@ -1,4 +1,4 @@
-"""Arm files: strict reading, and writing that keeps every number bit for bit."""
+"""Arm files: strict reading, and writing that keeps every number."""
 
 import hashlib
 from collections.abc import Mapping
@@ -50,12 +50,10 @@ class Encoder(StrictModel):
 
     @property
     def device_id(self) -> str:
-        """The device of the daemon's configuration."""
         return self.source.partition("/")[0]
 
     @property
     def channel(self) -> int:
-        """The channel of the device."""
         return int(self.source.partition("/")[2])
 
 
@@ -122,7 +120,6 @@ class Effect(StrictModel):
 
     @property
     def values(self) -> Mapping[str, Any]:
-        """The keys of its kind with their values."""
         return {key: getattr(self, key) for key in EFFECT_KINDS[self.kind].keys}
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -161,14 +158,14 @@ def _effect_model(name: str) -> type[Effect]:
 
 
 def effect_from_table(table: object) -> Effect:
-    """Make an effect of the class for its kind."""
+    """Make an effect of its kind's class."""
     if isinstance(table, Effect):
         return table
     return Effect.variant(table).model_validate(tuples_for_lists(table))
 
 
 class Arm(StrictModel):
-    """An articulated arm as its file says it, numbers as written."""
+    """An articulated arm, with numbers as in its file."""
 
     schema_: Literal["traverse/arm/1"] = Field(alias="schema")
     name: str
@@ -188,7 +185,7 @@ def parse_arm(text: str, source: str = "arm file") -> Arm:
     """Parse the text of an arm file.
 
     Raises:
-        FileError: With everything that is wrong.
+        FileError: lists all mistakes.
     """
     return parse_strict(text, source, Arm, arm_problems)
 
@@ -197,7 +194,7 @@ def read_arm(path: str | Path) -> Arm:
     """Read an arm file.
 
     Raises:
-        FileError: With everything that is wrong.
+        FileError: lists all mistakes.
     """
     return read_strict(path, Arm, arm_problems)
 
@@ -205,11 +202,11 @@ def read_arm(path: str | Path) -> Arm:
 def write_arm(path: str | Path, arm: Arm) -> None:
     """Write an arm file in place of an old one, whole or not at all.
 
-    Comments of the old file stay, and so do the lines whose values do not change.
+    Comments of the old file and lines with unchanged values stay.
 
     Raises:
-        FileError: The arm breaks a rule of arm files; the old file stays.
-        OSError: The folder cannot be written.
+        FileError: the arm breaks a rule of arm files; the old file stays.
+        OSError: the folder cannot be written.
     """
     from traverse.strict_toml.arm_text import arm_text  # noqa: PLC0415 - not to read one
 
@@ -221,7 +218,7 @@ def write_arm(path: str | Path, arm: Arm) -> None:
 
 
 def _text_before(path: Path) -> str | None:
-    """The file that is about to be replaced, if it is an arm file."""
+    """Return the text of the file to be replaced, if it is an arm file."""
     try:
         parse_arm(text := toml_text(path), str(path))
     except FileError:
@@ -230,6 +227,6 @@ def _text_before(path: Path) -> str | None:
 
 
 def arm_digest(arm: Arm) -> str:
-    """Return which arm this is: equal values, equal digest (SHA-256, hexadecimal)."""
+    """Return a digest of the values (SHA-256, hexadecimal)."""
     values = arm.model_dump(by_alias=True, exclude_none=True)
     return hashlib.sha256(canonical_text(values).encode()).hexdigest()

@@ -1,8 +1,8 @@
-"""Checks of an arm file that look at more than one key, on the raw values.
+"""Checks of an arm file between keys, on the raw values.
 
-They run beside the checks of single keys, not after them, so that one reading of a
-file reports everything; therefore nothing here may trust a type. Each check keeps
-silent where the type is wrong, because that is reported elsewhere.
+They run beside the checks of single keys, so that one reading reports everything;
+therefore nothing here may trust a type. Wrong types are passed over, since they are
+reported elsewhere.
 """
 
 import math
@@ -29,12 +29,12 @@ _PERPENDICULAR_TOLERANCE = 1e-6
 def effect_problems(
     where: str, effect: Mapping[str, Any], axes: Mapping[str, Any]
 ) -> Iterator[Problem]:
-    """Yield what is wrong between the keys of one effect.
+    """Yield inconsistencies between the keys of one effect.
 
     Args:
-        where: Key path of the effect.
-        effect: The raw table.
-        axes: The raw axis of every joint by the joint's name.
+        where: key path of the effect.
+        effect: the raw table.
+        axes: the raw axis of every joint by the joint's name.
     """
     name = effect.get("kind")
     if not isinstance(name, str):
@@ -134,7 +134,7 @@ _NOT_IN_TOPIC = re.compile(r"[/+#\x00-\x1f\x7f-\x9f]")
 
 
 def arm_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
-    """Yield what is wrong between the keys of an arm file."""
+    """Yield inconsistencies between the keys of an arm file."""
     name = raw.get("name")
     if isinstance(name, str) and (
         not name.strip() or len(name) > MAX_NAME_LENGTH or _NOT_IN_TOPIC.search(name)

@@ -18,7 +18,6 @@ def effect_class(kind: str) -> type[Correction]:
 
 @cache
 def _classes() -> dict[str, type[Correction]]:
-    """Find the classes of all modules that have a kind of their own."""
     classes = {
         vars(law).get("kind", ""): law
         for folder in (readings, mechanics, contacts)

@@ -36,17 +36,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmEffects:
-    """The effects of an arm with the masses and the gravity that they work on.
+    """The effects of an arm with its masses and gravity.
 
     Attributes:
-        joint_names: From the base outwards.
-        corrections: In the order of the arm file.
-        bodies: What weighs.
-        gravity_m_s2: Where a block does not say otherwise, (3,).
-        mechanical: Those that move bodies of the arm.
-        contacts: Those that depend on the touched surface.
-        first_moments: What weighs beside the bodies.
-        covariates: All that is needed, of some joint or of the arm.
+        joint_names: from the base outwards.
+        corrections: in the order of the arm file.
+        bodies: masses.
+        gravity_m_s2: default for blocks, (3,).
+        mechanical: those that move bodies of the arm.
+        contacts: those that depend on the touched surface.
+        first_moments: beside the bodies.
+        covariates: needed ones, of a joint or of the arm.
     """
 
     joint_names: tuple[str, ...]
@@ -102,11 +102,7 @@ class ArmEffects:
         return _levers_kg_mm(geometry, self)
 
     def with_values(self, values: Floats) -> "ArmEffects":
-        """Make the same effects of other sizes.
-
-        Args:
-            values: Of all parameters, (n_parameters,).
-        """
+        """Return the same effects with other values, (n_parameters,)."""
         ends = np.cumsum([len(c.values) for c in self.corrections])
         if values.shape != (int(ends[-1]) if len(ends) else 0,):
             raise ValueError(
@@ -120,14 +116,14 @@ class ArmEffects:
         return replace(self, corrections=changed)
 
     def are_served_by(self, block: Block) -> bool:
-        """Say quickly that a block lacks nothing; False where it has to be looked at.
+        """Return whether a block lacks nothing; False if it must be checked in detail.
 
         Whole columns are checked, including joints that no effect uses.
         """
         return all(block.is_known(covariate) for covariate in self.covariates)
 
     def lacks(self, block: Block) -> Iterator[str]:
-        """Yield, effect by effect, what a block does not say that they need."""
+        """Yield, effect by effect, missing inputs of a block."""
         for correction in self.corrections:
             for need in correction.needs:
                 lack = block.lack(need)
@@ -140,7 +136,6 @@ class ArmEffects:
 
 
 def effects_from_arm(arm: "Arm") -> ArmEffects:
-    """Build the effects of an arm file; see `effects_of`."""
     return effects_of(arm, arm.effects)
 
 
@@ -150,14 +145,14 @@ def effects_of(
     """Build effects for an arm whose file does not have them (yet).
 
     Args:
-        arm: The arm.
-        effects: Used instead of the arm's own.
-        campaign_utc: Start and end of the campaign that drifts were found in. Without
-            it a drift is believed from its epoch to the date of the identification;
+        arm: the arm.
+        effects: used instead of the arm's own.
+        campaign_utc: start and end of the campaign that drifts were found in. Without
+            it a drift holds from its epoch to the date of the identification;
             without that date only at its epoch, where it is zero.
 
     Raises:
-        ValueError: Effects cannot be applied to this arm; names all of them.
+        ValueError: effects cannot be applied to this arm; names all of them.
     """
     bodies = bodies_from_arm(arm)
     known = bodies.are_known

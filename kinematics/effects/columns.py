@@ -52,19 +52,19 @@ def columns(
     """Differentiate the corrected ball's centres.
 
     Args:
-        geometry: The arm.
-        effects: Those that are applied.
-        block: The samples with what effects and candidates need.
-        candidates: Differentiate for these instead, applied or not.
-        yielding: What first moments of mass move instead of those applied.
-        turns: Differentiate the orientation of the last body instead.
+        geometry: the arm.
+        effects: applied ones.
+        block: the samples with inputs of effects and candidates.
+        candidates: effects to differentiate for instead, applied or not.
+        yielding: compliances that first moments act on, instead of those applied.
+        turns: differentiate the orientation of the last body instead.
 
     Returns:
         mm (of the orientation rad) per unit of each parameter, (n_samples, 3,
         n_parameters).
 
     Raises:
-        ValueError: The block does not say what effects need; names all of it.
+        ValueError: the block lacks inputs; names all of them.
     """
     wanted = effects.corrections if candidates is None else tuple(candidates)
     yields = [c for c in effects.mechanical if isinstance(c, Compliance)]
@@ -128,7 +128,7 @@ def _moment_moves(
     *,
     turns: bool,
 ) -> Floats:
-    """Move the ball by 1 kg m along x, y and z, (3, 3, n_samples)."""
+    """Return the motion of the ball by 1 kg m along x, y and z, (3, 3, n_samples)."""
     moves = np.zeros((3, 3, len(posture.block)))
     joint = correction.joints.start
     for component in range(3):
@@ -178,7 +178,7 @@ def _shifts(
 
 
 def _hinge_moves(arm: Deflection, *, turns: bool) -> Floats:
-    """Derivative of ball or last body by each hinge's turn, (3, n_joints, n)."""
+    """Return derivatives of ball or last body by the hinges, (3, n_joints, n)."""
     return arm.axes if turns else cross(arm.axes, arm.reaches_mm)
 
 

@@ -51,7 +51,6 @@ class Deflection:
 
     @property
     def centres_mm(self) -> Floats:
-        """Of the ball, (3, n_samples)."""
         return self.positions_mm[:, -1]
 
     @cached_property
@@ -79,7 +78,7 @@ class Deflection:
 def totals(
     corrections: tuple[BodyCorrection, ...], posture: Posture
 ) -> dict[Target, Floats]:
-    """Add up the amounts of each target that something moves."""
+    """Sum the amounts of each target."""
     amounts: dict[Target, Floats] = {}
     n_joints, n_samples = posture.turns_rad.shape
     for correction in corrections:
@@ -98,12 +97,12 @@ def totals(
 def deflection(
     geometry: Geometry, turns_rad: Floats, amounts: Mapping[Target, Floats]
 ) -> Deflection:
-    """Go from the base outwards.
+    """Compute the arm from the base outwards.
 
     Args:
-        geometry: The arm.
+        geometry: the arm.
         turns_rad: theta, (n_joints, n_samples).
-        amounts: From `totals`.
+        amounts: from `totals`.
     """
     if Target.TURN in amounts:
         turns_rad = turns_rad + amounts[Target.TURN]

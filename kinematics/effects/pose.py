@@ -47,13 +47,12 @@ def compiled_pose(
     """Compute the pose with the effects of readings and bodies, not of contacts.
 
     Args:
-        geometry: The arm.
-        effects: Of the same arm.
-        block: The samples with all that the effects need.
+        geometry: the arm.
+        effects: of the same arm.
+        block: the samples with inputs of the effects.
 
     Returns:
-        Centres in mm and directions, both (n_samples, 3); None where NumPy is to
-        compute.
+        Centres in mm and directions, both (n_samples, 3); None if NumPy is to compute.
     """
     if compiled_chain(geometry) is None:
         return None
@@ -114,19 +113,19 @@ class PoseFlags:
 def corrected_pose(
     geometry: Geometry, effects: ArmEffects, block: Block
 ) -> tuple[Floats, Floats, PoseFlags]:
-    """Compute where the probe is and where its shank points, effects applied.
+    """Compute ball centres and shank directions, effects applied.
 
     Args:
-        geometry: The arm.
-        effects: Of the same arm.
-        block: The samples with what the effects need.
+        geometry: the arm.
+        effects: of the same arm.
+        block: the samples with inputs of the effects.
 
     Returns:
         Centres of the ball in mm and unit directions of the shank, both
-        (n_samples, 3), and what to flag.
+        (n_samples, 3), and flags.
 
     Raises:
-        ValueError: The block does not say what effects need; names all of it.
+        ValueError: the block lacks inputs; names all of them.
     """
     checked(geometry, effects, block)
     if not effects.corrections:
@@ -147,7 +146,7 @@ def corrected_pose(
 def numpy_corrected_pose(
     geometry: Geometry, effects: ArmEffects, block: Block
 ) -> tuple[Floats, Floats]:
-    """Compute what `corrected_pose` does, by NumPy and of a block that was checked."""
+    """Compute `corrected_pose` in NumPy, of a checked block."""
     if not effects.mechanical and not effects.contacts:
         # The plain arm at other readings.
         return numpy_pose(geometry, _hinge_readings(geometry, effects, block))
@@ -171,7 +170,7 @@ def corrected_rotations(
     """Compute the rotation of the last body, effects applied, (4, n_samples).
 
     Raises:
-        ValueError: The block does not say what effects need; names all of it.
+        ValueError: the block lacks inputs; names all of them.
     """
     checked(geometry, effects, block)
     rotations = np.empty((4, len(block)))
@@ -197,13 +196,13 @@ def corrected_readings(geometry: Geometry, effects: ArmEffects, block: Block) ->
 def contact_shifts(geometry: Geometry, effects: ArmEffects, block: Block) -> Floats:
     """Compute the shifts of the ball's centre that depend on the surface.
 
-    For those who learn the direction of the surface only after the pose: what
-    `corrected_pose` of the same block with directions has more than without.
+    For directions that are known after the pose: the difference of `corrected_pose`
+    with and without them.
 
     Args:
-        geometry: The arm.
-        effects: Of the same arm.
-        block: With directions (NaN where unknown: no shift there).
+        geometry: the arm.
+        effects: of the same arm.
+        block: with directions (NaN where unknown: no shift there).
 
     Returns:
         mm, (n_samples, 3).
@@ -213,7 +212,7 @@ def contact_shifts(geometry: Geometry, effects: ArmEffects, block: Block) -> Flo
 
 
 def pose_flags(effects: ArmEffects, block: Block) -> PoseFlags:
-    """Collect what all effects have to say about samples."""
+    """Collect flags of all effects."""
     flags = {
         field.name: np.zeros(len(block), dtype=np.bool_) for field in fields(PoseFlags)
     }
@@ -226,7 +225,7 @@ def pose_flags(effects: ArmEffects, block: Block) -> PoseFlags:
 def undeflected_posture(
     geometry: Geometry, effects: ArmEffects, block: Block
 ) -> Posture:
-    """Correct the readings: the posture that mechanical effects are functions of."""
+    """Compute the posture of the corrected readings."""
     # Contiguous, as `Block.rows` says.
     readings_rad = np.ascontiguousarray(_hinge_readings(geometry, effects, block).T)
     gravity = block.gravity_m_s2
@@ -240,17 +239,17 @@ def undeflected_posture(
 
 
 def deflected_arm(geometry: Geometry, effects: ArmEffects, block: Block) -> Deflection:
-    """Apply what corrects readings and bodies to one part of a block."""
+    """Apply corrections of readings and bodies to one part of a block."""
     posture = undeflected_posture(geometry, effects, block)
     amounts = totals(effects.mechanical, posture)
     return deflection(geometry, posture.turns_rad, amounts)
 
 
 def checked(geometry: Geometry, effects: ArmEffects, block: Block) -> None:
-    """Refuse a block that is not of this arm, or does not say what effects need.
+    """Check that a block is of this arm and has all inputs of effects.
 
     Raises:
-        ValueError: With everything that is missing.
+        ValueError: lists everything that is missing.
     """
     if not geometry.n_joints == block.n_joints == len(effects.joint_names):
         raise ValueError(

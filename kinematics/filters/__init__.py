@@ -1,4 +1,4 @@
-"""Filters of points: composable, the same in the daemon and off-line."""
+"""Composable filters of points, for the daemon and off-line."""
 
 from traverse.kinematics.filters.chain import FILTERS, FilterChain
 from traverse.kinematics.filters.point_filter import PointBlock, PointFilter

@@ -1,4 +1,4 @@
-"""All filters by name, and several of them one after the other."""
+"""All filters by name, and chains of them."""
 
 from collections.abc import Sequence
 
@@ -21,18 +21,17 @@ FILTERS: dict[str, type[PointFilter]] = {
         Unflagged,
     )
 }
-"""By the name that they have in configurations and commands."""
+"""By name in configurations and commands."""
 
 
 class FilterChain:
-    """Filters that a point must pass one after the other.
+    """Filters in series.
 
     Args:
-        filters: in this order; regions first are the cheapest.
+        filters: in order; regions first are the cheapest.
 
     Attributes:
-        removed: points that each filter has held back so far; a filter that
-            interpolates has none of its own.
+        removed: points removed by each filter; 0 for one that interpolates.
     """
 
     def __init__(self, filters: Sequence[PointFilter]) -> None:
@@ -41,11 +40,9 @@ class FilterChain:
 
     @property
     def interpolates(self) -> bool:
-        """Whether the output contains points between samples."""
         return any(made.interpolates for made in self.filters)
 
     def apply(self, block: PointBlock) -> PointBlock:
-        """The points of a block that pass all filters."""
         for number, stage in enumerate(self.filters):
             n_before = len(block)
             if not n_before:
@@ -56,6 +53,5 @@ class FilterChain:
         return block
 
     def restart(self) -> None:
-        """Forget all points so far, not what was counted."""
         for stage in self.filters:
             stage.restart()

@@ -1,6 +1,6 @@
-"""Points in the order of time, and the base class of filters of them.
+"""Points in the order of time, and the base class of their filters.
 
-Blocks go in, and fewer points come out, the same however the stream is cut.
+The result is the same however the stream is cut into blocks.
 """
 
 import math
@@ -17,7 +17,7 @@ from traverse.arrays import Booleans, Floats, Indices, Integers
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointBlock:
-    """n points, one after the other.
+    """n successive points.
 
     Attributes:
         seq: (n,) int64, number of the sample.
@@ -41,19 +41,19 @@ class PointBlock:
         return len(self.seq)
 
     def rows(self, which: Booleans | Indices | slice) -> "PointBlock":
-        """Some of the points."""
+        """Select points."""
         return replace(self, **{name: getattr(self, name)[which] for name in _COLUMNS})
 
     def after(self, before: "PointBlock | None") -> "PointBlock":
-        """These points with those of ``before`` in front of them."""
+        """Prepend points."""
         return self if before is None else PointBlock.joined([before, self])
 
     def between(self, rows: Indices, shares: Floats) -> "PointBlock":
-        """Points on the way from each of ``rows`` to the one after it.
+        """Interpolate between each of ``rows`` and the next point.
 
         Args:
             rows: (m,) indices below n - 1.
-            shares: (m,) of the way, 0 to 1.
+            shares: (m,) fractions, 0 to 1.
 
         Returns:
             m points: interpolated linearly; numbers and counts of the nearer sample,
@@ -80,7 +80,7 @@ class PointBlock:
 
     @staticmethod
     def joined(blocks: Sequence["PointBlock"]) -> "PointBlock":
-        """Blocks one after the other."""
+        """Concatenate blocks."""
         return PointBlock(
             *(
                 np.concatenate([getattr(block, name) for block in blocks])
@@ -98,19 +98,19 @@ Vector = tuple[float, float, float]
 class PointFilter(ABC):
     """Takes points in the order of time and passes some of them.
 
-    A stream may be cut into blocks in any way: the result is the same. What a filter
-    has to remember for that is bounded; `restart` forgets it.
+    A stream may be cut into blocks in any way. The memory of a filter is bounded;
+    `restart` clears it.
     """
 
     kind: ClassVar[str]
-    """Its name in configurations and commands."""
+    """Name in configurations and commands."""
 
     interpolates: ClassVar[bool] = False
-    """Its points lie between samples: whoever publishes them has to say so."""
+    """Its points lie between samples, which publishers must state."""
 
     @abstractmethod
     def apply(self, block: PointBlock) -> PointBlock:
-        """The points of a block that pass."""
+        """Return the points of a block that pass."""
 
     def restart(self) -> None:  # noqa: B027 - most filters remember nothing
         """Forget all points so far."""
@@ -120,30 +120,29 @@ class Selection(PointFilter):
     """A filter that judges every point by itself."""
 
     def apply(self, block: PointBlock) -> PointBlock:
-        """The points of a block that pass."""
         kept = self.keeps(block)
         return block if kept.all() else block.rows(kept)
 
     @abstractmethod
     def keeps(self, block: PointBlock) -> Booleans:
-        """Which points pass, (n,)."""
+        """Return which points pass, (n,)."""
 
 
 def check_positive(value: float, key: str) -> None:
-    """Refuse what is no length above 0.
+    """Check a length above 0.
 
     Raises:
-        ValueError: naming the key.
+        ValueError: names the key.
     """
     if not (math.isfinite(value) and value > 0.0):
         raise ValueError(f"{key} is {value:g}; expected a finite number above 0")
 
 
 def unit(vector: Vector, key: str) -> Floats:
-    """The direction of a vector of any length above 0, (3,).
+    """Return the direction of a nonzero vector, (3,).
 
     Raises:
-        ValueError: naming the key.
+        ValueError: names the key.
     """
     values = np.array(vector, dtype=np.float64)
     length = float(np.linalg.norm(values))

@@ -19,13 +19,13 @@ from traverse.kinematics.filters.point_filter import (
 class Sections(PointFilter):
     """Crossings of the planes normal . x = offset + k spacing, interpolated onto them.
 
-    A path that rests on a plane crosses it with every sample's noise: the same plane
-    counts again only once the path has been away from it by `clearance_mm`. Between
-    samples further apart than `max_gap_s` nothing is interpolated.
+    A path that rests on a plane crosses it with every sample's noise: the plane counts
+    again once the path has been away from it by `clearance_mm`. Samples further apart
+    than `max_gap_s` are not interpolated.
 
     Attributes:
         normal: of the planes, any length above 0.
-        spacing_mm: from one plane to the next.
+        spacing_mm: between planes.
         offset_mm: of one of them from the origin, along the normal.
         clearance_mm: see above; None: a tenth of the spacing.
     """
@@ -49,7 +49,6 @@ class Sections(PointFilter):
             check_positive(self.clearance_mm, "clearance_mm")
 
     def apply(self, block: PointBlock) -> PointBlock:
-        """The crossings in a block, in the order of time."""
         if not len(block):
             return block
         path = block.after(self._before)
@@ -63,13 +62,12 @@ class Sections(PointFilter):
         return path.between(steps, np.clip(shares, 0.0, 1.0))
 
     def restart(self) -> None:
-        """Forget all points so far."""
         self._before, self._plane, self._away = None, None, 0.0
 
     def _crossings(
         self, heights: Floats, time_ns: Integers
     ) -> tuple[Indices, Integers]:
-        """Steps (m,) of the path that cross planes, and these planes' numbers (m,)."""
+        """Return steps (m,) of the path that cross planes, and the planes (m,)."""
         usable = np.isfinite(heights[:-1]) & np.isfinite(heights[1:])
         usable &= np.diff(time_ns) <= self.max_gap_s * 1e9
         below = np.floor(np.where(np.isfinite(heights), heights, 0.0)).astype(np.int64)
@@ -84,7 +82,7 @@ class Sections(PointFilter):
     def _first_ones(
         self, heights: Floats, steps: Indices, planes: Integers
     ) -> list[int]:
-        """Which crossings count, and what to remember of the rest of the path."""
+        """Return the crossings that count."""
         clearance = (self.clearance_mm or 0.1 * self.spacing_mm) / self.spacing_mm
         kept, done = [], 1
         for number, (step, plane) in enumerate(
@@ -99,7 +97,7 @@ class Sections(PointFilter):
         return kept
 
     def _leave(self, heights: Floats) -> None:
-        """Note how far the path has been from the last plane, in spacings."""
+        """Update the distance from the last plane, in spacings."""
         known = heights[np.isfinite(heights)]
         if self._plane is not None and len(known):
             away = np.abs(known - self._plane)

@@ -1,4 +1,4 @@
-"""Filters that judge a point by itself: its place, the probe's speed, its quality."""
+"""Filters of single points: place, speed, quality."""
 
 import math
 from dataclasses import dataclass, field
@@ -18,10 +18,10 @@ from traverse.kinematics.filters.point_filter import (
 
 @dataclass(slots=True)
 class Speed(Selection):
-    """Points where the probe moved neither faster nor slower than allowed.
+    """Points within limits of the probe's speed.
 
     The speed at a point is the distance from the one before it over the time between
-    them. The first point of a stream has no speed and does not pass.
+    them. The first point of a stream does not pass.
 
     Attributes:
         max_mm_s, min_mm_s: the limits, included.
@@ -40,7 +40,6 @@ class Speed(Selection):
             )
 
     def keeps(self, block: PointBlock) -> Booleans:
-        """Which points pass, (n,)."""
         if not len(block):
             return np.zeros(0, dtype=np.bool_)
         first = (block.time_ns[0], np.full(3, np.nan))
@@ -59,13 +58,12 @@ class Speed(Selection):
         return kept
 
     def restart(self) -> None:
-        """Forget all points so far."""
         self._before = None
 
 
 @dataclass(frozen=True, slots=True)
 class Unflagged(Selection):
-    """Points without quality flags, apart from those that are allowed.
+    """Points without quality flags, apart from allowed ones.
 
     Attributes:
         allowed: bits that do not matter.
@@ -75,7 +73,6 @@ class Unflagged(Selection):
     allowed: int = 0
 
     def keeps(self, block: PointBlock) -> Booleans:
-        """Which points pass, (n,)."""
         kept: Booleans = block.quality & ~np.uint32(self.allowed) == 0
         return kept
 
@@ -85,8 +82,8 @@ class Box(Selection):
     """Points in a box along the axes of the arm's system, its surface included.
 
     Attributes:
-        low_mm, high_mm: two opposite corners.
-        outside: let pass what is not in it.
+        low_mm, high_mm: opposite corners.
+        outside: invert.
     """
 
     kind: ClassVar[str] = "box"
@@ -102,7 +99,6 @@ class Box(Selection):
             )
 
     def keeps(self, block: PointBlock) -> Booleans:
-        """Which points pass, (n,)."""
         low, high = np.array(self.low_mm), np.array(self.high_mm)
         within = (block.xyz_mm >= low) & (block.xyz_mm <= high)
         inside: Booleans = np.asarray(within.all(axis=1))
@@ -114,7 +110,7 @@ class Ball(Selection):
     """Points at most one radius from a centre.
 
     Attributes:
-        outside: let pass what is further away.
+        outside: invert.
     """
 
     kind: ClassVar[str] = "sphere"
@@ -126,7 +122,6 @@ class Ball(Selection):
         check_positive(self.radius_mm, "radius_mm")
 
     def keeps(self, block: PointBlock) -> Booleans:
-        """Which points pass, (n,)."""
         away_mm = block.xyz_mm - np.array(self.centre_mm)
         inside: Booleans = np.einsum("ij,ij->i", away_mm, away_mm) <= self.radius_mm**2
         return _side(inside, block, self.outside)
@@ -139,7 +134,7 @@ class Slab(Selection):
     Attributes:
         normal: across the planes, any length above 0.
         from_mm, to_mm: their distances from the origin, along the normal.
-        outside: let pass what is not between them.
+        outside: invert.
     """
 
     kind: ClassVar[str] = "slab"
@@ -156,7 +151,6 @@ class Slab(Selection):
             )
 
     def keeps(self, block: PointBlock) -> Booleans:
-        """Which points pass, (n,)."""
         height_mm = block.xyz_mm @ unit(self.normal, "normal")
         inside = (height_mm >= self.from_mm) & (height_mm <= self.to_mm)
         return _side(inside, block, self.outside)

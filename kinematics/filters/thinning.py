@@ -1,8 +1,8 @@
-"""Filters that thin: a point each so many mm of way, or of the surface.
+"""Filters that thin: one point for each spacing along the way or the surface.
 
-`Distance` looks at the last point that passed. The others see all points of a scan so
-far: a surface that is swept twice is covered once. What they remember is bounded:
-beyond `max_cells` the older half is forgotten, and counted.
+`Distance` looks at the last point that passed. The others consider all points of a scan
+so far: a surface that is swept twice is covered once. Their memory is bounded: beyond
+`max_cells` the older half is dropped, and counted.
 """
 
 import math
@@ -24,13 +24,13 @@ FIRST_LOOK, LONGEST_LOOK = 32, 4096
 
 @dataclass(slots=True)
 class Distance(PointFilter):
-    """The first point, then each that is one spacing away from the last that passed.
+    """Points one spacing away from the last that passed.
 
-    Straight distances and not lengths of the path: at rest the noise of many samples
-    makes a long path that leads nowhere.
+    Straight distances, not lengths of the path: at rest the noise of many samples makes
+    a long path.
 
     Attributes:
-        spacing_mm: from one point that passes to the next.
+        spacing_mm: between points that pass.
     """
 
     kind: ClassVar[str] = "distance"
@@ -41,7 +41,6 @@ class Distance(PointFilter):
         check_positive(self.spacing_mm, "spacing_mm")
 
     def apply(self, block: PointBlock) -> PointBlock:
-        """The points of a block that pass."""
         points_mm, limit = block.xyz_mm, self.spacing_mm**2
         kept: list[int] = []
         row, last_mm = 0, self._last_mm
@@ -57,12 +56,11 @@ class Distance(PointFilter):
         return block.rows(np.array(kept, dtype=np.intp))
 
     def restart(self) -> None:
-        """Forget all points so far."""
         self._last_mm = None
 
 
 def first_beyond(points_mm: Floats, centre_mm: Floats, limit_mm2: float) -> int:
-    """Row of the first of points (n, 3) whose squared distance reaches a limit.
+    """Find the first of points (n, 3) whose squared distance reaches a limit.
 
     It looks at few points first and at more and more, since the next is often near.
 
@@ -99,7 +97,6 @@ class _Thinning(PointFilter):
         check_positive(self.max_cells, "max_cells")
 
     def restart(self) -> None:
-        """Forget all points so far."""
         self._young, self._old = {}, {}
 
     def _remember(self, key: int, point_mm: tuple[float, ...]) -> None:
@@ -115,14 +112,13 @@ class GridSpacing(_Thinning):
 
     Attributes:
         spacing_mm: edge of a cell.
-        max_cells: that are remembered.
-        forgotten: cells that were forgotten, and may be filled again.
+        max_cells: bound on remembered cells.
+        forgotten: dropped cells, which may be filled again.
     """
 
     kind: ClassVar[str] = "grid"
 
     def apply(self, block: PointBlock) -> PointBlock:
-        """The points of a block that pass."""
         rows, keys = _first_of_cells(block.xyz_mm, self.spacing_mm)
         kept = []
         for row, key in zip(rows.tolist(), keys.tolist(), strict=True):
@@ -141,14 +137,13 @@ class BallSpacing(_Thinning):
 
     Attributes:
         spacing_mm: smallest distance.
-        max_cells: points that are remembered.
-        forgotten: points that were forgotten, and may be met again.
+        max_cells: bound on remembered points.
+        forgotten: dropped points, which may be met again.
     """
 
     kind: ClassVar[str] = "spacing"
 
     def apply(self, block: PointBlock) -> PointBlock:
-        """The points of a block that pass."""
         placed = np.flatnonzero(np.isfinite(block.xyz_mm).all(axis=1))
         points_mm, limit = block.xyz_mm[placed], self.spacing_mm**2
         cells = _cells(points_mm, self.spacing_mm / math.sqrt(3.0))
@@ -166,7 +161,7 @@ class BallSpacing(_Thinning):
         return block.rows(placed[kept])
 
     def _blocking(self, point_mm: Floats, cell: Integers) -> Floats | None:
-        """A point that passed before and is too near; None if there is none."""
+        """Return a point that passed before and is too near, or None."""
         x, y, z = point_mm.tolist()
         limit = self.spacing_mm**2
         for key in _keys(cell + _AROUND).tolist():
@@ -187,7 +182,7 @@ _AROUND = np.array(
 
 
 def _cells(xyz_mm: Floats, edge_mm: float) -> Integers:
-    """Cell (n, 3) of each point; that of a point without a place means nothing."""
+    """Return the cell (n, 3) of each point, arbitrary without a place."""
     scaled = np.floor(xyz_mm / edge_mm)
     return np.where(np.isfinite(scaled), scaled, 0.0).astype(np.int64)
 

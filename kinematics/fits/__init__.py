@@ -1,7 +1,6 @@
-"""Fits of measured points: shapes by least squares, and the smallest sphere around.
+"""Fits of measured points: shapes by least squares, and smallest spheres.
 
-Distances are orthogonal: those of the points from the shape. Every shape says how well
-it is known, see `traverse.kinematics.fits.shapes`.
+Distances are orthogonal. Uncertainties: `traverse.kinematics.fits.shapes`.
 """
 
 from traverse.kinematics.fits.enclosing import (

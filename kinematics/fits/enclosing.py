@@ -39,7 +39,7 @@ def enclosing_sphere(points_mm: Floats) -> EnclosingSphere:
     """Find the smallest sphere around points, (n_points, 3), at least one.
 
     Raises:
-        ValueError: No points, or values that are not finite.
+        ValueError: no points, or values that are not finite.
     """
     points_mm = checked_points(points_mm, at_least=1)
     mean_mm = points_mm.mean(axis=0)
@@ -107,11 +107,11 @@ def _circumscribed(points: Floats) -> tuple[Floats, float] | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """Spread of points that should coincide, about their mean.
+    """Spread of points about their mean.
 
     Attributes:
         mean_mm: (3,).
-        deviations_mm: Distances from the mean, (n_points,).
+        deviations_mm: distances from the mean, (n_points,).
     """
 
     mean_mm: Floats
@@ -119,23 +119,21 @@ class Spread:
 
     @property
     def max_deviation_mm(self) -> float:
-        """Return the largest distance d."""
         return float(self.deviations_mm.max())
 
     @property
     def rms_mm(self) -> float:
-        """Return the root mean square of the distances."""
         return float(np.sqrt(np.mean(np.square(self.deviations_mm))))
 
     @property
     def two_s_mm(self) -> float:
-        """Return 2 s of two or more points, s = sqrt(sum d^2 / (n - 1))."""
+        """2 s of two or more points, s = sqrt(sum d^2 / (n - 1))."""
         squares_mm2 = float(self.deviations_mm @ self.deviations_mm)
         return 2.0 * float(np.sqrt(squares_mm2 / (len(self.deviations_mm) - 1)))
 
 
 def spread_about_mean(points_mm: Floats) -> Spread:
-    """Return how points that should coincide do: (n_points, 3), at least one."""
+    """Compute the spread of (n_points, 3), at least one."""
     points_mm = checked_points(points_mm, at_least=1)
     mean_mm = points_mm.mean(axis=0)
     return Spread(mean_mm, np.linalg.norm(points_mm - mean_mm, axis=1))

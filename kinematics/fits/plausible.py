@@ -1,4 +1,4 @@
-"""Whether a touch can belong to the same place as others, before it counts."""
+"""Plausibility of a touch, by others of the same place."""
 
 import numpy as np
 
@@ -6,16 +6,16 @@ from traverse.arrays import Floats
 from traverse.kinematics.fits.shapes import fit_sphere
 
 PLAUSIBLE_MM = 5.0
-"""No arm that measures is so far off: such a touch is of another seat or place."""
+"""Larger than the error of any arm: such a touch is of another place."""
 FEWEST_ON_SPHERE = 5
 
 
 def off_seat(points_mm: Floats, others_mm: Floats) -> Floats:
-    """Compute how far points are from the median of others, (n_points,) in mm.
+    """Compute distances from the median of others, (n_points,) in mm.
 
     Args:
-        points_mm: In question, (n_points, 3).
-        others_mm: Of the same seat, (n_others, 3); none says nothing.
+        points_mm: in question, (n_points, 3).
+        others_mm: of the same seat, (n_others, 3); perhaps none.
     """
     if not len(others_mm):
         return np.zeros(len(points_mm))
@@ -26,12 +26,12 @@ def off_seat(points_mm: Floats, others_mm: Floats) -> Floats:
 def off_sphere(
     points_mm: Floats, others_mm: Floats, widest_mm: float | None = None
 ) -> Floats:
-    """Compute how far points are off the sphere of others, (n_points,) in mm.
+    """Compute distances from the sphere of others, (n_points,) in mm.
 
     Args:
-        points_mm: In question, (n_points, 3).
-        others_mm: Of the same sphere, (n_others, 3); too few say nothing.
-        widest_mm: Largest possible distance between two; None: unknown.
+        points_mm: in question, (n_points, 3).
+        others_mm: of the same sphere, (n_others, 3); perhaps too few.
+        widest_mm: largest possible distance between two, or None.
     """
     off = np.zeros(len(points_mm))
     if widest_mm is not None and len(others_mm):

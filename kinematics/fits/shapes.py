@@ -80,19 +80,19 @@ Moved = Callable[[State, Floats], State]
 def adjusted(
     state: State, linearised: Linearised[State], moved: Moved[State], shape: str
 ) -> tuple[State, Floats, Floats]:
-    """Go to the least sum of squares.
+    """Minimise the sum of squares.
 
     Args:
-        state: Near it.
-        linearised: Gives the distances, (n,), and their derivatives, (n, n_steps).
-        moved: Applies a step, (n_steps,).
-        shape: What to call it in errors.
+        state: start.
+        linearised: returns distances, (n,), and their derivatives, (n, n_steps).
+        moved: applies a step, (n_steps,).
+        shape: name in errors.
 
     Returns:
-        Where it is, and what `linearised` gives there.
+        The solution, and `linearised` there.
 
     Raises:
-        ValueError: Points do not determine the shape, or there is no convergence.
+        ValueError: points do not determine the shape, or there is no convergence.
     """
     distances, design = linearised(state)
     size = np.inf
@@ -151,9 +151,9 @@ class Cloud:
     Attributes:
         points: (n_points, 3), without unit.
         mean_mm: (3,).
-        extent_mm: The unit.
-        axes: Principal directions as rows, the longest first, (3, 3).
-        sizes: Singular values along them, of the first 1 at most, (3,).
+        extent_mm: the unit.
+        axes: principal directions as rows, the longest first, (3, 3).
+        sizes: singular values along them, of the first 1 at most, (3,).
     """
 
     points: Floats
@@ -182,10 +182,10 @@ class Cloud:
         """Return the root mean square for each point, and the precision.
 
         Args:
-            shape: What it is called.
-            distances: In the unit of the points, (n_distances,).
-            design: Their derivatives, (n_distances, n_freedoms).
-            known: Changes of the shape's parameters with its freedoms.
+            shape: name in errors.
+            distances: in the unit of the points, (n_distances,).
+            design: their derivatives, (n_distances, n_freedoms).
+            known: changes of the shape's parameters with its freedoms.
         """
         squares_mm2 = self.extent_mm**2 * float(distances @ distances)
         cofactors = known @ inverse_normal(design, shape) @ known.T
@@ -195,7 +195,7 @@ class Cloud:
 
 
 def turned_positive(direction: Floats) -> Floats:
-    """Turn a direction (3,) round where its largest component is negative."""
+    """Reverse a direction (3,) whose largest component is negative."""
     turned: Floats = direction * np.sign(direction[np.argmax(np.abs(direction))])
     return turned
 

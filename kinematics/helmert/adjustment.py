@@ -49,7 +49,7 @@ _ASTRAY = 3.0  # the start is near: no step is as long as that
 
 
 class HelmertError(ValueError):
-    """The points do not determine the transformation; says what is left open."""
+    """The points do not determine the transformation; names the freedom."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -297,7 +297,7 @@ class Reliability:
 
 
 def reliability_of(adjusted: AdjustedHelmert) -> Reliability:
-    """Compute what an adjustment could reveal."""
+    """Compute the reliability of an adjustment."""
     weights = adjusted.misclosure_covariance.weights
     design, cofactors = adjusted.design, adjusted.cofactors
     weighted = adjusted.misclosure_covariance.solve(design)

@@ -1,4 +1,4 @@
-"""Shape of the common points, which limits what they determine."""
+"""Shape of the common points, which limits the transformation."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -45,7 +45,7 @@ class Shape:
 
     @property
     def straightness(self) -> float:
-        """How far from one line: root mean square distance over that along it."""
+        """Straightness: root mean square distance from a line over that along it."""
         across_mm = float(np.hypot(self.extents_mm[1], self.extents_mm[2]))
         return across_mm / float(self.extents_mm[0])
 
@@ -64,7 +64,7 @@ def shape_of(points_mm: Floats) -> Shape:
 
 
 def undetermined(shape: Shape) -> str | None:
-    """Say what such points leave open; None where they determine the transformation."""
+    """Name the freedom that such points leave; None if there is none."""
     if shape.kind == "none":
         return "no common points: nothing is determined"
     if shape.kind == "one place":
@@ -82,7 +82,6 @@ def undetermined(shape: Shape) -> str | None:
 
 
 def direction_text(direction: Floats) -> str:
-    """Write a direction (3,)."""
     parts = (f"{round(part, 3) + 0.0:.3f}" for part in direction.tolist())
     return f"({', '.join(parts)})"
 

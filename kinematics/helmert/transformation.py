@@ -94,11 +94,11 @@ def motions(from_centre_mm: Floats, n_parameters: int) -> Floats:
 def moved_centre(
     covariance: Floats, centre_mm: Floats, new_centre_mm: Floats
 ) -> Floats:
-    """Tell the covariance of xi about another centre.
+    """Transform the covariance of xi to another centre.
 
     Args:
-        covariance: About the old one, (n_parameters, n_parameters).
-        centre_mm: The old one, (3,).
+        covariance: about the old one, (n_parameters, n_parameters).
+        centre_mm: the old one, (3,).
         new_centre_mm: (3,).
     """
     n_parameters = len(covariance)

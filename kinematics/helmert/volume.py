@@ -37,13 +37,11 @@ class Box:
 
     @property
     def mean_mm(self) -> Floats:
-        """Its middle, (3,)."""
         middle: Floats = 0.5 * (self.low_mm + self.high_mm)
         return middle
 
     @property
     def moments_mm2(self) -> Floats:
-        """Second moments about the middle, (3, 3)."""
         return np.diag((self.high_mm - self.low_mm) ** 2 / 12.0)
 
     @property
@@ -54,7 +52,7 @@ class Box:
         return np.stack([sides[chosen[axis], axis] for axis in range(3)], axis=1)
 
     def farthest_mm(self, curvature: Floats, slope: Floats) -> Floats:
-        """Find where d'Hd + 2 g'd is largest, d from the middle: a corner if H >= 0."""
+        """Maximise d'Hd + 2 g'd, d from the middle: a corner if H >= 0."""
         away = self.corners_mm - self.mean_mm
         values = np.einsum("ni,ij,nj->n", away, curvature, away) + 2.0 * away @ slope
         # Of corners that are alike the first, whatever rounding says.
@@ -77,7 +75,6 @@ class Ball:
 
     @property
     def moments_mm2(self) -> Floats:
-        """Second moments about the middle, (3, 3)."""
         return np.eye(3) * self.radius_mm**2 / 5.0
 
     @property
@@ -87,7 +84,7 @@ class Ball:
         return self.mean_mm + self.radius_mm * ways
 
     def farthest_mm(self, curvature: Floats, slope: Floats) -> Floats:
-        """Find where d'Hd + 2 g'd is largest: (m I - H) d = g with |d| = radius."""
+        """Maximise d'Hd + 2 g'd: (m I - H) d = g with |d| = radius."""
         sizes, vectors = np.linalg.eigh(curvature)
         along = vectors.T @ slope
         largest = float(sizes[-1])
@@ -147,12 +144,12 @@ def mean_motions(volume: Volume, centre_mm: Floats, n_parameters: int) -> Floats
 
 
 def volume_error(volume: Volume, centre_mm: Floats, covariance: Floats) -> VolumeError:
-    """Compute what a covariance of xi means in a volume.
+    """Compute errors in a volume by the covariance of xi.
 
     Args:
-        volume: In the system that the transformation leads to.
-        centre_mm: Reference point of xi, (3,).
-        covariance: Of xi, (p, p).
+        volume: in the target system.
+        centre_mm: reference point of xi, (3,).
+        covariance: of xi, (p, p).
     """
     n_parameters = len(covariance)
     mean = mean_motions(volume, centre_mm, n_parameters)
@@ -175,7 +172,7 @@ def volume_error(volume: Volume, centre_mm: Floats, covariance: Floats) -> Volum
 def place_covariances(
     places_mm: Floats, centre_mm: Floats, covariance: Floats
 ) -> Floats:
-    """Compute J C J' at places (n, 3) of the system it leads to: (n, 3, 3)."""
+    """Compute J C J' at places (n, 3) of the target system: (n, 3, 3)."""
     design = motions(places_mm - centre_mm, len(covariance))
     covariances_mm2: Floats = design @ covariance @ np.swapaxes(design, 1, 2)
     return covariances_mm2
@@ -184,15 +181,15 @@ def place_covariances(
 def disposition_index(
     points_mm: Floats, volume: Volume, *, with_scale: bool = False
 ) -> VolumeError:
-    """Judge where common points are, for a volume: errors there per error of a point.
+    """Compute errors in a volume per error of a common point.
 
     1 means that places in the volume are as uncertain as a common point is.
 
     Args:
-        points_mm: In the system that the transformation leads to, (n, 3); they have to
-            determine it.
-        volume: In the same system.
-        with_scale: As it will be adjusted.
+        points_mm: in the target system, (n, 3); they have to determine the
+            transformation.
+        volume: in the same system.
+        with_scale: as it will be adjusted.
     """
     centre_mm = points_mm.mean(axis=0)
     design = motions(points_mm - centre_mm, N_RIGID + int(with_scale))

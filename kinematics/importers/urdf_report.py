@@ -103,7 +103,6 @@ def _not_in_urdf(arm: Arm, effects: Iterable[str]) -> Iterator[str]:
 
 
 def _led(arm: Arm) -> list[int]:
-    """Joints that nothing reads: they only follow another one."""
     return [k for k, j in enumerate(arm.joints) if j.coupled_to and j.encoder is None]
 
 

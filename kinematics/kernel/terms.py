@@ -44,9 +44,9 @@ class Quantity:
     """Quantity that multiplies the rate of a term, or enters its spline.
 
     Attributes:
-        joint: Whose, counted from 0; None: of the arm as a whole.
-        reference: What is taken from a temperature; of a step its seconds.
-        span_ns: Epoch, start and end of the campaign in UTC since 1970.
+        joint: counted from 0; None: of the arm as a whole.
+        reference: subtracted from a temperature; of a step its seconds.
+        span_ns: epoch, start and end of the campaign in UTC since 1970.
     """
 
     source: Source
@@ -60,13 +60,13 @@ class Term:
     """One summand.
 
     Attributes:
-        form: What it moves, and how.
-        values: As many as the form has, 1 to 6.
-        joint: That moves, counted from 0; any where the arm as a whole does.
-        order: Periods a turn, of a wave.
-        of: Of a rate or a spline.
-        spline: Knots, steps (with one more number), values and second derivatives at
-            the knots, one after the other.
+        form: target, and formula.
+        values: 1 to 6, by the form.
+        joint: that moves, counted from 0; any for the arm as a whole.
+        order: periods a turn, of a wave.
+        of: of a rate or a spline.
+        spline: knots, steps (with one more number), values and second derivatives at
+            the knots, concatenated.
     """
 
     form: Form

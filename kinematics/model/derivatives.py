@@ -1,4 +1,4 @@
-"""How the ball's centre moves with every parameter of the arm, in closed form.
+"""Derivatives of the ball's centre by every parameter of the arm, in closed form.
 
 With o_k the origin of joint k and P_k the rotation of the element that it carries,
 
@@ -84,7 +84,7 @@ def probe_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivative
 def turn_derivatives(
     geometry: Geometry, derivatives: ProbeDerivatives
 ) -> tuple[Floats, Floats]:
-    """Compute how the last body turns, from the rotations of all bodies.
+    """Compute derivatives of the last body's turn from the rotations of all bodies.
 
     Args:
         geometry: The arm.
@@ -106,7 +106,7 @@ def turn_derivatives(
 
 
 def numpy_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivatives:
-    """Compute what `probe_derivatives` does without couplings, by NumPy."""
+    """Compute `probe_derivatives` without couplings, in NumPy."""
     axes = geometry.axes.T[:, :, np.newaxis]
     turns_rad = np.ascontiguousarray((angles_rad - geometry.zeros_rad).T)
     # after[:, k] is P_k, everything (4, n_joints, n_samples).
@@ -132,15 +132,15 @@ def numpy_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivative
 def derivative_chunks(
     geometry: Geometry, angles_rad: Floats, chunk_samples: int = _CHUNK_SAMPLES
 ) -> Iterator[tuple[slice, ProbeDerivatives]]:
-    """Go through long series with bounded memory.
+    """Yield derivatives of long series with bounded memory.
 
     Args:
-        geometry: The arm.
-        angles_rad: Readings, (n_samples, n_joints).
-        chunk_samples: How many samples a block has at most.
+        geometry: the arm.
+        angles_rad: readings, (n_samples, n_joints).
+        chunk_samples: most samples in a block.
 
     Yields:
-        Which samples, and their derivatives.
+        The samples, and their derivatives.
     """
     for part in chunks(len(angles_rad), chunk_samples):
         yield part, probe_derivatives(geometry, angles_rad[part])

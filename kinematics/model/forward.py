@@ -29,13 +29,13 @@ _CHUNK_SAMPLES = 4096
 
 
 def probe_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
-    """Compute where the probe is and where its shank points.
+    """Compute ball centres and shank directions.
 
     A sample's result does not depend on the block it comes in, bit for bit.
 
     Args:
-        geometry: The arm.
-        angles_rad: Readings, (n_samples, n_joints).
+        geometry: the arm.
+        angles_rad: readings, (n_samples, n_joints).
 
     Returns:
         Centres of the ball in mm and unit directions of the shank, both
@@ -81,7 +81,7 @@ def body_rotations(geometry: Geometry, angles_rad: Floats) -> Floats:
 
 
 def numpy_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
-    """Compute what `probe_pose` does, by NumPy: v <- R(u_k, theta_k) (r_k + v)."""
+    """Compute `probe_pose` in NumPy: v <- R(u_k, theta_k) (r_k + v)."""
     centres_mm = np.empty((len(angles_rad), 3))
     directions = np.empty((len(angles_rad), 3))
     for chunk in chunks(len(angles_rad)):
@@ -95,7 +95,7 @@ def numpy_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
 
 
 def numpy_centre(geometry: Geometry, angles_rad: Floats) -> Floats:
-    """Compute what `probe_centre` does, by NumPy."""
+    """Compute `probe_centre` in NumPy."""
     centres_mm = np.empty((len(angles_rad), 3))
     for chunk in chunks(len(angles_rad)):
         turns = JointRotations(angles_rad[chunk], geometry.zeros_rad)
@@ -104,7 +104,7 @@ def numpy_centre(geometry: Geometry, angles_rad: Floats) -> Floats:
 
 
 def numpy_positions(geometry: Geometry, angles_rad: Floats) -> Floats:
-    """Compute what `joint_positions` does, by NumPy."""
+    """Compute `joint_positions` in NumPy."""
     positions_mm = np.empty((len(angles_rad), geometry.n_joints + 1, 3))
     for chunk in chunks(len(angles_rad)):
         rotations = _rotations(geometry, angles_rad[chunk])
@@ -113,7 +113,7 @@ def numpy_positions(geometry: Geometry, angles_rad: Floats) -> Floats:
 
 
 def chunks(n_samples: int, chunk_samples: int = _CHUNK_SAMPLES) -> list[slice]:
-    """Cut samples into parts of at most so many."""
+    """Cut samples into parts of at most ``chunk_samples``."""
     return [
         slice(start, min(start + chunk_samples, n_samples))
         for start in range(0, n_samples, chunk_samples)
@@ -136,7 +136,7 @@ def _rotations(geometry: Geometry, angles_rad: Floats) -> Floats:
 
 
 def _positions_mm(geometry: Geometry, rotations: Floats) -> Floats:
-    """Go from x_0 outwards: (3, n_joints + 1, n_samples), the probe last."""
+    """Compute (3, n_joints + 1, n_samples) from x_0 outwards, the probe last."""
     links_mm = geometry.links_mm.copy()
     links_mm[-1] += geometry.probe_vector_mm
     steps_mm = np.empty((3, geometry.n_joints + 1, rotations.shape[2]))

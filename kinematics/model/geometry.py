@@ -77,14 +77,13 @@ class Geometry:
 
     @property
     def n_joints(self) -> int:
-        """The number of joints."""
         return len(self.zeros_rad)
 
     def hinge_readings(self, angles_rad: Floats) -> Floats:
-        """Return what encoders on the hinges would read: (n_samples, n_joints) [rad].
+        """Return the readings of hinges: (n_samples, n_joints) [rad].
 
         Args:
-            angles_rad: Readings, likewise; returned unchanged without couplings.
+            angles_rad: readings, likewise; returned unchanged without couplings.
         """
         if not self.couplings:
             return angles_rad
@@ -95,7 +94,7 @@ class Geometry:
         return hinges_rad
 
     def by_readings(self, by_hinges: Floats) -> Floats:
-        """Turn derivatives by the hinges' turns into those by readings.
+        """Convert derivatives by hinges into those by readings.
 
         Args:
             by_hinges: (..., n_joints); returned unchanged without couplings.
@@ -109,7 +108,7 @@ class Geometry:
 
 
 def unit_vectors(vectors: ArrayLike) -> Floats:
-    """Scale vectors to length 1, however long or short they are.
+    """Scale vectors to length 1, without overflow.
 
     Args:
         vectors: (..., 3), none of them zero.
@@ -144,10 +143,10 @@ def across(
 
 
 def geometry_from_arm(arm: "Arm") -> Geometry:
-    """Take the geometry out of an arm file's values.
+    """Return the geometry of an arm file.
 
-    Axes and direction are normalised here; an absent direction is along the last
-    link plus the probe vector.
+    Axes and direction are normalised here; an absent direction is along the last link
+    plus the probe vector.
     """
     vector_mm = np.array(arm.probe.vector_mm)
     direction = arm.probe.direction

@@ -1,7 +1,7 @@
-"""Which kernel computes: NumPy, or the one in C in a variant that runs here.
+"""Choice of the kernel: NumPy, or C in a variant that runs here.
 
-Chosen once, at import: the fastest, or what the environment variable TRAVERSE_KERNEL
-names. All variants in C give the same bits; NumPy's last digits differ from theirs.
+Chosen at import: the fastest, or the one that TRAVERSE_KERNEL names. All variants in C
+give the same bits; NumPy's last digits differ from theirs.
 """
 
 import os
@@ -30,10 +30,10 @@ KERNELS = ("numpy", *_RUNNABLE)
 
 
 def chosen_kernel(wanted: str | None, kernels: tuple[str, ...]) -> str:
-    """Choose among kernels in rising order of speed: the last, or the requested one.
+    """Choose the last of kernels in rising order of speed, or the requested one.
 
     Raises:
-        ValueError: The requested kernel does not run here.
+        ValueError: the requested kernel does not run here.
     """
     if not wanted:
         return kernels[-1]
@@ -49,7 +49,7 @@ KERNEL = chosen_kernel(os.environ.get(VARIABLE), KERNELS)
 
 
 def compiled_chain(geometry: Geometry) -> "Chain | None":
-    """Pass the arm to the kernel in C; None where NumPy is to compute."""
+    """Return the arm for the kernel in C; None if NumPy is to compute."""
     if KERNEL == "numpy" or len(geometry.axes) > LARGEST_N_JOINTS:
         return None
     return _chain(geometry)
@@ -62,10 +62,10 @@ def aligned_floats(angles_rad: Floats) -> Floats:
 
 
 def checked_readings(geometry: Geometry, angles_rad: Floats) -> Floats:
-    """Return what encoders on the hinges would read, as the kernel takes it.
+    """Return the readings of hinges as the kernel takes them.
 
     Raises:
-        ValueError: They are not of shape (n_samples, n_joints).
+        ValueError: they are not of shape (n_samples, n_joints).
     """
     expected = geometry.n_joints
     if angles_rad.ndim != 2 or angles_rad.shape[1] != expected:

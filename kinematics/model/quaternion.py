@@ -86,7 +86,7 @@ def rotation_matrix(q: Floats) -> Floats:
 
 
 def rotation_vectors(q: Floats) -> Floats:
-    """Axis times angle in rad, at most pi: (4, ...) -> (3, ...)."""
+    """Return axis times angle in rad, at most pi: (4, ...) -> (3, ...)."""
     sine = np.linalg.norm(q[1:], axis=0)
     angle = 2.0 * np.arctan2(sine, np.abs(q[0]))
     factor = np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 0.0)
@@ -95,7 +95,7 @@ def rotation_vectors(q: Floats) -> Floats:
 
 
 def conjugate(q: Floats) -> Floats:
-    """The rotations backwards, (4, ...)."""
+    """Return the inverse rotations, (4, ...)."""
     backwards: Floats = -q
     backwards[0] = q[0]
     return backwards

@@ -1,10 +1,9 @@
 """Counts of encoders to readings of joints: alpha = sign 2 pi counts / counts_per_turn.
 
-An encoder counts modulo one turn, or several where it counts turns. The first sample is
-put into the turn in which its
-reading is nearest to zero_rad; every further one is put nearest to the sample before.
-Half a turn exactly, where both ways are equally near, is taken downwards in counts.
-Until the last step all is integer arithmetic, so nothing is lost over many turns.
+An encoder counts modulo one turn or several. The first sample is put into the turn in
+which its reading is nearest to zero_rad; every further one nearest to the sample
+before. Half a turn exactly is taken downwards in counts. All is integer arithmetic
+until the last step, so that nothing is lost over many turns.
 """
 
 from collections.abc import Sequence
@@ -73,15 +72,14 @@ class Encoders:
 
     @property
     def n_joints(self) -> int:
-        """The number of joints."""
         return len(self.signs)
 
 
 def encoders_from_arm(arm: "Arm") -> Encoders:
-    """Take the encoders out of an arm file's values.
+    """Return the encoders of an arm file.
 
     Raises:
-        ValueError: A joint has no encoder; names all such joints.
+        ValueError: a joint has no encoder; names all such joints.
     """
     encoders = [joint.encoder for joint in arm.joints if joint.encoder is not None]
     missing = [joint.name for joint in arm.joints if joint.encoder is None]
@@ -98,10 +96,7 @@ def encoders_from_arm(arm: "Arm") -> Encoders:
 
 
 class Unwrapper:
-    """Follows the encoders over their turns, block by block.
-
-    The result does not depend on how a stream is cut into blocks.
-    """
+    """Counts encoders over their turns, independent of how a stream is cut."""
 
     def __init__(self, encoders: Encoders) -> None:
         self._counts_per_turn = encoders.counts_per_turn
@@ -122,7 +117,7 @@ class Unwrapper:
         )
 
     def use_wraps(self, wraps_counts: Integers) -> None:
-        """Counts wrap to 0 after so many (n_joints,), each a number of whole turns."""
+        """Set where counts wrap to 0, (n_joints,), whole turns each."""
         self._forget_offsets(self._wraps != wraps_counts)
         self._wraps = wraps_counts
 
@@ -130,9 +125,8 @@ class Unwrapper:
         """Continue the stream by a block.
 
         Args:
-            counts: As the encoders gave them, (n_samples, n_joints).
-            valid: Which of them are counts at all, (n_samples, n_joints); others move
-                no turn. None: all.
+            counts: of the encoders, (n_samples, n_joints).
+            valid: (n_samples, n_joints); invalid counts move no turn. None: all.
 
         Returns:
             Counts over all turns, (n_samples, n_joints).
@@ -155,7 +149,7 @@ class Unwrapper:
         return unwrapped if valid is None else unwrapped + self._shortest(raw - held)
 
     def _held(self, raw: Integers, valid: Booleans) -> Integers:
-        """Each count, or the valid one before it; the first valid for a first one."""
+        """Replace invalid counts by the one before; first ones by the first valid."""
         rows = np.where(valid, np.arange(len(raw))[:, np.newaxis], -1)
         latest = np.maximum.accumulate(rows, axis=0)
         first = np.take_along_axis(raw, valid.argmax(axis=0)[np.newaxis], 0)
@@ -164,10 +158,10 @@ class Unwrapper:
         return np.where(latest >= 0, held, before)
 
     def near(self, counts: Counts) -> Integers:
-        """Unwrap counts latched at an event, leaving the stream where it is.
+        """Unwrap counts latched at an event, without advancing the stream.
 
         Args:
-            counts: As the encoders gave them, (n_joints,).
+            counts: of the encoders, (n_joints,).
 
         Returns:
             Counts over all turns, nearest to the last sample, (n_joints,).
@@ -175,11 +169,11 @@ class Unwrapper:
         return self._nearest(self._checked(counts, dimensions=1))
 
     def with_turns_near_zero(self, counts: Integers, joints: Sequence[int]) -> Integers:
-        """The last block's counts, with the turns of some joints taken afresh.
+        """Return the last block's counts with the turns of some joints reset.
 
         Args:
-            counts: What `unwrap` has just made of it, (n_samples, n_joints).
-            joints: Whose last count is put into the turn nearest to zero_rad, from 0.
+            counts: of `unwrap`, (n_samples, n_joints).
+            joints: from 0, whose last count is put into the turn nearest to zero_rad.
         """
         shift = np.zeros_like(self._last)
         chosen = list(joints)
@@ -197,7 +191,7 @@ class Unwrapper:
         return self._last.copy(), self._fresh.copy()
 
     def resume(self, last: Integers, fresh: Booleans) -> None:
-        """Go on from the `turns` of another time."""
+        """Continue from earlier `turns`."""
         shape = self._last.shape
         if last.shape != shape or fresh.shape != shape:
             raise ValueError(
@@ -210,7 +204,7 @@ class Unwrapper:
         """Forget turns: the next sample is a first one.
 
         Args:
-            joints: Whose, (n_joints,); None for all.
+            joints: (n_joints,); None for all.
         """
         self._fresh |= True if joints is None else joints
         self._forget_offsets(self._fresh)
@@ -229,7 +223,7 @@ class Unwrapper:
         return np.where(self._fresh, raw + self._to_zero(raw), near_last)
 
     def _to_zero(self, counts: Integers) -> Integers:
-        """By how much whole turns bring counts (n_joints,) nearest to zero_rad."""
+        """Return whole turns that bring counts (n_joints,) nearest to zero_rad."""
         turns = np.ceil((self._zero_counts - counts) / self._counts_per_turn - 0.5)
         return turns.astype(np.int64) * self._counts_per_turn
 
@@ -250,6 +244,6 @@ class Unwrapper:
 
 
 def counts_to_angles(encoders: Encoders, unwrapped_counts: Integers) -> Floats:
-    """Turn counts over all turns into readings in rad, (n_samples, n_joints)."""
+    """Convert counts over all turns to readings in rad, (n_samples, n_joints)."""
     per_count_rad = encoders.signs * (2.0 * np.pi / encoders.counts_per_turn)
     return unwrapped_counts * per_count_rad

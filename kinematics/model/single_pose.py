@@ -1,7 +1,6 @@
-"""One pose at a time with low latency: in C, or in plain floats of Python.
+"""One pose at a time with low latency: in C, or in plain Python floats.
 
-NumPy needs some fifty times as long for a single sample as Python's own floats do for
-one of its operations, so here it has no part.
+NumPy needs fifty times as long for one operation on a single sample.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,10 +18,10 @@ _NOWHERE: Vector = (nan, nan, nan)
 def pose_function(
     geometry: Geometry,
 ) -> Callable[[Sequence[float] | Floats], Pose]:
-    """Make the function that turns one sample's readings into centre and direction.
+    """Make the function from one sample's readings to centre and direction.
 
     Returns:
-        Takes n_joints readings in rad, best as a list; gives the ball's centre in mm
+        Takes n_joints readings in rad, best as a list; returns the ball's centre in mm
         and the shank's direction, three floats each.
     """
     chain = compiled_chain(geometry)

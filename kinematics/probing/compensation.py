@@ -1,11 +1,11 @@
 """From the ball's centre to the touched point: the direction of the material.
 
-    surface = centre + radius n,    n the unit vector from the ball to the material
+surface = centre + radius n, n the unit vector from the ball to the material
 
 Ways to know n: the shank points at the material (`shank`); the probe approached from a
-place in the air (`pretouch`) or was pulled off to one (`pulled`), the material lies on
-the other side of the ball; the part is touched from outside or from inside, as seen
-from a point in its middle (`outside`, `inside`).
+place in the air (`pretouch`) or was pulled off to one (`pulled`), opposite to the
+material; the part is touched from outside or from inside, as seen from a point in its
+middle (`outside`, `inside`).
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ _SHORTEST_MM = 0.1  # below, noise and tremble would choose the direction
 
 
 class DirectionError(ValueError):
-    """The direction of the material does not follow; says why, and what to do."""
+    """The direction of the material is unknown; states the reason and the remedy."""
 
 
 def towards_material(
@@ -27,17 +27,17 @@ def towards_material(
     """Return the direction from the ball to the material.
 
     Args:
-        method: One of `METHODS`.
-        centre_mm: Of the ball at the touch, (3,).
-        shank: Unit vector from wrist to ball, (3,).
-        other_mm: The place before or after the touch, or the middle of the part,
-            (3,); None where the method needs none.
+        method: one of `METHODS`.
+        centre_mm: of the ball at the touch, (3,).
+        shank: unit vector from wrist to ball, (3,).
+        other_mm: the place before or after the touch, or the middle of the part,
+            (3,); None if the method needs none.
 
     Returns:
         Unit vector, (3,).
 
     Raises:
-        DirectionError: The other place is not known, or too near.
+        DirectionError: the other place is not known, or too near.
     """
     if method == "shank":
         return shank
@@ -73,7 +73,7 @@ _AWAY: dict[str, Callable[[Floats, Floats], Floats]] = {
 }
 
 METHODS = ("shank", *_AWAY)
-"""As they stand in a point's `compensation`."""
+"""Methods, as in a point's `compensation`."""
 
 _WANTED = {
     "pretouch": "take a point in the air before the touch, off the surface",

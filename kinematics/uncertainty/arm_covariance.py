@@ -43,7 +43,6 @@ class ArmCovariance:
 
     @property
     def covariance(self) -> Floats:
-        """C, (n_parameters, n_parameters)."""
         return self.factor @ self.factor.T
 
 
@@ -67,13 +66,13 @@ def parameter_columns(
 ) -> tuple[Floats, ProbeDerivatives]:
     """Differentiate the ball's centres by all parameters.
 
-    Columns of the geometry are those of the arm at the corrected readings: how bodies
-    are deflected there changes them by a relative 1e-4 at most.
+    Columns of the geometry are those of the arm at the corrected readings: deflections
+    change them by a relative 1e-4 at most.
 
     Args:
-        geometry: The arm.
-        effects: Of the same arm.
-        block: The samples with what the effects need.
+        geometry: the arm.
+        effects: of the same arm.
+        block: the samples with inputs of the effects.
 
     Returns:
         dx/dp, (n_samples, 3, n_parameters), and the derivatives that it is made of.
@@ -149,16 +148,16 @@ def read_parameter_covariance(
     """Read the covariance of the parameters that poses depend on.
 
     Args:
-        path: Of the arm file, which names the file of the covariance.
-        arm: As read.
-        effects: All that the arm file has.
-        inline_effects: Those of poses.
+        path: of the arm file, which names the file of the covariance.
+        arm: as read.
+        effects: all in the arm file.
+        inline_effects: those of poses.
 
     Returns:
-        The covariance; None where the arm file names none.
+        The covariance; None if the arm file names none.
 
     Raises:
-        ValueError: The file is missing, damaged, or of another arm.
+        ValueError: the file is missing, damaged, or of another arm.
     """
     given = arm.identification
     if given is None or given.covariance_file is None:
@@ -174,12 +173,12 @@ def read_parameter_covariance(
 
 
 def _check_sizes(data: bytes, n_parameters: int) -> None:
-    """See that the arrays are as small as they must be, before they are unpacked.
+    """Check the sizes of arrays before they are unpacked.
 
     A few kilobytes of an archive can stand for gigabytes.
 
     Raises:
-        ValueError: One is larger; or it is no archive.
+        ValueError: one is larger, or it is no archive.
     """
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         for entry in archive.infolist():

@@ -31,8 +31,8 @@ class Length:
     """A length with its standard uncertainty.
 
     Attributes:
-        with_arm: Whether the parameters of the arm are in the uncertainty; else it
-            states less than there is.
+        with_arm: the uncertainty includes the parameters of the arm; otherwise it
+            is too small.
     """
 
     length_mm: float
@@ -61,17 +61,16 @@ class JointCovariance:
 
     @property
     def with_arm(self) -> bool:
-        """Whether the parameters of the arm are in it."""
+        """Whether the parameters of the arm are included."""
         return bool(self.shared_mm.size)
 
     @property
     def own_mm2(self) -> Floats:
-        """What is of each point alone, (n_points, 3, 3)."""
+        """Covariances of single points without the shared part, (n_points, 3, 3)."""
         return self.covariances_mm2 - self.shared_mm @ self.shared_mm.transpose(0, 2, 1)
 
     @property
     def covariance_mm2(self) -> Floats:
-        """In the order x1, y1, z1, x2, ..., (3 n_points, 3 n_points)."""
         n = len(self.points_mm)
         factor = self.shared_mm.reshape(3 * n, -1)
         joint: Floats = factor @ factor.T
@@ -81,13 +80,13 @@ class JointCovariance:
         return joint
 
     def part(self, rows: list[int]) -> "JointCovariance":
-        """Take some of the points."""
+        """Select points."""
         return JointCovariance(
             self.points_mm[rows], self.covariances_mm2[rows], self.shared_mm[rows]
         )
 
     def joined(self, other: "JointCovariance") -> "JointCovariance":
-        """Put points of the same arm together."""
+        """Join points of the same arm."""
         return JointCovariance(
             np.concatenate([self.points_mm, other.points_mm]),
             np.concatenate([self.covariances_mm2, other.covariances_mm2]),
@@ -95,14 +94,14 @@ class JointCovariance:
         )
 
     def combined(self, weights: Floats) -> tuple[Floats, Floats]:
-        """Compute what the errors do to figures q = sum over i of W_i x_i.
+        """Propagate the errors to figures q = sum over i of W_i x_i.
 
         Args:
             weights: (n_figures, n_points, 3).
 
         Returns:
-            The covariance of the figures, (n_figures, n_figures), and its part that
-            they share with other points by the arm, as a factor (n_figures, rank).
+            The covariance of the figures, (n_figures, n_figures), and its part shared
+            with other points by the arm, as a factor (n_figures, rank).
         """
         shared = np.einsum("qni,nir->qr", weights, self.shared_mm)
         independent: Floats = np.einsum(
@@ -114,7 +113,7 @@ class JointCovariance:
         """Return the length between two points, by their numbers.
 
         Raises:
-            ValueError: They are in the same place, which leaves no direction.
+            ValueError: they are in the same place, which leaves no direction.
         """
         way_mm = self.points_mm[second] - self.points_mm[first]
         length_mm = float(np.linalg.norm(way_mm))

@@ -1,16 +1,16 @@
-"""The covariance of a captured point: what it is made of, and their sum.
+"""The covariance of a captured point: its parts and their sum.
 
-    C = J (s_e^2 + q^2/12) J^T + A C_p A^T + s_t^2 v v^T + s_c^2 I
+C = J (s_e^2 + q^2/12) J^T + A C_p A^T + s_t^2 v v^T + s_c^2 I
 
 with J = dx/dalpha, s_e the noise of an encoder and q its step (a rounded value is
-spread evenly over one step, whose variance is q^2/12), A = dx/dp and C_p the
-covariance of the identified parameters, s_t the uncertainty of the instant and
-v = J dalpha/dt the velocity of the ball, s_c the noise of a contact.
+spread evenly over one step, whose variance is q^2/12), A = dx/dp and C_p the covariance
+of the identified parameters, s_t the uncertainty of the instant and v = J dalpha/dt the
+velocity of the ball, s_c the noise of a contact.
 
 Of the mean of n samples at rest the encoders' noise is 1/n. Of the rounding only what
 noise makes different from sample to sample is; what all samples share has the variance
 
-    b = q^2 / (2 pi^2)  sum over k of  exp(-(2 pi k s_e / q)^2) / k^2,
+b = q^2 / (2 pi^2) sum over k of exp(-(2 pi k s_e / q)^2) / k^2,
 
 the Fourier series of the mean rounding error over the place within a step, damped by
 the noise: q^2/12 without noise, next to nothing from s_e = q/2 on. A contact, an
@@ -64,9 +64,9 @@ class PointUncertainties:
     """Uncertainties of the ball's centres.
 
     Attributes:
-        covariances_mm2: Of each by itself, (n_points, 3, 3), symmetric.
-        shared_mm: Factors S of what the arm's parameters contribute: points i and j
-            have the covariance S_i S_j^T from them, (n_points, 3, rank).
+        covariances_mm2: of single points, (n_points, 3, 3), symmetric.
+        shared_mm: factors S of the arm's parameters: points i and j have the covariance
+            S_i S_j^T from them, (n_points, 3, rank).
     """
 
     covariances_mm2: Floats
@@ -83,16 +83,16 @@ def point_uncertainties(
     speeds_rad_s: Floats | None = None,
     samples: int = 1,
 ) -> PointUncertainties:
-    """Compute the covariances of the ball's centres, and what they share.
+    """Compute the covariances of the ball's centres, and their shared part.
 
     Args:
-        geometry: The arm.
-        effects: Of the same arm.
-        block: The samples with what the effects need.
-        noise: Of one sample.
-        arm: Covariance of the arm's parameters; None: not included.
+        geometry: the arm.
+        effects: of the same arm.
+        block: the samples with inputs of the effects.
+        noise: of one sample.
+        arm: covariance of the arm's parameters; None: not included.
         speeds_rad_s: dalpha/dt, (n_points, n_joints); None at rest.
-        samples: Each point is the mean of so many.
+        samples: averaged for each point.
     """
     if arm is None:
         readings_rad = corrected_readings(geometry, effects, block)
@@ -127,7 +127,7 @@ def _reading_stds(noise: PointNoise, samples: int) -> Floats:
 
 
 def reading_variances(noise: PointNoise, samples: int = 1) -> Floats:
-    """Variances of the mean of so many samples of each encoder at rest.
+    """Compute variances of the mean of samples of each encoder at rest.
 
     Returns:
         rad^2, (n_joints,).

@@ -1,8 +1,7 @@
-"""A block of samples with everything that effects may depend on.
+"""A block of samples with all inputs of effects.
 
-Nothing is filled in here: what is absent is None, what is unknown for single samples
-is NaN, and an effect that needs it is refused by name. The one exception is the
-law's own: an unknown contact force counts as 1 N.
+Absent inputs are None, unknown samples NaN; an effect that needs one is refused by
+name. The one exception is a law's own: an unknown contact force counts as 1 N.
 """
 
 from dataclasses import dataclass, fields
@@ -29,10 +28,10 @@ class Covariate(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """One covariate that every sample must have.
+    """A covariate that every sample must have.
 
     Attributes:
-        joint: Of this joint, counted from 0; None: of the arm as a whole.
+        joint: counted from 0; None: of the arm as a whole.
     """
 
     covariate: Covariate
@@ -92,11 +91,10 @@ class Block:
 
     @property
     def n_joints(self) -> int:
-        """The number of joints."""
         return int(self.angles_rad.shape[1])
 
     def part(self, rows: slice | Integers) -> "Block":
-        """Take some of the samples."""
+        """Select samples."""
         taken: dict[str, Any] = {}
         for field in fields(self):
             column = getattr(self, field.name)
@@ -105,7 +103,7 @@ class Block:
         return Block(**taken)
 
     def rows(self, column: str, joints: slice) -> Floats:
-        """Take a column of some joints as contiguous rows, (n_chosen, n_samples).
+        """Return a column of some joints as contiguous rows, (n_chosen, n_samples).
 
         Contiguous, because strided numbers may take another path through sine and
         cosine, and a sample's bits would depend on its neighbours.
@@ -113,11 +111,11 @@ class Block:
         return np.ascontiguousarray(_known(self, column)[:, joints].T)
 
     def row(self, column: str) -> Floats:
-        """Take a column of the whole arm, (n_samples,)."""
+        """Return a column of the whole arm, (n_samples,)."""
         return np.ascontiguousarray(_known(self, column))
 
     def temperatures_c(self, joints: slice) -> Floats:
-        """Temperatures of some joints, else of the arm, (n_chosen, n_samples)."""
+        """Return temperatures of joints, else of the arm, (n_chosen, n_samples)."""
         if self.joint_temperatures_c is None:
             arm_c = self.row("temperature_c")
             return np.broadcast_to(
@@ -129,7 +127,7 @@ class Block:
         return np.where(np.isnan(joints_c), self.temperature_c, joints_c)
 
     def is_known(self, covariate: Covariate) -> bool:
-        """Whether a quantity is known for every sample, on every joint with it."""
+        """Return whether a quantity is known for every sample and joint."""
         column: NDArray[Any] | None = getattr(self, COLUMNS[covariate])
         if covariate is Covariate.TEMPERATURE and self.joint_temperatures_c is not None:
             return False  # one may replace the other: see `lack`

@@ -21,11 +21,10 @@ class Bodies:
     """Bodies with mass.
 
     Attributes:
-        masses_kg: Of the element that each joint carries, NaN where the arm file has
-            none, (n_joints,).
-        centres_mm: Of those masses, from the joint's origin in the base posture; NaN
+        masses_kg: of the element that each joint carries, NaN if unknown, (n_joints,).
+        centres_mm: of those masses, from the joint's origin in the base posture; NaN
             for the middle of the element, (n_joints, 3).
-        probe_mass_kg: At the ball's centre; NaN where the arm file has none.
+        probe_mass_kg: at the ball's centre; NaN if unknown.
     """
 
     masses_kg: Floats
@@ -40,9 +39,9 @@ class Bodies:
         return known
 
     def levers_kg_mm(self, geometry: Geometry) -> Floats:
-        """Contribution of each element to the mass moment, in the base posture.
+        """Return contributions of each element to the mass moment, in the base posture.
 
-        Its own mass at its centre, and all that is beyond at its end, (n_joints, 3).
+        Its own mass at its centre, and all beyond at its end, (n_joints, 3).
         """
         links_mm = geometry.links_mm
         centres_mm = np.where(
@@ -59,7 +58,7 @@ class Bodies:
 
 
 def bodies_from_arm(arm: "Arm") -> Bodies:
-    """Take the masses out of an arm file's values."""
+    """Return the masses of an arm file."""
     nowhere = (np.nan, np.nan, np.nan)
     centres = [joint.centre_of_mass_mm or nowhere for joint in arm.joints]
     masses = [np.nan if j.mass_kg is None else j.mass_kg for j in arm.joints]
@@ -77,7 +76,7 @@ def gravity_moments_nm(
     """Compute the moments of all weights beyond each joint about its origin.
 
     Args:
-        levers_kg_mm: Of all elements, as `Bodies` has them, (n_joints, 3).
+        levers_kg_mm: of all elements, as in `Bodies`, (n_joints, 3).
         gravity_m_s2: (3,).
         rotations: P_1 ... P_n, (4, n_joints, n_samples).
 

@@ -35,12 +35,12 @@ class Contact:
 
 
 def contact_seen(geometry: Geometry, block: Block, rotations: Floats) -> Contact:
-    """See the block's contacts from the probe.
+    """Return the block's contacts in the probe's system.
 
     Args:
-        geometry: The arm.
-        block: With or without directions and forces.
-        rotations: Of the last element, (4, n_samples).
+        geometry: the arm.
+        block: with or without directions and forces.
+        rotations: of the last element, (4, n_samples).
     """
     shanks = rotate(rotations, geometry.probe_direction[:, np.newaxis])
     directions = _directions(block)

@@ -14,13 +14,13 @@ Span = tuple[datetime, datetime]
 
 @dataclass(frozen=True, slots=True)
 class EffectContext:
-    """The arm around its effects.
+    """Values of the arm that effects are built with.
 
     Attributes:
-        joint_names: From the base outwards.
-        reference_temperature_c: Where the geometry holds.
-        campaign_utc: Start and end of the campaign that drifts were found in; None
-            if unknown.
+        joint_names: from the base outwards.
+        reference_temperature_c: at which the geometry holds.
+        campaign_utc: start and end of the campaign that drifts were found in, or
+            None.
     """
 
     joint_names: tuple[str, ...]
@@ -29,11 +29,10 @@ class EffectContext:
 
     @property
     def n_joints(self) -> int:
-        """The number of joints."""
         return len(self.joint_names)
 
     def joint(self, effect: "Effect") -> int:
-        """Find the joint that an effect names, counted from 0."""
+        """Return the joint that an effect names, from 0."""
         if effect.joint is None:
             raise ValueError(
                 f"{effect.kind} names no joint; add joint = one of "
@@ -47,14 +46,14 @@ class EffectContext:
         return self.joint_names.index(effect.joint)
 
     def joints(self, effect: "Effect") -> slice:
-        """Find the joints of an effect: the one it names, or all of them."""
+        """Return the joints of an effect: the one it names, or all."""
         if effect.joint is None:
             return slice(0, self.n_joints)
         joint = self.joint(effect)
         return slice(joint, joint + 1)
 
     def epoch_ns(self, effect: "Effect") -> int:
-        """Find from when the seconds of an effect count, in UTC since 1970."""
+        """Return the origin of an effect's seconds, UTC since 1970."""
         if effect.epoch_utc is None:
             raise ValueError(
                 f"{effect.kind} has no epoch_utc, so its seconds count from nowhere; "
@@ -63,7 +62,7 @@ class EffectContext:
         return utc_ns(effect.epoch_utc)
 
     def span_ns(self, effect: "Effect") -> tuple[int, int]:
-        """Find between which times a drift may be believed, in UTC since 1970.
+        """Return the validity of a drift, UTC since 1970.
 
         Without a known campaign it is the epoch alone, where a drift is zero.
         """
@@ -75,7 +74,7 @@ class EffectContext:
 
 
 def utc_ns(moment: datetime) -> int:
-    """Turn a moment with a time zone into nanoseconds since 1970, exactly."""
+    """Convert a moment with a time zone to nanoseconds since 1970, exactly."""
     gone = moment - _EPOCH
     return ((gone.days * 86_400 + gone.seconds) * 10**6 + gone.microseconds) * 1000
 

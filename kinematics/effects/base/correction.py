@@ -80,7 +80,7 @@ class Correction(ABC):
 
     @classmethod
     def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
-        """Take what a class has besides, from the entry or the arm, by name."""
+        """Return further fields of a class, from the entry or the arm."""
         about = {"reference_temperature_c": setting.reference_temperature_c}
         known = {**about, **effect.values}
         return {
@@ -102,22 +102,21 @@ class Correction(ABC):
 
     @property
     def affected(self) -> range:
-        """The affected joints one by one."""
         return range(self.joints.start, self.joints.stop)
 
     @property
     def needs(self) -> tuple[Need, ...]:
-        """What every sample must have: the time, or a covariate of each joint."""
+        """Covariates that every sample must have."""
         if self.covariate is None or self.covariate is Covariate.UTC:
             return () if self.covariate is None else (Need(self.covariate),)
         return tuple(Need(self.covariate, joint) for joint in self.affected)
 
     def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
-        """Yield which samples to flag for what, each (n_samples,)."""
+        """Yield flags with the samples concerned, each (n_samples,)."""
         yield from ()
 
     def free_directions(self, geometry: Geometry) -> Floats:
-        """Span the changes of values that the law of the kind allows.
+        """Return the changes of values that the law of the kind allows.
 
         Returns:
             Orthonormal columns, (n_parameters, n_free).
@@ -126,11 +125,7 @@ class Correction(ABC):
         return np.eye(len(self.values))
 
     def with_values(self, values: Floats) -> Self:
-        """Make the same effect of another size.
-
-        Args:
-            values: (n_parameters,).
-        """
+        """Return the same effect with other values, (n_parameters,)."""
         if values.shape != (len(self.values),):
             raise ValueError(
                 f"{self.kind}: values have shape {values.shape}, expected "
@@ -157,13 +152,12 @@ class ReadingCorrection(Correction):
         """d_alpha for each value 1, (n_parameters, n_chosen, n_samples)."""
 
     def amount(self, geometry: Geometry, block: Block) -> Floats:
-        """d_alpha in rad, (n_chosen, n_samples)."""
         return weighted_sum(self.values, self.unit_amounts(geometry, block))
 
     def unseen_rad(self, block: Block) -> Floats | None:
         """Standard deviations of d_alpha beyond what the arm was seen at, (n_samples,).
 
-        None where no sample is beyond, which is all that most effects know.
+        None if no sample is beyond.
         """
         del block
         return None
@@ -185,7 +179,6 @@ class BodyCorrection(Correction):
         """Correction for each value 1, (n_parameters, *shape of the target)."""
 
     def amount(self, posture: "Posture") -> Floats:
-        """Correction, in the shape of the target."""
         return weighted_sum(self.values, self.unit_amounts(posture))
 
     @property
@@ -199,7 +192,7 @@ class ContactCorrection(Correction):
     """Correction at the contact of the ball; zero where the surface is unknown."""
 
     def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
-        """Flag where the surface is unknown, and nothing could be corrected."""
+        """Flag samples with unknown surface."""
         if block.directions is None:
             yield "surface_unknown", np.ones(len(block), dtype=np.bool_)
         else:
@@ -208,10 +201,10 @@ class ContactCorrection(Correction):
 
     @abstractmethod
     def derivatives(self, contact: "Contact") -> Floats:
-        """How the ball's shift changes with each value, (n_parameters, 3, n)."""
+        """Return derivatives of the ball's shift, (n_parameters, 3, n)."""
 
     def amount(self, contact: "Contact") -> Floats:
-        """The shift of the ball's centre in mm, (3, n_samples)."""
+        """Return the shift of the ball's centre in mm, (3, n_samples)."""
         return weighted_sum(self.values, self.derivatives(contact))
 
 
@@ -222,10 +215,10 @@ def _shown(key: str, value: object) -> str:
 
 
 def weighted_sum(values: tuple[float, ...], amounts: Floats) -> Floats:
-    """Add up value times amount, one after the other.
+    """Sum value times amount in a fixed order.
 
-    No matrix product: its order of adding depends on the number of samples, and with
-    it the last bit.
+    A matrix product's order of adding depends on the number of samples, and with it the
+    last bit.
     """
     total: Floats = values[0] * amounts[0]
     for value, amount in zip(values[1:], amounts[1:], strict=True):

@@ -1,4 +1,4 @@
-"""Times that effects are bound to, exactly in nanoseconds until the last step."""
+"""Times of effects, exact in nanoseconds until the last step."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ class DriftTime:
     """Seconds since the epoch, held outside the campaign that the drift was found in.
 
     Attributes:
-        epoch_ns: Where the drift is zero, UTC since 1970.
-        start_ns: Of the campaign, likewise.
-        end_ns: Of the campaign, likewise.
+        epoch_ns: zero of the drift, UTC since 1970.
+        start_ns: of the campaign.
+        end_ns: of the campaign.
     """
 
     epoch_ns: int
@@ -32,7 +32,6 @@ class DriftTime:
 
     @classmethod
     def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
-        """Take it from an entry of `[[effects]]` and the campaign's span."""
         start_ns, end_ns = setting.span_ns(effect)
         return cls(setting.epoch_ns(effect), start_ns, end_ns)
 
@@ -44,23 +43,21 @@ class DriftTime:
 
     @property
     def quantity(self) -> Quantity:
-        """Those seconds."""
         span_ns = (self.epoch_ns, self.start_ns, self.end_ns)
         return Quantity(Source.DRIFT, span_ns=span_ns)
 
     def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
-        """Flag what is outside the campaign."""
         times_ns = _utc_ns(block)
         yield "stale_effect", (times_ns < self.start_ns) | (times_ns > self.end_ns)
 
 
 @dataclass(frozen=True, slots=True)
 class StepTime:
-    """1 from the moment of a step on, which lasts; 0 before.
+    """1 from the moment of a step on; 0 before.
 
     Attributes:
-        epoch_ns: From where at_s counts, UTC since 1970.
-        at_s: When it happened.
+        epoch_ns: origin of at_s, UTC since 1970.
+        at_s: time of the step.
     """
 
     epoch_ns: int
@@ -68,7 +65,6 @@ class StepTime:
 
     @classmethod
     def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
-        """Take it from an entry of `[[effects]]`."""
         return cls(setting.epoch_ns(effect), effect.values["at_s"])
 
     def amounts(self, block: Block) -> Floats:
@@ -78,12 +74,10 @@ class StepTime:
 
     @property
     def quantity(self) -> Quantity:
-        """That 0 or 1."""
         span_ns = (self.epoch_ns, 0, 0)
         return Quantity(Source.STEP, reference=self.at_s, span_ns=span_ns)
 
     def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
-        """Nothing to flag: a step lasts."""
         yield from ()
 
 
@@ -102,11 +96,9 @@ class TimedCorrection(Correction):
 
     @classmethod
     def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
-        """Take the time."""
         return {"time": cls.clock.from_file(effect, setting)}
 
     def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
-        """Those of the time."""
         return self.time.flags(block)
 
 

@@ -1,7 +1,7 @@
-"""The undeflected posture: where the arm would be if it were rigid and true.
+"""The undeflected posture of a rigid and true arm.
 
-The corrected turns theta = alpha - zero - d_alpha alone make it. All mechanical
-effects are functions of it, so none of them depends on another.
+It follows from the corrected turns theta = alpha - zero - d_alpha. All mechanical
+effects are functions of it, so that none depends on another.
 """
 
 from dataclasses import dataclass
@@ -46,12 +46,12 @@ class Posture:
 
     @cached_property
     def axes(self) -> Floats:
-        """P_k u_k, where the axes are, (3, n_joints, n_samples)."""
+        """Directions of the axes, P_k u_k, (3, n_joints, n_samples)."""
         return rotate(self.rotations, self.geometry.axes.T[:, :, np.newaxis])
 
     @cached_property
     def moments_nm(self) -> Floats:
-        """Of gravity about the joints' origins, (3, n_joints, n_samples)."""
+        """Moments of gravity about the joints' origins, (3, n_joints, n_samples)."""
         return gravity_moments_nm(self.levers_kg_mm, self.gravity_m_s2, self.rotations)
 
     def moments_of(self, joint: int, component: int) -> Floats:
@@ -64,7 +64,7 @@ class Posture:
         return np.broadcast_to(moment_nm[:, np.newaxis], (3, *self.turns_rad.shape))
 
     def in_carrier(self, vectors: Floats, joint: int) -> Floats:
-        """Turn vectors back by P_(k-1), (3, n_samples), as if in the base posture."""
+        """Rotate vectors (3, n_samples) back by P_(k-1) to the base posture."""
         if joint == 0:
             return vectors
         return rotate(conjugate(self.rotations[:, joint - 1]), vectors)

@@ -13,13 +13,13 @@ from traverse.kinematics.model.quaternion import dot
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProbeRadius(ContactCorrection):
-    """A ball that is larger or smaller than it is said to be.
+    """A ball that is larger or smaller than stated.
 
     effective radius = radius_mm + radius_error_mm
 
     The material begins one effective radius from the ball's centre. The corrected
-    centre is the one from which it begins at radius_mm: the centre moves towards the
-    material by radius_error_mm.
+    centre is one radius_mm from it: the centre moves towards the material by
+    radius_error_mm.
     """
 
     kind: ClassVar[str] = "probe_radius"
@@ -81,11 +81,11 @@ class StylusBending(ContactCorrection):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArtefactLength(Correction):
-    """A standard, by its id in the campaign, not as long as its certificate says.
+    """A standard, by its id in the campaign, that differs from its certified length.
 
-        true length = certified length (1 + 1e-6 error_ppm)
+    true length = certified length (1 + 1e-6 error_ppm)
 
-    Off-line only: the arm's points do not depend on it, so it corrects no pose.
+    Off-line only: it corrects no pose.
     """
 
     artefact: str

@@ -21,22 +21,20 @@ from traverse.kinematics.model.quaternion import dot
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Compliance(BodyCorrection):
-    """Something that yields to the moments of gravity at undeflected positions."""
+    """Deflection by the moments of gravity at undeflected positions."""
 
     uses_gravity: ClassVar[bool] = True
     form: ClassVar[Form]
 
     @abstractmethod
     def yielding(self, posture: Posture, moments_nm: Floats) -> Floats:
-        """What moments about the joints, (3, n_joints, n_samples), move at 1 rad/Nm."""
+        """Return deflections by moments (3, n_joints, n_samples) at 1 rad/Nm."""
 
     def unit_amounts(self, posture: Posture) -> Floats:
-        """As `yielding`, of the arm's own weight."""
         return self.yielding(posture, posture.moments_nm)
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """One; that of the mount names no joint."""
         return (Term(form=self.form, joint=self.joints.start, values=self.values),)
 
 
@@ -52,7 +50,7 @@ class JointCompliance(Compliance):
     form: ClassVar[Form] = Form.TURN_MOMENT
 
     def yielding(self, posture: Posture, moments_nm: Floats) -> Floats:
-        """The torque about the axis in N m, (1, 1, n_samples)."""
+        """Return the torque about the axis in N m, (1, 1, n_samples)."""
         return dot(posture.axes[:, self.joints], moments_nm[:, self.joints])[None]
 
 
@@ -69,7 +67,7 @@ class BearingCompliance(Compliance):
     form: ClassVar[Form] = Form.TILT_MOMENT
 
     def yielding(self, posture: Posture, moments_nm: Floats) -> Floats:
-        """The moment across the axis in N m, (1, 3, 1, n_samples)."""
+        """Return the moment across the axis in N m, (1, 3, 1, n_samples)."""
         joint = self.joints.start
         axis, moment_nm = posture.axes[:, joint], moments_nm[:, joint]
         across_nm = moment_nm - axis * dot(axis, moment_nm)
@@ -89,7 +87,7 @@ class MountCompliance(Compliance):
     form: ClassVar[Form] = Form.MOUNT_MOMENT
 
     def yielding(self, posture: Posture, moments_nm: Floats) -> Floats:
-        """The overturning moment in N m, (1, 3, n_samples)."""
+        """Return the overturning moment in N m, (1, 3, n_samples)."""
         del posture
         return moments_nm[None, :, 0]
 
@@ -132,7 +130,6 @@ class ThermalExpansion(BodyCorrection):
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """One for every element."""
         return tuple(
             Term(
                 form=Form.GROWTH_RATE,

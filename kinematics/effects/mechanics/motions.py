@@ -63,7 +63,6 @@ class AxisMotion(BodyCorrection):
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """One wave."""
         joint = self.joints.start
         return (
             Term(form=self.form, joint=joint, order=self.order, values=self.values),
@@ -103,12 +102,10 @@ class BaseMotion(TimedCorrection, BodyCorrection):
         return np.eye(3)[:, :, np.newaxis] * self.time.amounts(posture.block)
 
     def amount(self, posture: Posture) -> Floats:
-        """The same without the zeros between, (3, n_samples)."""
         return np.array(self.values)[:, np.newaxis] * self.time.amounts(posture.block)
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """One vector."""
         of = self.time.quantity
         return (Term(form=Form.BASE_RATE, values=self.values, of=of),)
 

@@ -1,10 +1,10 @@
-"""A curve found where no named effect fits: d_alpha is a spline of some covariate.
+"""A curve where no named effect fits: d_alpha is a spline of a covariate.
 
 The covariate is named like a column of a campaign: `<joint>_rad`, `temperature_c`,
 `<joint>_temperature_c`, `<joint>_speed_rad_s`, `<joint>_approach`, `force_n`, `time_s`.
-The spline is the natural cubic one; beyond the outer knots its last value is held, the
-sample flagged `beyond_knots`, and its reading as uncertain as a straight line on is
-far. Every sample is flagged `empirical`.
+The spline is natural cubic; beyond the outer knots its last value is held, the sample
+flagged `beyond_knots`, and the difference to a straight continuation is its
+uncertainty. Every sample is flagged `empirical`.
 """
 
 from collections.abc import Iterator
@@ -55,9 +55,9 @@ class Empirical(ReadingCorrection):
     """A spline of a covariate.
 
     Attributes:
-        knots: In the unit of the covariate.
-        source: What the covariate is; None for a reading.
-        source_joint: Whose it is; None for one of the whole arm.
+        knots: in the unit of the covariate.
+        source: the covariate; None for a reading.
+        source_joint: of the covariate; None for one of the whole arm.
     """
 
     knots: tuple[float, ...]
@@ -88,7 +88,7 @@ class Empirical(ReadingCorrection):
         return () if self.source is None else (Need(self.source, self.source_joint),)
 
     def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
-        """Flag all, and what is beyond the outer knots."""
+        """Flag all samples, and those beyond the outer knots."""
         readings = self._at(block)
         yield "empirical", np.ones(len(block), dtype=np.bool_)
         yield "beyond_knots", (readings < self.knots[0]) | (readings > self.knots[-1])
@@ -99,13 +99,12 @@ class Empirical(ReadingCorrection):
         return spline_amounts(self.knots, self._at(block))[:, np.newaxis]
 
     def unseen_rad(self, block: Block) -> Floats | None:
-        """As far as the straight line on would be from the value that is held."""
+        """Return the difference between straight continuation and held value."""
         away_rad = np.abs(straight_on(self.knots, self.values, self._at(block)))
         return away_rad if away_rad.any() else None
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """One spline."""
         of = Quantity(_SOURCES[self.source], self.source_joint)
         spline = spline_numbers(self.knots, self.values)
         return tuple(
@@ -129,7 +128,7 @@ class Empirical(ReadingCorrection):
 def _source(
     covariate: str, setting: EffectContext
 ) -> tuple[Covariate | None, int | None]:
-    """Find what a covariate is, and of which joint."""
+    """Resolve a covariate and its joint."""
     for joint, name in enumerate(setting.joint_names):
         of = covariate.removeprefix(name)
         if covariate.startswith(name) and of in _OF_JOINT:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncoderHarmonic(ReadingCorrection):
-    """So many periods a turn: disc tilt, ellipticity, sub-division error."""
+    """Waves of an integer order: disc tilt, ellipticity, sub-division error."""
 
     order: float = 1  # periods a turn
 
@@ -35,7 +35,6 @@ class EncoderHarmonic(ReadingCorrection):
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """One wave for every joint."""
         wave = Form.READING_WAVE
         return tuple(
             Term(form=wave, joint=joint, order=self.order, values=self.values)
@@ -52,17 +51,15 @@ class EncoderEccentricity(EncoderHarmonic):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransmissionError(EncoderHarmonic):
-    """A wave between motor and joint; `cycles` is its order, seldom a whole number.
+    """A wave between motor and joint; `cycles` is its order, seldom an integer.
 
-    The readings count on over turns: cycles that are not whole have another phase on
-    the next one. Cycles are no parameter here: they are searched, like the moment of a
-    step.
+    The readings continue over turns: other cycles have another phase on the next one.
+    Cycles are searched, not estimated, like the moment of a step.
     """
 
     kind: ClassVar[str] = "transmission_error"
 
     @classmethod
     def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
-        """Take the cycles."""
         del setting
         return {"order": effect.values["cycles"]}

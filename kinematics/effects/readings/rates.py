@@ -1,4 +1,4 @@
-"""Reading corrections of one parameter: d_alpha is it times some regressor."""
+"""Reading corrections of one parameter: d_alpha is its product with a regressor."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -21,17 +21,16 @@ from traverse.kinematics.model.geometry import Geometry
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SingleRate(ReadingCorrection):
-    """One value, the same for every joint that it belongs to."""
+    """One value, the same for all its joints."""
 
     per_value: ClassVar[float] = 1.0  # unit amount over quantity
 
     @abstractmethod
     def quantity(self, joint: int) -> Quantity:
-        """Factor of a joint's value, besides `per_value`."""
+        """Return the factor of a joint's value, besides `per_value`."""
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """One for every joint."""
         values = (self.per_value * self.values[0],)
         form = Form.READING_RATE
         return tuple(
@@ -63,7 +62,7 @@ class EncoderScale(SingleRate):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncoderLatency(SingleRate):
-    """Readings that are older than their time says: d_alpha = -latency_s d(alpha)/dt.
+    """Readings that are older than stated: d_alpha = -latency_s d(alpha)/dt.
 
     Without a joint it is the same for all of them: a clock, not a filter.
     """
@@ -84,10 +83,10 @@ class EncoderLatency(SingleRate):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Backlash(SingleRate):
-    """Play between the joint and its encoder: two-valued by the sense of approach.
+    """Play between the joint and its encoder: two-valued by the direction of approach.
 
-    d_alpha = half_width_rad sign(direction of approach); an approach of 0, a joint that
-    did not move, is corrected by nothing.
+    d_alpha = half_width_rad sign(direction of approach); without an approach, 0,
+    nothing is corrected.
     """
 
     kind: ClassVar[str] = "backlash"
@@ -137,7 +136,6 @@ class TimedReading(TimedCorrection, SingleRate):
         return self.time.amounts(block)[np.newaxis, np.newaxis]
 
     def quantity(self, joint: int) -> Quantity:
-        """Factor of the time."""
         del joint
         return self.time.quantity
 

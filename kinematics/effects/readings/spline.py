@@ -16,10 +16,10 @@ from traverse.arrays import Floats
 
 
 def spline_amounts(knots: tuple[float, ...], readings: Floats) -> Floats:
-    """Compute what each value contributes.
+    """Compute the unit splines.
 
     Args:
-        knots: Increasing, at least 2.
+        knots: increasing, at least 2.
         readings: (n,); beyond the outer knots the value there is held.
 
     Returns:
@@ -53,14 +53,14 @@ def spline_numbers(
 def straight_on(
     knots: tuple[float, ...], values: tuple[float, ...], readings: Floats
 ) -> Floats:
-    """How far the straight lines on from the outer knots are from the held values.
+    """Return the difference between straight continuations and held values.
 
     The slope of a natural spline at its first knot is (y_1 - y_0)/h - h m_1/6, at its
     last (y_n - y_(n-1))/h + h m_(n-1)/6.
 
     Args:
-        knots: Increasing, at least 2.
-        values: At the knots.
+        knots: increasing, at least 2.
+        values: at the knots.
         readings: (n,).
 
     Returns:
