@@ -2,7 +2,7 @@
 
 import contextlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
 
@@ -34,12 +34,13 @@ def check(
     if (file / "campaign.toml").is_file():
         file /= "campaign.toml"
     kind, read = _reader(file)
+    content: object = None
     wrong: list[FileError] | None = None
     try:
         if file.is_file() and not file.stat().st_size:
             what = "is empty; expected an arm file, a configuration, a campaign, ..."
             raise FileError(file, what)
-        read(file)
+        content = read(file)
     except StartupError as error:
         wrong = error.files
     except FileError as error:
@@ -50,15 +51,32 @@ def check(
             for wrong_file in wrong or ()
             for p in wrong_file.problems
         ]
-        report = {"file": str(file), "kind": kind, "problems": problems}
+        doubts = list(_doubts(content))
+        report = {
+            "file": str(file),
+            "kind": kind,
+            "problems": problems,
+            "doubts": doubts,
+        }
         typer.echo(json.dumps(report, indent=None if wrong is None else 1))
     elif wrong is not None:
         typer.echo("\n".join(map(str, wrong)), err=True)
     else:
         name = kind.replace("'s", "")
         typer.echo(f"{file}: valid {name}")
+        for doubt in _doubts(content):
+            typer.echo(f"{file}: {doubt}", err=True)
     if wrong is not None:
         raise typer.Exit(REFUSED)
+
+
+def _doubts(content: object) -> Iterator[str]:
+    """Ask about values of an arm file that can hardly be meant."""
+    from traverse.kinematics.arm_file.arm import Arm
+    from traverse.kinematics.importers.unit_doubts import arm_doubts
+
+    if isinstance(content, Arm):
+        yield from arm_doubts(content)
 
 
 def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:

@@ -146,6 +146,34 @@ def unknown_name_message(what: str, name: str, known: Collection[str]) -> str:
     return f"unknown {what} '{name}'; known here: {', '.join(sorted(known))}"
 
 
+# Units of other people's files: to which, by what factor.
+_CONVERSIONS = {
+    "deg": ("rad", math.pi / 180.0),
+    "m": ("mm", 1000.0),
+    "cm": ("mm", 10.0),
+    "um": ("mm", 1e-3),
+    "inch": ("mm", 25.4),
+    "ms": ("s", 1e-3),
+    "g": ("kg", 1e-3),
+}
+
+
+def _converted(name: str, value: object, known: Collection[str]) -> str | None:
+    """Refuse a key in another unit with the key in ours, and its value."""
+    stem, _, unit = name.rpartition("_")
+    ours, factor = _CONVERSIONS.get(unit, ("", 0.0))
+    key = f"{stem}_{ours}"
+    if not ours or key not in known:
+        return None
+    values = value if isinstance(value, list | tuple) else [value]
+    numbers = [number_in(one) for one in values]
+    texts = [f"{factor * number:.12g}" for number in numbers if number is not None]
+    if len(texts) < len(numbers):
+        return f"unknown key '{name}'; expected '{key}'"
+    text = texts[0] if values is not value else f"[{', '.join(texts)}]"
+    return f"unknown key '{name}'; expected {key} = {text}"
+
+
 def problem_from_error(error: Mapping[str, Any], known: Collection[str]) -> Problem:
     """Put a validation error (type, loc, msg, input, perhaps ctx) into our words.
 
@@ -154,7 +182,10 @@ def problem_from_error(error: Mapping[str, Any], known: Collection[str]) -> Prob
     location: tuple[str | int, ...] = error["loc"]
     kind: str = error["type"]
     if kind == "extra_forbidden":
-        message = unknown_name_message("key", str(location[-1]), known)
+        name = str(location[-1])
+        message = _converted(name, error["input"], known) or unknown_name_message(
+            "key", name, known
+        )
     elif kind == "missing" and isinstance(location[-1], int):
         length = len(error["input"])
         location = location[:-1]
@@ -166,6 +197,8 @@ def problem_from_error(error: Mapping[str, Any], known: Collection[str]) -> Prob
         context = error.get("ctx", {})
         entries = counted(context.get("actual_length", 0), "entry")
         message = _WORDING[kind].format(found=found, entries=entries, **context)
+        if kind == "too_long" and all(type(one) is int for one in error["input"]):
+            message += "; a decimal comma separates entries: write 250.0, not 250,0"
     else:
         message = f"{shown(error['input'])}: {error['msg']}"
     return Problem(key_path(location), message)
@@ -225,6 +258,10 @@ def toml_table(text: str, source: str) -> dict[str, Any]:
             lines = text.split("\n")
             where = f"line {len(lines)}, column {len(lines[-1]) + 1}"
         what = _SYNTAX_PLACE.sub("", message).partition("; use sys.")[0]
+        number = re.search(r"\d+", where)
+        line = text.split("\n")[int(number.group()) - 1] if number else ""
+        if re.search(r"=\s*[+-]?\d+,\d+\s*(#.*)?$", line):
+            what += "; a decimal comma: write a decimal point"
         raise FileError(source, [Problem(where, f"not TOML: {what}")]) from error
 
 

@@ -12,6 +12,7 @@ from traverse.cli.common.refusals import check_target, print_report, refusals
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
+    from traverse.cli.arm.making import MadeArm
     from traverse.kinematics.arm_file.arm import Arm
 
 
@@ -43,6 +44,7 @@ def show(
     """
     from traverse.cli.arm.summary import arm_summary, summary_lines
     from traverse.kinematics.arm_file.arm import read_arm
+    from traverse.kinematics.importers.unit_doubts import arm_doubts
 
     with refusals():
         values = read_arm(file)
@@ -50,6 +52,8 @@ def show(
             from traverse.lab.report.arm_picture import draw_base_posture  # extra `lab`
 
             draw_base_posture(values, png)
+    for doubt in arm_doubts(values):
+        typer.echo(doubt, err=True)
     summary = arm_summary(values)
     print_report(summary, summary_lines(summary), as_json=as_json)
 
@@ -105,6 +109,8 @@ def from_urdf(
     *,
     root: str | None = None,
     tip: str | None = None,
+    hold_mm: Annotated[list[str] | None, typer.Option(metavar="JOINT=MM")] = None,
+    hold_rad: Annotated[list[str] | None, typer.Option(metavar="JOINT=RAD")] = None,
     options: ArmOptions,
     force: Force = False,
     as_json: Json = False,
@@ -118,12 +124,15 @@ def from_urdf(
         file: The robot description, plain URDF.
         root: Fixed link; default the root.
         tip: Link with the probe; default the only end.
+        hold_mm: A sliding joint that is held at a value, and so fixed.
+        hold_rad: A turning joint that is held at a value.
     """
-    from traverse.cli.arm.making import arm_from_urdf_file
+    from traverse.cli.arm.making import arm_from_urdf_file, holds_of
 
     check_target(out, force=force)
     with refusals():
-        made = arm_from_urdf_file(file, root, tip, options)
+        holds = holds_of(hold_mm or (), hold_rad or ())
+        made = arm_from_urdf_file(file, root, tip, holds, options)
         _write(out, made, as_json=as_json)
 
 
@@ -237,11 +246,14 @@ def _print_converted(
         print_report(report, lines, as_json=as_json)
 
 
-def _write(file: Path, made: "Arm", *, as_json: bool) -> None:
+def _write(file: Path, made: "MadeArm", *, as_json: bool) -> None:
     from traverse.kinematics.arm_file.arm import write_arm
 
-    write_arm(file, made)
-    encoders = [joint.encoder for joint in made.joints if joint.encoder is not None]
+    written = made.arm
+    write_arm(file, written)
+    for remark in made.remarks:
+        typer.echo(remark, err=True)
+    encoders = [joint.encoder for joint in written.joints if joint.encoder is not None]
     if any(encoder.absolute is None for encoder in encoders):
         typer.echo(
             "whether the encoders count right again after a loss of power is not "
@@ -249,9 +261,14 @@ def _write(file: Path, made: "Arm", *, as_json: bool) -> None:
             "[joints.encoder]; until then the daemon asks for a confirmation",
             err=True,
         )
-    names = [joint.name for joint in made.joints]
-    report = {"file": str(file), "arm": made.name, "joints": names}
-    print_report(report, [_made(file, made)], as_json=as_json)
+    report = {
+        "file": str(file),
+        "arm": written.name,
+        "joints": [joint.name for joint in written.joints],
+        "renamed": made.renamed,
+        "remarks": list(made.remarks),
+    }
+    print_report(report, [_made(file, written)], as_json=as_json)
 
 
 def _made(file: Path | None, made: "Arm") -> str:

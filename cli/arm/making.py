@@ -1,7 +1,12 @@
-"""Arms from tables and descriptions: files and options in, an arm's values out."""
+"""Arms from tables and descriptions: files and options in, an arm's values out.
+
+Nothing is changed silently: names that an arm file cannot have, origins that are slid
+along their hinges and values that can hardly be meant are in the remarks.
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +26,28 @@ from traverse.kinematics.importers.dh_file import (
     Units,
     read_dh_file,
 )
+from traverse.kinematics.importers.joint_names import names_for_arm
+from traverse.kinematics.importers.unit_doubts import angle_doubt, reach_doubt
 from traverse.kinematics.importers.urdf import Body, Mimic, arm_from_chain, transform
-from traverse.kinematics.importers.urdf_file import chain_of, read_urdf
+from traverse.kinematics.importers.urdf_chain import Holds, chain_of
+from traverse.kinematics.importers.urdf_file import read_urdf
+from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.origins import length_mm, near_origins, slides_mm
 from traverse.strict_toml.problems import FileError, Problem
+
+
+@dataclass(frozen=True, slots=True)
+class MadeArm:
+    """An arm that was made of another description.
+
+    Attributes:
+        renamed: New names of joints by those of the description.
+        remarks: What was changed, and what can hardly be meant.
+    """
+
+    arm: Arm
+    renamed: Mapping[str, str]
+    remarks: tuple[str, ...]
 
 
 def arm_from_dh_file(
@@ -34,7 +58,7 @@ def arm_from_dh_file(
     convention: str | None,
     base_xyz_mm: str | None,
     base_rpy_rad: str | None,
-) -> Arm:
+) -> MadeArm:
     """Make an arm of a Denavit-Hartenberg table; options go before the file's words.
 
     Raises:
@@ -57,25 +81,20 @@ def arm_from_dh_file(
         options.base_posture_deg,
         [row.base_rad for row in rows],
     )
-    joints = _joints(
+    return _made(
         path,
         options,
-        [row.name or f"J{k}" for k, row in enumerate(rows, start=1)],
-        [(row.counts_per_turn, row.sign, row.source) for row in rows],
-    )
-    return assemble_arm(
         options.name or file.name or path.stem,
         geometry_from_dh(table, np.array(posture_rad)),
-        joints,
-        str(path),
-        radius_mm=options.radius_mm,
-        probe_kind=options.probe_kind,
+        [row.name or f"J{k}" for k, row in enumerate(rows, start=1)],
+        wires=[(row.counts_per_turn, row.sign, row.source) for row in rows],
+        doubts=file.doubts(),
     )
 
 
 def arm_from_urdf_file(
-    path: Path, root: str | None, tip: str | None, options: ArmOptions
-) -> Arm:
+    path: Path, root: str | None, tip: str | None, holds: Holds, options: ArmOptions
+) -> MadeArm:
     """Make an arm of a robot description.
 
     Raises:
@@ -83,25 +102,108 @@ def arm_from_urdf_file(
         typer.BadParameter: With what is wrong with an option.
     """
     robot = read_urdf(path)
-    chain = chain_of(robot, root, tip)
+    chain = chain_of(robot, root, tip, holds)
     count = sum(joint.axis is not None for joint in chain)
     posture_rad = posture_of(
         options.base_posture_rad, options.base_posture_deg, [0.0] * count
     )
     tool = _placed("tool", None, options.tool_xyz_mm, options.tool_rpy_rad)
     arm = arm_from_chain(chain, tool, np.array(posture_rad))
-    wires = [(None, None, None)] * count
-    joints = _joints(
-        path, options, arm.names, wires, bodies=arm.bodies, mimics=arm.mimics
-    )
-    return assemble_arm(
+    return _made(
+        path,
+        options,
         options.name or robot.name or path.stem,
         arm.geometry,
+        arm.names,
+        wires=[(None, None, None)] * count,
+        bodies=arm.bodies,
+        mimics=arm.mimics,
+        doubts=robot.doubts,
+    )
+
+
+def _made(
+    path: Path,
+    options: ArmOptions,
+    name: str,
+    geometry: Geometry,
+    joint_names: Sequence[str],
+    *,
+    wires: Sequence[tuple[int | None, int | None, str | None]],
+    bodies: Sequence[Body | None] | None = None,
+    mimics: Sequence[Mimic | None] | None = None,
+    doubts: Iterable[str] = (),
+) -> MadeArm:
+    """Put an arm together, with remarks."""
+    try:
+        names, renamed = names_for_arm(joint_names, _renames(options.rename or ()))
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--rename") from error
+    remarks = [f"joint {old!r} is called {new}" for old, new in renamed.items()]
+    near = near_origins(geometry)
+    if near is not geometry:
+        remarks.append(
+            "origins slid along hinges that are nearly parallel, which moves nothing: "
+            f"links of {length_mm(geometry):.0f} mm together are "
+            f"{length_mm(near):.0f} mm now"
+        )
+        moved_mm = slides_mm(geometry, near)
+        bodies = bodies and [
+            body and Body(body.mass_kg, body.centre_mm - moved_mm[k])
+            for k, body in enumerate(bodies)
+        ]
+    remarks += doubts
+    if options.base_posture_rad is not None:
+        for angle_rad in geometry.zeros_rad.tolist():
+            remarks += angle_doubt("a reading of --base-posture-rad", angle_rad)
+    remarks += reach_doubt(near)
+    followed = dict(zip(joint_names, names, strict=True))
+    mimics = mimics and [
+        mimic and mimic._replace(joint=followed[mimic.joint]) for mimic in mimics
+    ]
+    joints = _joints(path, options, names, wires, bodies=bodies, mimics=mimics)
+    arm = assemble_arm(
+        name,
+        near,
         joints,
         str(path),
         radius_mm=options.radius_mm,
         probe_kind=options.probe_kind,
     )
+    return MadeArm(arm, renamed, tuple(remarks))
+
+
+def _renames(given: Iterable[str]) -> dict[str, str]:
+    """Take `--rename OLD=NEW` apart; a new name has no '='.
+
+    Raises:
+        ValueError: One has no '='.
+    """
+    renames: dict[str, str] = {}
+    for text in given:
+        old, equals, new = text.rpartition("=")
+        if not equals:
+            raise ValueError(f"'{text}' is not of the form OLD=NEW")
+        renames[old] = new
+    return renames
+
+
+def holds_of(mm: Iterable[str], rad: Iterable[str]) -> Holds:
+    """Take `--hold-mm` and `--hold-rad JOINT=VALUE` apart.
+
+    Raises:
+        typer.BadParameter: One has not this form.
+    """
+    values: dict[str, dict[str, float]] = {}
+    for option, given in (("--hold-mm", mm), ("--hold-rad", rad)):
+        values[option] = {}
+        for text in given:
+            name, equals, number = text.rpartition("=")
+            if not equals:
+                what = f"'{text}' is not of the form JOINT=VALUE"
+                raise typer.BadParameter(what, param_hint=option)
+            values[option][name] = numbers_of(option, number, 1)[0]
+    return Holds(values["--hold-mm"], values["--hold-rad"])
 
 
 def _convention(path: Path, file: DHFile, wished: str | None) -> Convention:

@@ -22,6 +22,7 @@ class ArmOptions:
         tool_rpy_rad: Turns the last frame's z axis into the shank: roll,pitch,yaw.
         radius_mm: Radius of the ball; 0 for a point probe.
         switching: A switching probe, not a hard one.
+        rename: Another name for a joint: OLD=NEW; again for others.
     """
 
     name: str | None = None
@@ -35,6 +36,7 @@ class ArmOptions:
     tool_rpy_rad: str | None = None
     radius_mm: Annotated[float, typer.Option(min=0.0)] = 0.0
     switching: bool = False
+    rename: Annotated[list[str] | None, typer.Option(metavar="OLD=NEW")] = None
 
     @property
     def probe_kind(self) -> str:

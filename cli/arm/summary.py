@@ -10,6 +10,7 @@ import numpy as np
 from traverse.kinematics.arm_file.arm import Arm, Joint, arm_digest
 from traverse.kinematics.model.forward import joint_positions
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
+from traverse.kinematics.model.origins import length_mm, near_origins
 from traverse.plurals import counted
 
 
@@ -20,17 +21,17 @@ def arm_summary(arm: Arm) -> dict[str, Any]:
     stretched out: the lever at which its encoder's step is largest.
     """
     geometry = geometry_from_arm(arm)
-    reaches_mm = _reaches_mm(geometry)
+    near = near_origins(geometry)
+    reaches_mm = _reaches_mm(near)
     posture_rad = geometry.zeros_rad[np.newaxis]
     ball_mm = joint_positions(geometry, posture_rad)[0, -1]
     links_mm = np.linalg.norm(geometry.links_mm, axis=1)
-    ball_from_end_mm = geometry.links_mm[-1] + geometry.probe_vector_mm
     return {
         "schema": "traverse/arm-summary/1",
         "name": arm.name,
         "digest": arm_digest(arm),
         "origin_mm": list(arm.origin_mm),
-        "reach_mm": float(links_mm[:-1].sum() + np.linalg.norm(ball_from_end_mm)),
+        "reach_mm": length_mm(near),
         "joints": [
             {
                 "name": joint.name,
@@ -65,16 +66,20 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     probe = summary["probe"]
     joints = summary["joints"]
     width = max(5, *(len(joint["name"]) for joint in joints))
-    head = f"{'joint':<{width}}  {'axis in the base posture':^26}{'link':>10}"
-    units = f"{'':<{width}}  {'x':>8} {'y':>8} {'z':>8}{'mm':>10}{'mm':>11}"
+    link, reach = (
+        max(least, *(len(f"{joint[key]:.3f}") + 2 for joint in joints))
+        for key, least in (("link_mm", 10), ("reach_mm", 11))
+    )
+    head = f"{'joint':<{width}}  {'axis in the base posture':^26}{'link':>{link}}"
+    units = f"{'':<{width}}  {'x':>8} {'y':>8} {'z':>8}{'mm':>{link}}{'mm':>{reach}}"
     lines = [
         f"{summary['name']}: {counted(len(joints), 'joint')}, "
         f"reach {summary['reach_mm']:.1f} mm, "
         f"digest {summary['digest'][:12]}",
         "",
-        f"{head}{'reach':>11}{'counts':>14}{'step at reach':>16}",
+        f"{head}{'reach':>{reach}}{'counts':>14}{'step at reach':>16}",
         f"{units}{'a turn':>14}{'um':>16}",
-        *(_joint_line(joint, width) for joint in joints),
+        *(_joint_line(joint, (width, link, reach)) for joint in joints),
         "",
         *(
             f"{joint['name']} turns with {joint['coupled_to']} by {joint['ratio']:g}"
@@ -118,13 +123,14 @@ def _encoder(joint: Joint, reach_mm: float) -> dict[str, Any]:
     }
 
 
-def _joint_line(joint: Mapping[str, Any], width: int) -> str:
+def _joint_line(joint: Mapping[str, Any], widths: tuple[int, int, int]) -> str:
+    width, link, reach = widths
     x, y, z = joint["axis"]
     counts, step_um = joint["counts_per_turn"], joint["step_at_reach_um"]
     encoder = f"{counts:>14d}{step_um:>16.3f}" if counts else f"{'none':>14}{'-':>16}"
     return (
         f"{joint['name']:<{width}}  {x:8.4f} {y:8.4f} {z:8.4f}"
-        f"{joint['link_mm']:10.3f}{joint['reach_mm']:11.3f}{encoder}"
+        f"{joint['link_mm']:{link}.3f}{joint['reach_mm']:{reach}.3f}{encoder}"
     )
 
 

@@ -128,6 +128,13 @@ def _posture_problems(
 
 
 _JOINT_NAME = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def is_joint_name(name: str) -> bool:
+    """Whether an arm file may have a joint of this name."""
+    return _JOINT_NAME.fullmatch(name) is not None
+
+
 _SOURCE = re.compile(r"[^/\s]+/(0|[1-9][0-9]*)")
 MAX_NAME_LENGTH = 64
 _NOT_IN_TOPIC = re.compile(r"[/+#\x00-\x1f\x7f-\x9f]")

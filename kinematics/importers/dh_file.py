@@ -21,6 +21,7 @@ from traverse.kinematics.importers.arm_values import (
     rounded,
 )
 from traverse.kinematics.importers.dh import Convention, DHTable
+from traverse.kinematics.importers.unit_doubts import angle_doubt
 from traverse.kinematics.importers.urdf import roll_pitch_yaw
 from traverse.strict_toml.problems import (
     Problem,
@@ -68,7 +69,12 @@ class Units:
 
 @dataclass(frozen=True, slots=True)
 class DHRow:
-    """One joint of a table; `base_rad` is its reading in the base posture."""
+    """One joint of a table.
+
+    Attributes:
+        base_rad: Its reading in the base posture.
+        in_radians: Angles that the file gives in radians, with their keys.
+    """
 
     a_mm: float
     d_mm: float
@@ -79,6 +85,7 @@ class DHRow:
     counts_per_turn: int | None = None
     sign: int | None = None
     source: str | None = None
+    in_radians: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +145,12 @@ def row_of(
             wrong.append((key, str(error)))
     if wrong or any(field not in fields for field in _FILLED):
         return None, wrong
+    fields["in_radians"] = tuple(
+        (key, fields[column.field])
+        for key, column in columns.items()
+        if (column.field.endswith("_rad"), column.factor) == (True, 1.0)
+        and column.field in fields
+    )
     return DHRow(**fields), wrong  # type: ignore[arg-type]  # checked field by field
 
 
@@ -203,6 +216,14 @@ class DHFile:
     name: str | None = None
     base: Placement | None = None
     tool: Placement | None = None
+
+    def doubts(self) -> Iterator[str]:
+        """Ask about angles that can hardly be meant."""
+        for number, row in enumerate(self.rows, 1):
+            for key, angle_rad in row.in_radians:
+                yield from angle_doubt(
+                    f"{key} of {row.name or f'J{number}'}", angle_rad
+                )
 
 
 class _TomlTable(StrictModel):

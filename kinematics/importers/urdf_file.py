@@ -1,14 +1,18 @@
-"""Robot descriptions (URDF) as values, and the chain of one that becomes an arm.
+"""Robot descriptions (URDF) as values.
 
-Strict, and safe against hostile XML: document types are refused, so no entity can be
-declared, let alone expanded. Lengths leave here in millimetres.
+Strict where the geometry is: an attribute of an origin, an axis or a mimic that is not
+known here may move the arm, and is refused. Elements and attributes of other tools,
+which have a prefix (`drake:`, `sensor:`), are ignored, but not xacro's, which stand for
+elements that are still missing.
+
+Safe against hostile XML: document types are refused, so no entity can be declared, let
+alone expanded. Lengths leave here in millimetres.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
@@ -17,18 +21,17 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.importers.urdf import (
     Body,
-    ChainJoint,
     Mimic,
     moved_body,
     transform,
 )
+from traverse.kinematics.model.quaternion import rotation_matrix
 from traverse.plurals import counted
 from traverse.strict_toml.files import open_regular
 from traverse.strict_toml.problems import (
     FileError,
     Problem,
     shown,
-    unknown_name_message,
 )
 
 _LARGEST_BYTES = 2_000_000
@@ -37,6 +40,18 @@ _DEEPEST = 50
 _LARGEST = 1e6
 _TYPES = ("revolute", "continuous", "fixed", "prismatic", "floating", "planar")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+# Elements of a joint that place it, with all attributes that they may have.
+_KNOWN = {
+    "parent": ("link",),
+    "child": ("link",),
+    "origin": ("xyz", "rpy", "quat_xyzw"),
+    "axis": ("xyz",),
+    "mimic": ("joint", "multiplier", "offset"),
+}
+_EXPAND = "expand the file first: xacro FILE > robot.urdf"
+# A quaternion is a rotation if its length is one within this.
+_UNIT = 1e-3
+_FULL_TURN_RAD = 2.0 * np.pi * (1.0 + 1e-3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,12 +76,14 @@ class Robot:
         source: The file, for errors.
         links: Every link's body, if it has a mass.
         joint_of_child: What carries each link but the root.
+        doubts: What can hardly be meant, by line.
     """
 
     name: str
     source: str
     links: Mapping[str, Body | None]
     joint_of_child: Mapping[str, UrdfJoint]
+    doubts: tuple[str, ...] = ()
 
 
 class _RefusedError(ValueError):
@@ -134,18 +151,22 @@ class _Reading:
         self._source = source
         self._lines = lines
         self._problems: list[Problem] = []
+        self._doubts: list[str] = []
 
     def robot(self, root: Element) -> Robot:
         if root.tag != "robot":
             self._refuse(root, f"the root is <{root.tag}>, expected <robot>")
+        self._refuse_macros(root)
         links: dict[str, Body | None] = {}
         joints: dict[str, UrdfJoint] = {}
         names: set[str] = set()
         for element in root:
             name = element.get("name", "")
             if ":" in element.tag:
-                what = "is a macro; expand the file first: xacro FILE > robot.urdf"
-                self._refuse(element, f"<{element.tag}> {what}")
+                if any(part.tag.split(":")[-1] == "parent" for part in element.iter()):
+                    what = "is a joint of another tool, which cannot be followed"
+                    remedy = "write it as <joint>, or take it out"
+                    self._refuse(element, f"<{element.tag}> {what}; {remedy}")
                 continue
             taken = {"link": links, "joint": names}.get(element.tag, ())
             if element.tag in ("link", "joint") and (not name or name in taken):
@@ -168,13 +189,39 @@ class _Reading:
                     self._problems.append(Problem(f"line {joint.line}", what))
         if self._problems:
             raise FileError(self._source, self._problems)
-        return Robot(root.get("name", ""), self._source, links, joints)
+        name = root.get("name", "")
+        return Robot(name, self._source, links, joints, tuple(self._doubts))
+
+    def _refuse_macros(self, root: Element) -> None:
+        """Refuse elements of xacro, whatever its prefix, and its expressions."""
+        prefixes = {
+            key.removeprefix("xmlns:")
+            for key, value in root.attrib.items()
+            if key.startswith("xmlns:") and "xacro" in value
+        } | {"xacro"}
+        for element in root.iter():
+            prefix, colon, _ = element.tag.partition(":")
+            if colon and prefix in prefixes:
+                self._refuse(element, f"<{element.tag}> is a macro; {_EXPAND}")
+            if element.tag not in ("link", "joint", *_KNOWN):
+                continue
+            for key, value in element.attrib.items():
+                if "${" in value or "$(" in value:
+                    what = f"<{element.tag}> {key} = {shown(value)} is an expression"
+                    self._refuse(element, f"{what} of xacro; {_EXPAND}")
 
     def _joint(self, element: Element, name: str) -> UrdfJoint:
         kind = element.get("type", "")
         if kind not in _TYPES:
             known = ", ".join(_TYPES)
             self._refuse(element, f"joint {shown(name)}: type {shown(kind)}; {known}")
+        for part in element:
+            if part.tag in _KNOWN:
+                self._check_attributes(part)
+        for tag in _KNOWN:
+            if len(element.findall(tag)) > 1:
+                what = f"joint {shown(name)}: has several <{tag}>; expected one"
+                self._refuse(element, what)
         axis_element = element.find("axis")
         axis = self._numbers(axis_element, "xyz", (1.0, 0.0, 0.0))
         if axis_element is not None and kind in _TYPES[:2] and not any(axis):
@@ -189,6 +236,18 @@ class _Reading:
             mimic=self._mimic(element.find("mimic")),
             line=self._lines[element],
         )
+
+    def _check_attributes(self, element: Element) -> None:
+        known = _KNOWN[element.tag]
+        for key in element.attrib:
+            if key not in known and ":" not in key and key != "xmlns":
+                expected = " and ".join(known)
+                self._refuse(
+                    element,
+                    f"<{element.tag}> has the attribute {shown(key)}, which is not "
+                    f"known here and may move the arm; expected {expected}; write it "
+                    "in these, or take it out",
+                )
 
     def _mimic(self, element: Element | None) -> Mimic | None:
         if element is None:
@@ -213,14 +272,38 @@ class _Reading:
         (mass_kg,) = self._numbers(mass, "value", (0.0,))
         if mass_kg < 0.0:
             self._refuse(mass, f"mass {mass_kg} is negative")
+        if (origin := inertial.find("origin")) is not None:
+            self._check_attributes(origin)
         return moved_body(self._origin(inertial), Body(mass_kg, np.zeros(3)))
 
     def _origin(self, element: Element) -> Floats:
         origin = element.find("origin")
         zeros = (0.0, 0.0, 0.0)
         xyz_m = self._numbers(origin, "xyz", zeros)
+        placed = transform([1000.0 * length for length in xyz_m], zeros)
+        if origin is None:
+            return placed
+        if "quat_xyzw" in origin.attrib:
+            if "rpy" in origin.attrib:
+                self._refuse(origin, "<origin> has rpy and quat_xyzw; expected one")
+            placed[:3, :3] = self._rotation(origin)
+            return placed
         rpy_rad = self._numbers(origin, "rpy", zeros)
-        return transform([1000.0 * length for length in xyz_m], rpy_rad)
+        if max(map(abs, rpy_rad)) > _FULL_TURN_RAD:
+            where = f"line {self._lines[origin]}: rpy = {shown(origin.get('rpy'))}"
+            self._doubts.append(f"{where} is more than a turn in radians: degrees?")
+        placed[:3, :3] = transform(zeros, rpy_rad)[:3, :3]
+        return placed
+
+    def _rotation(self, origin: Element) -> Floats:
+        """Read a unit quaternion x, y, z, w as a rotation, (3, 3)."""
+        x, y, z, w = self._numbers(origin, "quat_xyzw", (0.0, 0.0, 0.0, 1.0))
+        length = float(np.linalg.norm([x, y, z, w]))
+        if abs(length - 1.0) > _UNIT:
+            what = f"<origin> quat_xyzw has the length {length:.6g}; expected 1"
+            self._refuse(origin, what)
+            return np.eye(3)
+        return rotation_matrix(np.array([w, x, y, z]) / length)
 
     def _numbers(
         self, element: Element | None, key: str, default: Sequence[float]
@@ -240,118 +323,3 @@ class _Reading:
 
     def _refuse(self, element: Element, what: str) -> None:
         self._problems.append(Problem(f"line {self._lines[element]}", what))
-
-
-_TURNING = ("revolute", "continuous")
-_WHY_NOT = {
-    "prismatic": "it slides, and an arm has hinges only",
-    "floating": "nothing holds it, so no encoder can tell where it is",
-    "planar": "it slides, and an arm has hinges only",
-}
-
-
-def chain_of(robot: Robot, root: str | None, tip: str | None) -> list[ChainJoint]:
-    """Walk from the root link to the tip link.
-
-    Args:
-        robot: As described.
-        root: Link of the arm's base; the only root if None.
-        tip: What carries the probe; the only end if None.
-
-    Raises:
-        FileError: There is not one such chain, or it is no arm's; says what to choose.
-    """
-    path = _path(robot, root, tip)
-    free = [j.name for j in path if j.kind in _TURNING and j.mimic is None]
-    problems = [problem for joint in path for problem in _joint_problems(joint, free)]
-    if not any(joint.kind in _TURNING for joint in path):
-        ends = f"chain {path[0].parent} to {path[-1].child}"
-        problems.append(Problem(ends, "no joint turns; an arm has at least one"))
-    if problems:
-        raise FileError(robot.source, problems)
-    on_chain = {joint.child for joint in path}
-    fixed: dict[str, list[UrdfJoint]] = {}
-    for joint in robot.joint_of_child.values():
-        if joint.kind == "fixed" and joint.child not in on_chain:
-            fixed.setdefault(joint.parent, []).append(joint)
-    return [
-        ChainJoint(
-            name=joint.name,
-            origin=joint.origin,
-            axis=joint.axis if joint.kind in _TURNING else None,
-            bodies=tuple(_bodies(robot, joint.child, fixed)),
-            mimic=joint.mimic,
-        )
-        for joint in path
-    ]
-
-
-def _path(robot: Robot, root: str | None, tip: str | None) -> list[UrdfJoint]:
-    """Find the joints from the root to the tip, in that order."""
-    for option, link in (("--root", root), ("--tip", tip)):
-        if link is not None and link not in robot.links:
-            _refuse(robot, option, unknown_name_message("link", link, robot.links))
-    parents = {joint.parent for joint in robot.joint_of_child.values()}
-    tips = [tip] if tip else [name for name in robot.links if name not in parents]
-    ways_up = {end: _way_up(robot, end, root) for end in tips}
-    ways = {end: way for end, way in ways_up.items() if way}
-    if not ways:
-        what = f"no chain of joints leads from {shown(root) if root else 'a root'} to "
-        _refuse(robot, "", f"{what}{shown(tip) if tip else 'an end'}")
-    if len(ways) > 1:
-        # Ends that only fixed joints lead to are parts of the base.
-        ways = {end: way for end, way in ways.items() if _turns(way)} or ways
-    if len(ways) > 1:
-        said = ", ".join(f"{end} ({_turns(way)} turning)" for end, way in ways.items())
-        _refuse(robot, "", f"holds several chains; say --tip LINK, one of: {said}")
-    return next(iter(ways.values()))
-
-
-def _way_up(robot: Robot, tip: str, root: str | None) -> list[UrdfJoint] | None:
-    """Walk from a tip to the root and turn the way round; None if it is not met."""
-    way: list[UrdfJoint] = []
-    passed: set[str] = set()
-    link = tip
-    while link != root and link in robot.joint_of_child:
-        joint = robot.joint_of_child[link]
-        if link in passed:
-            what = f"joint {shown(joint.name)} is in a ring; an arm is an open chain"
-            _refuse(robot, f"line {joint.line}", what)
-        passed.add(link)
-        way.append(joint)
-        link = joint.parent
-    return way[::-1] if root is None or link == root else None
-
-
-def _turns(way: list[UrdfJoint]) -> int:
-    return sum(joint.kind in _TURNING for joint in way)
-
-
-def _joint_problems(joint: UrdfJoint, free: Sequence[str]) -> Iterator[Problem]:
-    where = f"line {joint.line}"
-    if joint.kind in _WHY_NOT:
-        what = f"joint {shown(joint.name)} is {joint.kind}: {_WHY_NOT[joint.kind]}"
-        yield Problem(where, f"{what}; make it fixed, or choose --root and --tip")
-    mimic = joint.mimic if joint.kind in _TURNING else None
-    if mimic is not None and mimic.joint not in free:
-        what = (
-            f"joint {shown(joint.name)} mimics {shown(mimic.joint)}; expected a joint"
-        )
-        yield Problem(where, f"{what} that turns freely: {', '.join(free) or 'none'}")
-
-
-def _bodies(
-    robot: Robot, link: str, fixed: Mapping[str, list[UrdfJoint]]
-) -> Iterator[Body]:
-    """Return what a link carries, with all that is fixed to it beside the chain."""
-    pending = [(link, np.eye(4))]
-    while pending:
-        name, pose = pending.pop()
-        body = robot.links[name]
-        if body is not None:
-            yield moved_body(pose, body)
-        pending += [(j.child, pose @ j.origin) for j in fixed.get(name, ())]
-
-
-def _refuse(robot: Robot, where: str, what: str) -> NoReturn:
-    raise FileError(robot.source, [Problem(where, what)])

@@ -118,6 +118,8 @@ def _header_problems(
 
 
 _BLOCK_ROWS = 20_000
+# Of a joint between two readings; degrees in place of radians are more.
+_MOST_TURNS = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,7 +236,15 @@ class _RowReader:
                 for quantity in columns.quantities
             },
         )
-        return PoseTable(poses, tuple(self._free))
+        return PoseTable(poses, tuple(self._free), notes=tuple(self._doubts(poses)))
+
+    def _doubts(self, poses: Poses) -> Iterator[str]:
+        """Ask about angles that can hardly be meant."""
+        largest_rad = np.abs(poses.angles_rad).max(axis=0)
+        for index, angle_rad in zip(self._columns.angles, largest_rad, strict=True):
+            if angle_rad > _MOST_TURNS * 2.0 * np.pi:
+                name = self._columns.names[index]
+                yield f"{name} reaches {angle_rad:g}, many turns in radians: degrees?"
 
     def _optional(self, numbers: Floats, quantity: str) -> Floats:
         """Put the columns of a quantity side by side, NaN for those that lack."""

@@ -14,6 +14,8 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics import fits
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.kinematics.model.origins import near_origins
 from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
@@ -133,10 +135,11 @@ def reach_of(arm: Arm) -> tuple[Floats, float]:
 
     The first joint turns the whole arm; from the second on links add up at most.
     """
-    links_mm = np.array([joint.link_mm for joint in arm.joints], dtype=np.float64)
-    links_mm[-1] += np.array(arm.probe.vector_mm)
+    geometry = near_origins(geometry_from_arm(arm))
+    links_mm = geometry.links_mm.copy()
+    links_mm[-1] += geometry.probe_vector_mm
     first = min(1, len(links_mm) - 1)
-    shoulder_mm = np.array(arm.origin_mm) + links_mm[:first].sum(axis=0)
+    shoulder_mm = geometry.origin_mm + links_mm[:first].sum(axis=0)
     return shoulder_mm, float(np.sum(np.linalg.norm(links_mm[first:], axis=1)))
 
 

@@ -60,6 +60,8 @@ def test_good_files_are_reported_by_what_they_are(
         "file": str(tmp_path / "checked.toml"),
         "kind": kind,
         "problems": [],
+        "doubts": [],
+        "doubts": [],
     }
 
 

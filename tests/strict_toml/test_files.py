@@ -107,6 +107,29 @@ def test_strict_reading_serves_other_files():
     ]
 
 
+class Arm(StrictModel):
+    zero_rad: float = 0.0
+    axis_mm: tuple[float, float, float] | None = None
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("zero_deg = 90", "unknown key 'zero_deg'; expected zero_rad = 1.57079632679"),
+        ("axis_m = [0.25, 0, -1]", "expected axis_mm = [250, 0, -1000]"),
+        ('zero_deg = "a"', "unknown key 'zero_deg'; expected 'zero_rad'"),
+        ("axis_inch = 1", "expected axis_mm = 25.4"),
+        ("length_deg = 90", "unknown key 'length_deg'; known here: axis_mm, zero_rad"),
+        ("axis_mm = [250,0, 0,5, 1]", "write 250.0, not 250,0"),
+        ("zero_rad = 1,5", "a decimal comma: write a decimal point"),
+    ],
+)
+def test_other_units_and_decimal_commas_are_answered_with_what_to_write(text, said):
+    with pytest.raises(FileError) as refused:
+        parse_strict(text, "arm.toml", Arm)
+    assert said in str(refused.value)
+
+
 def test_cross_check_alone_refuses_a_file():
     with pytest.raises(FileError, match="has a space"):
         parse_strict('[[device]]\nid = "a b"\n', "d.toml", Settings, no_spaces)

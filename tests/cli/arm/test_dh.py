@@ -184,6 +184,50 @@ def refused(tmp_path, name, text, *options):
     return ended.output.replace(str(table), "FILE")
 
 
+def test_units_that_cannot_be_meant_are_asked_about(tmp_path):
+    table, out = tmp_path / "t.csv", tmp_path / "arm.toml"
+    made = ("from-dh", table, "-o", out, "--convention", "classic", "--force")
+    table.write_text(
+        "name,d_mm,a_mm,alpha_rad,theta_rad\nJ1,400,25,-90,0\nJ2,0,455,0,7\n"
+    )
+    said = traverse(*made).output
+    assert (
+        "alpha_rad of J1 is -90, more than a turn in radians: degrees? -90 degr" in said
+    )
+    assert "theta_rad of J2 is 7, more than a turn" in said
+    table.write_text("d_m,a_m,alpha_deg\n400,25,-90\n0,455,0\n")
+    assert "reach 855.8 m: were millimetres taken for metres?" in traverse(*made).output
+    table.write_text("d_mm,a_mm,alpha_deg\n0.4,0.025,-90\n0,0.455,0\n")
+    assert "reach 0.856 mm: were metres taken" in traverse(*made).output
+    table.write_text("d_mm,a_mm,alpha_deg\n400,25,-900\n0,455,0\n")
+    assert "?" not in traverse(*made).output
+
+
+def test_a_table_of_nearly_parallel_hinges_becomes_an_arm_of_its_size(tmp_path):
+    table, out = tmp_path / "t.csv", tmp_path / "arm.toml"
+    table.write_text(
+        "d_mm,a_mm,alpha_rad\n127.3,0,1.5707963\n231000,-612,0.0005\n"
+        "-231000.2,-572.3,-0.0005\n163.9,0,1.5707963\n115.7,0,-1.5707963\n92.2,0,0\n"
+    )
+    words = ("from-dh", table, "-o", out, "--convention", "classic")
+    said = traverse(*words).output
+    assert (
+        "origins slid along hinges that are nearly parallel, which moves nothing"
+        in said
+    )
+    shown = traverse("show", out).output
+    reach_mm = float(shown.partition("reach ")[2].split()[0])
+    assert 1400 < reach_mm < 2200
+    # As a file may have it that was made otherwise.
+    text = out.read_text("utf-8")
+    start = text.index("link_mm", text.index('name = "J2"'))
+    far = text[:start] + "link_mm = [0.0, 0.0, -231000.0]\n#" + text[start:]
+    out.write_text(far, "utf-8")
+    rows = traverse("show", out).output.splitlines()
+    row = next(line for line in rows if line.startswith("J2 "))
+    assert "231000.000" in row.split()
+
+
 def test_all_mistakes_of_a_csv_are_said_at_once(tmp_path):
     text = (
         "name,a_mm,d,alpha_deg,a_m,tehta_deg,sign\n"

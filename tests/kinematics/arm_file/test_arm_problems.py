@@ -143,7 +143,11 @@ def test_problems_come_in_the_order_of_the_file():
         ("joints[1].axis[1]", "true is not a number"),
         ("joints[1].encoder.sign", "true is not an integer"),
         ("joints[1].name", "'J1' is also the name of joints[0]; names must differ"),
-        ("joints[2].link_mm", "has 4 entries; expected at most 3"),
+        (
+            "joints[2].link_mm",
+            "has 4 entries; expected at most 3; a decimal comma separates entries: "
+            "write 250.0, not 250,0",
+        ),
         ("joints[3].axis", "'z' is not a list"),
         ("joints[3].encoder", "3 is not a table of keys"),
         ("probe.kind", "'soft' is not valid here; expected 'hard' or 'switching'"),

@@ -20,7 +20,8 @@ from traverse.kinematics.importers.arm_values import (
     assemble_arm,
 )
 from traverse.kinematics.importers.urdf import Body, Mimic, arm_from_chain
-from traverse.kinematics.importers.urdf_file import chain_of, read_urdf
+from traverse.kinematics.importers.urdf_chain import chain_of
+from traverse.kinematics.importers.urdf_file import read_urdf
 from traverse.kinematics.importers.urdf_report import urdf_report
 from traverse.kinematics.model.forward import probe_pose
 from traverse.kinematics.model.geometry import geometry_from_arm

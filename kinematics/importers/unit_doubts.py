@@ -1,0 +1,38 @@
+"""Values that can hardly be meant in their unit: questions, not refusals."""
+
+import math
+from collections.abc import Iterator
+
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
+from traverse.kinematics.model.origins import length_mm, near_origins
+
+# No arm is larger (the longest in use is that of a space station, 18 m), or smaller.
+_LONGEST_MM = 20_000.0
+_SHORTEST_MM = 10.0
+_FULL_TURN_RAD = 2.0 * math.pi * (1.0 + 1e-3)
+
+
+def angle_doubt(what: str, angle_rad: float) -> Iterator[str]:
+    """Ask whether an angle of more than a turn was given in degrees."""
+    if abs(angle_rad) > _FULL_TURN_RAD:
+        yield (
+            f"{what} is {angle_rad:g}, more than a turn in radians: degrees? "
+            f"{angle_rad:g} degrees are {math.radians(angle_rad):.10g}"
+        )
+
+
+def reach_doubt(geometry: Geometry) -> Iterator[str]:
+    """Ask whether lengths were given in another unit."""
+    reach_mm = length_mm(near_origins(geometry))
+    if reach_mm > _LONGEST_MM:
+        yield f"reach {1e-3 * reach_mm:.4g} m: were millimetres taken for metres?"
+    elif 0.0 < reach_mm < _SHORTEST_MM:
+        yield f"reach {reach_mm:.3g} mm: were metres taken for millimetres?"
+
+
+def arm_doubts(arm: Arm) -> Iterator[str]:
+    """Ask about all of an arm file."""
+    for joint in arm.joints:
+        yield from angle_doubt(f"zero_rad of {joint.name}", joint.zero_rad)
+    yield from reach_doubt(geometry_from_arm(arm))
