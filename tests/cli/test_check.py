@@ -61,7 +61,6 @@ def test_good_files_are_reported_by_what_they_are(
         "kind": kind,
         "problems": [],
         "doubts": [],
-        "doubts": [],
     }
 
 
