@@ -1,6 +1,7 @@
 """Blunders go, good poses stay; noise and starts are found from the data."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -34,11 +35,16 @@ def with_blunders(campaign, true, part, sigmas, seed=3):
     return replace(campaign, poses=poses), set(bad.tolist())
 
 
-@pytest.mark.parametrize("part", [0.01, 0.02, 0.05])
+@cache
+def of_a_clean_campaign():
+    clean = simulate(built(1), TABLES, 100, 7)
+    return clean, identify(clean, DESIGN_ARM)
+
+
+@pytest.mark.parametrize("part", [0.01, 0.05])
 def test_blunders_of_fifteen_sigma_at_cones_are_all_removed(part):
-    true = built(1)
-    clean = simulate(true, TABLES, 100, 7)
-    campaign, bad = with_blunders(clean, true, part, 15.0)
+    clean, reference = of_a_clean_campaign()
+    campaign, bad = with_blunders(clean, built(1), part, 15.0)
     result = identify(campaign, DESIGN_ARM)
     excluded = {entry.line - 2 for entry in result.excluded}
     at_cones = {at for at in bad if campaign.poses.artefacts[at] < 3}
@@ -47,7 +53,6 @@ def test_blunders_of_fifteen_sigma_at_cones_are_all_removed(part):
     assert all(result.statistics.w[at] < 4.3 for at in bad - excluded)
     assert len(excluded - bad) <= 1
     assert result.global_test.passed
-    reference = identify(clean, DESIGN_ARM)
     spread = np.sqrt(np.diag(reference.covariance))
     change = [
         one.value - other.value
@@ -147,7 +152,7 @@ def test_a_joint_read_one_radian_off_costs_its_pose_alone(artefact):
     """Decimetres off, at a seat or at one of the few touches of a bar's sphere."""
     clean = simulate(built(1), TABLES, 27, 8)
     of_artefact = np.flatnonzero(clean.poses.artefacts == artefact)
-    for bad in of_artefact[:3]:
+    for bad in of_artefact[:2]:
         angles_rad = clean.poses.angles_rad.copy()
         angles_rad[bad, 2] += 1.0
         poses = replace(clean.poses, angles_rad=angles_rad)

@@ -56,8 +56,8 @@ def test_another_arms_file_is_bad_and_makes_no_arm_file():
     )
     other = DESIGN_ARM.model_copy(update={"joints": joints})
     # Without the search for zeros and signs, which takes seconds and helps nothing.
-    options = replace(QUICK, coarse_start=False)
-    result = identify(simulate(built(3), TABLES, 25, 7), other, options)
+    options = replace(QUICK, coarse_start=False, snooping=False)
+    result = identify(simulate(built(3), TABLES, 12, 7), other, options)
     judged = outcome_of(result)
     assert judged.outcome.state is State.BAD
     assert not judged.writes_arm
