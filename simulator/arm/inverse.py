@@ -14,7 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
-from traverse.simulator.arm.physics import Mechanism, probe_pose, probe_rates
+from traverse.simulator.arm.physics import (
+    Mechanism,
+    centre_rates,
+    probe_pose,
+    probe_rates,
+)
 
 N_SEARCH_STEPS = 40
 N_ROUNDS = 12  # each draws new starts for what is not reached yet
@@ -107,7 +112,7 @@ class Reach:
         postures = np.empty_like(wishes_rad)
         turns = starts_rad
         for knot, target in enumerate(wishes_rad):
-            _, _, rates, _ = probe_rates(self.mechanism, turns)
+            _, rates = centre_rates(self.mechanism, turns)
             lacking = target - turns
             moved = np.einsum("mij,mj->mi", rates, lacking)
             turns = turns + lacking - damped_steps(rates, moved)
@@ -154,7 +159,7 @@ def shifted_postures(
         centres_mm, _ = probe_pose(mechanism, moved[rows])
         targets_mm = centres_mm + shifts_mm[rows]
         for _ in range(4):
-            centres_mm, _, rates, _ = probe_rates(mechanism, moved[rows])
+            centres_mm, rates = centre_rates(mechanism, moved[rows])
             misses_mm = targets_mm - centres_mm
             if np.max(np.abs(misses_mm)) < TOLERANCE_MM:
                 break

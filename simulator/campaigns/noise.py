@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.arrays import Floats, Indices
-from traverse.simulator.arm.physics import probe_rates
+from traverse.simulator.arm.physics import centre_rates
 from traverse.simulator.campaigns.artefacts import Points
 from traverse.simulator.campaigns.campaign import Blunder, Names
 from traverse.simulator.campaigns.pose_set import PoseSet
@@ -163,7 +163,7 @@ class _Disturbance:
     def __init__(self, poses: PoseSet, noise: NoiseTable, row: int) -> None:
         mechanism = poses.truth.mechanism
         rows: Indices = np.array([row])
-        self._levers_mm = probe_rates(mechanism, poses.turns_rad[rows])[2][0]
+        self._levers_mm = centre_rates(mechanism, poses.turns_rad[rows])[1][0]
         self._towards = poses.around.towards[row]
         self._contact_mm = float(contact_stds(noise, poses)[row])
         self._stds_rad = encoder_stds(noise, mechanism.n_joints)

@@ -12,7 +12,7 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.simulator.arm.inverse import CHUNK, TOLERANCE_MM, damped_steps
-from traverse.simulator.arm.physics import Mechanism, probe_pose, probe_rates
+from traverse.simulator.arm.physics import Mechanism, centre_rates, probe_pose
 
 # Largest turns of rolls and of hinges, in degrees.
 TRAVELS_DEG: Mapping[str, tuple[float, float]] = {
@@ -125,7 +125,7 @@ class Workspace:
         rows = np.arange(len(targets_mm))
         stopped = np.zeros(turns_rad.shape, dtype=bool)  # at a limit: the others move
         for _ in range(N_STEPS):
-            centres_mm, _, rates, _ = probe_rates(self.mechanism, turns_rad[rows])
+            centres_mm, rates = centre_rates(self.mechanism, turns_rad[rows])
             misses_mm = targets_mm[rows] - centres_mm
             lengths_mm = np.sqrt(np.einsum("mi,mi->m", misses_mm, misses_mm))
             away = lengths_mm >= TOLERANCE_MM

@@ -8,7 +8,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.simulator.arm.physics import Mechanism, probe_rates
+from traverse.simulator.arm.physics import Mechanism, centre_rates
 from traverse.simulator.effects.fault import (
     BodyFault,
     Fault,
@@ -144,7 +144,7 @@ class FaultyArm:
 
     def _gains(self, turns_rad: Floats, damping_mm: float) -> Floats:
         """Return least turns that compensate for a miss, (n, n_joints, 3) [rad/mm]."""
-        _, _, rates, _ = probe_rates(self.build.mechanism, turns_rad)
+        _, rates = centre_rates(self.build.mechanism, turns_rad)
         back = rates.transpose(0, 2, 1)
         gains: Floats = back @ np.linalg.inv(rates @ back + damping_mm**2 * np.eye(3))
         return gains

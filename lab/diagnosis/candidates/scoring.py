@@ -149,14 +149,14 @@ def judge(
 ) -> BankScores:
     """Test every candidate on the residuals of a fit."""
     total, redundancy = rows.sum_of_squares, rows.redundancy
-    n = len(projected)
+    n, coarseness = len(projected), rows.coarseness
     degrees = np.array([len(p.singular_values) for p in projected], dtype=np.int64)
     widest = int(degrees.max(initial=0))
     along = np.zeros((n, widest))
     squares = np.zeros((n, widest))
     for at, one in enumerate(projected):
         along[at, : degrees[at]] = one.directions.T @ rows.residuals
-        squares[at, : degrees[at]] = (rows.coarseness * one.singular_values) ** 2
+        squares[at, : degrees[at]] = (coarseness * one.singular_values) ** 2
     statistics = np.sum(along**2, axis=1)
     return BankScores(
         projected,
