@@ -139,7 +139,8 @@ def polished(
 def _off(local: Floats, centre: Floats, radius: Floats | float) -> Floats:
     """Compute distances from spheres: (..., n_centres) of centres (..., 3)."""
     away = np.linalg.norm(local - centre[..., np.newaxis, :], axis=-1)
-    return np.abs(away - np.asarray(radius)[..., np.newaxis])
+    off: Floats = np.abs(away - np.asarray(radius)[..., np.newaxis])
+    return off
 
 
 def _algebraic(clouds: Floats) -> tuple[Floats, Floats]:
