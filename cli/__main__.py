@@ -1,5 +1,6 @@
 """All commands, and how they end."""
 
+import os
 import sys
 from collections.abc import Iterable
 from importlib import import_module
@@ -11,12 +12,14 @@ from typer.core import TyperGroup
 
 from traverse.strict_toml.problems import problem_from_error
 
-try:  # before everything else that computes
-    from traverse.kinematics.model.kernel_choice import KERNEL
-except ValueError as error:
-    sys.stderr.write(f"traverse: {error}\n")
-    sys.exit(2)
-from traverse.cli.common.options import CommandGroup
+if "TRAVERSE_KERNEL" in os.environ:  # before everything else that computes
+    try:
+        import traverse.kinematics.model.kernel_choice  # noqa: F401 - checks it
+    except ValueError as error:
+        sys.stderr.write(f"traverse: {error}\n")
+        sys.exit(2)
+from traverse.cli.common.old_forms import commands_as_now, sentence
+from traverse.cli.common.options import CommandGroup, words_of
 from traverse.cli.common.refusals import REFUSED, RefusalError, end, missing_library
 
 FOLDERS = {"amt21": "devices.", "can": "devices.", "microscribe": "devices."}
@@ -24,11 +27,22 @@ CONTROL = ("point", "undo", "scan", "label", "session", "reload", "confirm", "ho
 OLD_NAMES = {"interim": "daily-check"}
 """Kept for one release, and not shown."""
 COMMANDS = (
-    *("demo", "run", "simulate", "watch", "page", "check", "artefact", "collect"),
+    *("demo", "run", "watch", "page", "check", "artefact", "collect"),
     *("identify", "predict", "diagnose", "verify", "certify", "trace"),
     *("daily-check", "align", "record", "replay", "export", "store"),
     *(*CONTROL, *OLD_NAMES),
-    *("arm", "amt21", "can", "fleet", "gateway", "microscribe", "points", "probe"),
+    *(
+        "simulate",
+        "arm",
+        "amt21",
+        "can",
+        "fleet",
+        "gateway",
+        "microscribe",
+        "points",
+        "probe",
+    ),
+    "help",
 )
 """Commands, then groups of commands, in the order of the help."""
 
@@ -38,6 +52,14 @@ class Commands(TyperGroup):
 
     A value of an option that is refused is shown as it was typed.
     """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - as below
+        """Parse the arguments, in their new form."""
+        words = words_of(ctx)
+        new = commands_as_now(words, args)
+        if new != args:
+            typer.echo(sentence(words, args, new), err=True)
+        return super().parse_args(ctx, new)
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - of click, or of typer's own
         """Run the command that is named."""
@@ -65,6 +87,8 @@ class Commands(TyperGroup):
 
 def _show_version(wanted: bool) -> None:
     if wanted:
+        from traverse.kinematics.model.kernel_choice import KERNEL
+
         typer.echo(f"traverse {version('traverse-cmm')} (kernel: {KERNEL})")
         raise typer.Exit
 
@@ -102,6 +126,8 @@ def command_line(names: Iterable[str]) -> CommandGroup:
             made.add_typer(command, cls=Commands)
         elif name in OLD_NAMES:
             made.command(name, hidden=True)(command)
+        elif name == "help":
+            made.command(name)(command)
         else:
             made.command()(command)
     return made
@@ -111,6 +137,8 @@ def _command(name: str) -> Any:  # noqa: ANN401 - a function, or a group
     """Import a command, or group, from the module or package that has its name."""
     place = "control" if name in CONTROL else f"{FOLDERS.get(name, '')}{name}"
     module = import_module(f"traverse.cli.{place}")
+    if name == "help":  # whose name is that of a builtin
+        return module.show_help
     if hasattr(module, "__path__"):
         module = import_module(f"{module.__name__}.command")
     return getattr(module, name)

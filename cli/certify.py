@@ -7,7 +7,12 @@ from typing import Annotated
 import typer
 
 from traverse.cli.common.options import Json, campaign_folder
-from traverse.cli.common.refusals import print_report, refusals, refuse
+from traverse.cli.common.refusals import (
+    check_inputs,
+    print_report,
+    refusals,
+    refuse,
+)
 
 KEY_PASSWORD_VARIABLE = "TRAVERSE_KEY_PASSWORD"
 Schemas = Annotated[
@@ -46,6 +51,7 @@ def certify(
         key: Private key to sign with, PEM.
         certificate: X.509 certificate of the key, PEM.
     """
+    check_inputs(results, laboratory, campaign, arm, key, certificate)
     with refusals():
         from traverse.lab.certificates.certificate import certify as made
         from traverse.lab.certificates.certificate import issue_date

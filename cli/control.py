@@ -22,7 +22,7 @@ FIND_S = 2.0
 CONNECT_S = 3.0  # a user waits for it at a terminal
 
 ArmName = Annotated[
-    str | None, typer.Option("--arm", help="Name of the arm; else the only one.")
+    str | None, typer.Option("--arm-name", help="Name of the arm; else the only one.")
 ]
 
 

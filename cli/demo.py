@@ -110,13 +110,13 @@ async def _demonstrate(
                 program = _program(folder / log, *words)
                 return await programs.enter_async_context(program)
 
-            simulated = ("simulate", "--config", str(folder / "simulator.toml"))
+            simulated = ("simulate", "devices", str(folder / "simulator.toml"))
             await _be_ready(await start("simulator.log", *simulated), folder)
-            daemon = ("run", "--config", str(folder / "daemon.toml"), *broker_options)
+            daemon = ("run", str(folder / "daemon.toml"), *broker_options)
             service = await start("daemon.log", *daemon)
             if with_page:
                 shown = PAGE_PORT if _is_free(PAGE_PORT) else free_port()
-                where = ("--arm", ARM, "--broker", str(address))
+                where = ("--arm-name", ARM, "--broker", str(address))
                 await start("page.log", "page", *where, "--port", str(shown))
                 typer.echo(f"The operator's page: http://127.0.0.1:{shown}")
             # Ctrl-C: what was measured is still worth telling.

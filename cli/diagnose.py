@@ -16,6 +16,7 @@ from traverse.cli.common.campaign_inputs import (
 from traverse.cli.common.options import HoldoutBy, Json, Operator
 from traverse.cli.common.refusals import (
     FAILED,
+    check_inputs,
     check_results,
     end_by_state,
     print_report,
@@ -64,6 +65,7 @@ def diagnose(
         plan: Only print which effects this campaign could detect, and from which size
             on.
     """
+    check_inputs(campaign, arm)
     with refusals():
         if plan:
             if accept or accept_tentative or out is not None:

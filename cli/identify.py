@@ -14,6 +14,7 @@ from traverse.cli.common.campaign_inputs import (
 )
 from traverse.cli.common.options import HoldoutBy, Json, Operator, campaign_folder
 from traverse.cli.common.refusals import (
+    check_inputs,
     check_results,
     end_by_state,
     print_report,
@@ -68,6 +69,7 @@ def identify(
         write_unfit_arm: Write arm.toml even where it must not be measured with.
         compare: Compare two arm files or folders of results at the probe instead.
     """
+    check_inputs(campaign, arm, masks, family, *(compare or ()))
     with refusals():
         if compare is not None:
             _compare(*compare, campaign, as_json=as_json)

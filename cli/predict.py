@@ -6,7 +6,11 @@ from typing import Annotated
 import typer
 
 from traverse.cli.common.options import Json
-from traverse.cli.common.refusals import print_report, refusals
+from traverse.cli.common.refusals import (
+    check_inputs,
+    print_report,
+    refusals,
+)
 
 SCHEMA = "traverse/prediction/1"
 
@@ -33,6 +37,7 @@ def predict(
         fit_tool: Find the probe's vector, too.
         out: CSV file, a line for each pose.
     """
+    check_inputs(campaign, arm, fit_on)
     from traverse.kinematics.arm_file.arm import read_arm
     from traverse.lab.campaign.campaign import read_campaign
     from traverse.lab.identification import prediction

@@ -11,8 +11,8 @@ from traverse.daemon.system.log_setup import LogFormat, LogLevel, start_log
 
 
 def run(
+    config: Path,
     *,
-    config: Annotated[Path, typer.Option("--config", "-c")],
     embedded_broker: bool = False,
     embedded_port: Annotated[int, typer.Option(min=0, max=65535)] = 1883,
     keep_trying: bool = False,

@@ -7,7 +7,13 @@ import typer
 
 from traverse.cli.certify import Schemas
 from traverse.cli.common.options import Json, Operator, campaign_folder
-from traverse.cli.common.refusals import FAILED, print_report, refusals, refuse
+from traverse.cli.common.refusals import (
+    FAILED,
+    check_inputs,
+    print_report,
+    refusals,
+    refuse,
+)
 from traverse.strict_toml.files import bytes_of
 
 if TYPE_CHECKING:
@@ -47,6 +53,7 @@ def verify(
         trust: With --check: X.509 certificate of a signer, or of who vouches for it,
             PEM. Repeatable; else the signer is shown, not judged.
     """
+    check_inputs(data, arm, limits, check, schemas, *(trust or ()))
     with refusals():
         if check is not None:
             _checked(check, trust or [], schemas, as_json=as_json)

@@ -159,7 +159,7 @@ def test_what_people_import_is_there_without_the_service() -> None:
 @pytest.mark.parametrize(
     ("package", "extra", "words"),
     [
-        ("mcap", "daemon", ("run", "--config", "daemon.toml")),
+        ("mcap", "daemon", ("run", "daemon.toml")),
         ("serial", "daemon", ("check", "daemon.toml")),
         pytest.param(
             *("serial", "daemon", ("amt21", "scan", "--port", "/dev/null")),

@@ -142,7 +142,7 @@ def main(folder: Path, out: Path) -> None:
     broker = f"127.0.0.1:{port}"
     for name in ("arm.toml", "arm.cov.npz"):
         shutil.copy(DEMO / name, folder)
-    options = ("--arm", "demo-7", "--broker", broker)
+    options = ("--arm-name", "demo-7", "--broker", broker)
     identified = read_arm(DEMO / "identified.toml")
     with (
         rig.mosquitto(folder, port),

@@ -80,12 +80,7 @@ def identification(out: Path) -> None:
     bench = next(re.finditer(r"```toml\n(.*?)```", text, re.DOTALL))[1]
     Path("bench.toml").write_text(bench, "utf-8")
     shutil.copy(CHECKOUT / "cli" / "demo_data" / "arm.toml", "design.toml")
-    made = ("traverse.simulator.campaigns", "bench.toml", "--out", "cones")
-    subprocess.run(
-        [sys.executable, "-m", *made, "--seed", "1"],
-        check=True,
-        stdout=subprocess.DEVNULL,
-    )
+    traverse("simulate", "campaign", "bench.toml", "--out", "cones", "--seed", "1")
     traverse("identify", "cones", "--arm", "design.toml", "--out", "result")
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(

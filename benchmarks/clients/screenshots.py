@@ -48,7 +48,7 @@ def simulated(folder: Path, *, loses_power: bool = False) -> Iterator[None]:
     if loses_power:
         text = text[: text.index("[[motion]]")] + POWER_LOSS
     (folder / "simulator.toml").write_text(text, "utf-8")
-    run = (sys.executable, "-m", "traverse", "simulate", "--config")
+    run = (sys.executable, "-m", "traverse", "simulate", "devices")
     with rig.program(folder / "sim.log", *run, str(folder / "simulator.toml")):
         rig.wait_for((folder / "board.pty").exists, "the simulated board")
         yield

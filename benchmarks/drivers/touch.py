@@ -173,8 +173,8 @@ def run(folder: Path, rate_hz: float) -> list[str]:
     text = text.replace("[capture]\n", "[capture]\nscan_block_s = 0.01\n")
     (folder / "daemon.toml").write_text(text)
     traverse = (sys.executable, "-m", "traverse")
-    simulate = (*traverse, "simulate", "--config", str(folder / "simulator.toml"))
-    measure = (*traverse, "run", "--config", str(folder / "daemon.toml"))
+    simulate = (*traverse, "simulate", "devices", str(folder / "simulator.toml"))
+    measure = (*traverse, "run", str(folder / "daemon.toml"))
     log = folder / "daemon.log"
     with (
         rig.mosquitto(folder, port),

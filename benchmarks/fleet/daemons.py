@@ -125,7 +125,7 @@ def start(stack: contextlib.ExitStack, places: list[Path], number: int) -> Proce
 
     rig.wait_for(few_are_starting, f"the daemons before number {number}", 120)
     config = str(places[number] / "daemon.toml")
-    run = (sys.executable, "-m", "traverse", "run", "--config", config)
+    run = (sys.executable, "-m", "traverse", "run", config)
     return stack.enter_context(rig.program(places[number] / "daemon.log", *run))
 
 

@@ -157,7 +157,7 @@ user root
 """
 
 # As the unit of systemd starts it.
-DAEMON_COMMAND = ("traverse", "run", "--keep-trying", "--config", "daemon.toml")
+DAEMON_COMMAND = ("traverse", "run", "--keep-trying", "daemon.toml")
 
 
 class Bench:
@@ -238,7 +238,7 @@ class Bench:
         (self.folder / "life").write_text(life, "ascii")
         text = SIMULATION.format(seed=len(self.lives), life=life)
         (self.folder / "simulator.toml").write_text(text)
-        return [*self._run, "traverse", "simulate", "--config", "simulator.toml"]
+        return [*self._run, "traverse", "simulate", "devices", "simulator.toml"]
 
     def _tap_command(self) -> list[str]:
         files = ("board.pty", "line.pty", "acknowledged.jsonl")

@@ -127,7 +127,7 @@ def simulator(
     config = folder / "simulator.toml"
     text = SIMULATION.format(top=top, arm=arm, device=device, faults=faults)
     config.write_text(text)
-    run = (sys.executable, "-m", "traverse", "simulate", "--config", str(config))
+    run = (sys.executable, "-m", "traverse", "simulate", "devices", str(config))
     with program(folder / "simulator.log", *run) as process:
         wait_for((folder / "board.pty").exists, "the simulated board")
         yield process
@@ -158,7 +158,7 @@ def daemon(
     config.write_text(DAEMON.format(folder=folder, port=port) + more)
     log = folder / "daemon.log"
     log.unlink(missing_ok=True)
-    command = (sys.executable, "-m", *run, "run", "--config", str(config))
+    command = (sys.executable, "-m", *run, "run", str(config))
     with program(log, *command) as process:
         wait_for(lambda: b"arm demo-7" in log.read_bytes(), "the daemon measuring")
         yield process

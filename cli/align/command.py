@@ -9,6 +9,7 @@ from traverse.cli.align.options import AlignmentOptions
 from traverse.cli.common.broker_options import BrokerOptions
 from traverse.cli.common.options import Json
 from traverse.cli.common.refusals import (
+    check_inputs,
     end_by_state,
     print_report,
     refusals,
@@ -49,6 +50,7 @@ def align(
         return
     if points is None:
         refuse("name the points to be aligned, or give --clear")
+    check_inputs(points, options.nominal, options.arm)
     from traverse.lab.alignment import files
 
     with refusals():

@@ -9,12 +9,14 @@ import typer
 from traverse.cli.common.broker_options import BrokerOptions
 from traverse.cli.common.options import Json
 from traverse.cli.common.refusals import FAILED, refusals, refuse
+from traverse.strict_toml.files import text_of
 
 
 def collect(
     campaign: Path,
     *,
     arm: Path,
+    out: Path | None = None,
     each: Annotated[int, typer.Option(min=1, max=100_000)] = 25,
     allow: str = "surface_unknown,empirical",
     broker: BrokerOptions,
@@ -34,6 +36,8 @@ def collect(
     Args:
         campaign: The campaign.toml, or its folder; poses are put beside it.
         arm: The arm file that the daemon uses.
+        out: Folder to collect into; what the campaign has beside its poses is copied
+            there first.
         each: Touches of every feature; not with a plan.
         allow: Quality flags that a point may have, with commas.
     """
@@ -55,6 +59,8 @@ def collect(
             )
         if campaign.is_dir():
             campaign /= "campaign.toml"
+        if out is not None:
+            campaign = _copied(campaign, out)
         file = campaign_file.read_campaign_file(campaign)
         for problem in campaign_file.example_problems(file):
             typer.echo(f"{campaign}: {problem}", err=True)
@@ -77,3 +83,35 @@ def collect(
         typer.echo(json.dumps(collection_report(collection), indent=1))
     if collection.unfinished():
         raise typer.Exit(FAILED)
+
+
+def _copied(campaign: Path, out: Path) -> Path:
+    """Copy a campaign.toml, its plan and lists of points; return the copy.
+
+    A copy that is there is what an earlier collection began with, and has to be equal.
+    """
+    from traverse.lab.artefacts.points import Points
+    from traverse.lab.campaign.campaign_file import CampaignFile
+    from traverse.strict_toml.reader import read_strict
+    from traverse.strict_toml.writing import write_atomically
+
+    lists = [
+        artefact.points_mm
+        for artefact in read_strict(campaign, CampaignFile).artefacts
+        if isinstance(artefact, Points) and isinstance(artefact.points_mm, str)
+    ]
+    names = [campaign.name, "plan.toml", *lists]
+    texts = {
+        name: text_of(campaign.parent / name)
+        for name in names
+        if (campaign.parent / name).is_file()
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        copy = out / name
+        if copy.exists() and text_of(copy) != text:
+            refuse(
+                f"{copy} differs from that of {campaign.parent}; name another folder"
+            )
+        write_atomically(copy, text)
+    return out / campaign.name

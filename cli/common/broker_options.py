@@ -62,5 +62,5 @@ def only_arm(broker: BrokerAddress, seconds: float) -> str:
     if len(arms) != 1:
         known_arms = f"there are {', '.join(arms)}" if arms else "there is none yet"
         status = REFUSED if arms else UNREACHABLE
-        end(status, f"which arm? {known_arms} on {broker}; name it with --arm")
+        end(status, f"which arm? {known_arms} on {broker}; name it with --arm-name")
     return arms[0]

@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import typer
+from typer.core import TyperCommand
 from typer.models import CommandFunctionType
+
+from traverse.cli.common.old_forms import as_now, sentence
 
 Json = Annotated[
     bool, typer.Option("--json", help="Report as JSON on standard output.")
@@ -27,6 +30,7 @@ HoldoutBy = Annotated[
     Literal["time", "artefact"],
     typer.Option(help="Keep aside groups of poses in time, or whole artefacts."),
 ]
+_SHORT = {"out": "-o", "config": "-c"}
 Command = Callable[..., None]
 _ENTRY = re.compile(r"^    (\w+): (.+(?:\n {8}.+)*)", re.MULTILINE)
 
@@ -36,14 +40,37 @@ def campaign_folder(path: Path | None) -> Path | None:
     return path.parent if path is not None and path.name == "campaign.toml" else path
 
 
+def words_of(ctx: Any) -> str:  # noqa: ANN401 - of typer's own click
+    """Return the words of a command behind the program's name."""
+    names = []
+    while ctx.parent is not None:
+        names.append(str(ctx.info_name))
+        ctx = ctx.parent
+    return " ".join(reversed(names))
+
+
+class MouldedCommand(TyperCommand):
+    """A command that takes old forms of its arguments, too."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - typer's own click
+        """Parse the arguments, in their new form."""
+        words = words_of(ctx)
+        new = as_now(words, args)
+        if new != args:
+            typer.echo(sentence(words, args, new), err=True)
+        return super().parse_args(ctx, new)
+
+
 class CommandGroup(typer.Typer):
     """Commands, registered as functions of which typer shows the docstrings.
 
     A parameter is an option where it can be given by its name only, else an argument;
     `Annotated` has what is more to say than its type and default. Its help is its entry
-    in the docstring's section `Args`. A bool that is False unless given has no opposite
-    (`--no-...`). A parameter of a dataclass stands for the options that are its fields,
-    with their help in the section `Attributes` of the class.
+    in the docstring's section `Args`. Options of one name are alike: `out` is also -o,
+    `config` -c, `arm` is --arm for a file and --arm-name for a name. A bool that is
+    False unless given has no opposite (`--no-...`). A parameter of a dataclass stands
+    for the options that are its fields, with their help in the section `Attributes` of
+    the class.
     """
 
     def __init__(self, name: str, **settings: Any) -> None:
@@ -53,6 +80,7 @@ class CommandGroup(typer.Typer):
         self, name: str | None = None, **settings: Any
     ) -> Callable[[CommandFunctionType], CommandFunctionType]:
         """Register a command; what is decorated stays as it is."""
+        settings.setdefault("cls", MouldedCommand)
         register = super().command(name, **settings)
 
         def decorated(command: CommandFunctionType) -> CommandFunctionType:
@@ -128,5 +156,9 @@ def _described(
         return parameter.replace(annotation=Annotated[kind, info])
     of_typer = typer.Option if is_option else typer.Argument
     flag = [f"--{name.replace('_', '-')}"] if kind is bool and not default else []
+    if is_option and name in _SHORT:
+        flag = [f"--{name}", _SHORT[name]]
+    elif is_option and name == "arm" and str in (kind, *get_args(kind)):
+        flag = ["--arm-name"]  # at a broker; --arm is a file
     given = ... if default is parameter.empty else default
     return parameter.replace(default=of_typer(given, *flag, help=entries.get(name)))

@@ -1,5 +1,6 @@
 """How commands refuse: exit status 2 and a sentence."""
 
+import errno
 import json
 import logging
 import os
@@ -92,6 +93,16 @@ def system_refusal(error: OSError) -> str:
     if isinstance(error, FileNotFoundError) and not path.parent.is_dir():
         return f"{path}: there is no folder {path.parent}; make it first"
     return f"{path}: {system_reason(error)}"
+
+
+def check_inputs(*paths: Path | None) -> None:
+    """Refuse files and folders that are not there, before any work; None is none."""
+    missing = [str(path) for path in paths if path is not None and not path.exists()]
+    if missing:
+        reason = system_reason(
+            FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+        )
+        refuse("; ".join(f"{path}: cannot be read: {reason}" for path in missing))
 
 
 def check_target(path: Path | None, *, force: bool) -> None:

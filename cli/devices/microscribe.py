@@ -91,7 +91,7 @@ def arm_file(
         f"{said.name}, {said.framing.name} at {said.baud_rate} baud",
         f"{out}: arm {arm.name} with {counted(len(arm.joints), 'joint')}",
         f"{config}: measure with",
-        f"    traverse run --config {config} --embedded-broker",
+        f"    traverse run {config} --embedded-broker",
     )
     print_report(report, lines, as_json=as_json)
 

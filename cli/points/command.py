@@ -39,7 +39,9 @@ ToOption = Annotated[
 DbOption = Annotated[Path | None, typer.Option("--db", help="The outbox's file.")]
 ConfigOption = Annotated[
     Path | None,
-    typer.Option("--config", help="The daemon's configuration, beside its state."),
+    typer.Option(
+        "--config", "-c", help="The daemon's configuration, beside its state."
+    ),
 ]
 
 

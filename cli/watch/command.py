@@ -28,7 +28,7 @@ def watch(
 ) -> None:
     """Follow an arm: a live display, or a line a message.
 
-    The display is of one arm: the one of --arm, or the only one on the broker; of
+    The display is of one arm: the one of --arm-name, or the only one on the broker; of
     several there are lines. Reconnects after an outage of the broker. Ends
     on Ctrl-C. Exit status 3: the broker could not be reached at the start.
 

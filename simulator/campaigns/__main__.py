@@ -1,41 +1,29 @@
-"""Make a campaign folder.
+"""Make a campaign folder, as before `traverse simulate campaign`: kept for one release.
 
 `python -m traverse.simulator.campaigns SPEC.toml --out DIR`
 """
 
+import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from traverse.kinematics.arm_file.arm import Arm
-from traverse.simulator.campaigns.command import run_command
-from traverse.simulator.campaigns.drawing import simulate_campaign
-from traverse.simulator.campaigns.spec import CampaignFile, spec_problems
-from traverse.simulator.campaigns.writing import write_campaign
-from traverse.strict_toml.reader import read_strict
+from traverse.simulator.campaigns.command import campaign_made
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    return run_command(
-        "python -m traverse.simulator.campaigns",
-        "Make a simulated identification campaign: campaign.toml and "
-        "poses.csv, arm.toml with the design values, and a folder truth.",
-        lambda spec: read_strict(spec, CampaignFile, spec_problems),
-        _made,
-        arguments,
-    )
-
-
-def _made(folder: Path, arm: Arm, file: CampaignFile, seed: int) -> list[str]:
-    simulated = simulate_campaign(arm, file, seed)
-    write_campaign(folder, simulated, arm)
-    campaign = simulated.campaign
-    touched = [f"{a.id} ({a.kind})" for a in campaign.artefacts]
-    return [
-        f"poses {campaign.n_poses}",
-        f"artefacts {len(touched)}: {', '.join(touched)}",
-        f"blunders {len(simulated.truth.blunders)}",
-    ]
+    """Run the command; say what it is called now."""
+    program = "python -m traverse.simulator.campaigns"
+    parser = argparse.ArgumentParser(prog=program)
+    parser.add_argument("spec", type=Path, help="specification, TOML")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write")
+    parser.add_argument("--seed", type=int, help="in place of the specification's")
+    given = parser.parse_args(arguments)
+    if given.seed is not None and given.seed < 0:
+        parser.error(f"--seed {given.seed} is negative; expected 0 or more")
+    now = f"{program}: is `traverse simulate campaign` from this release on"
+    print(now, file=sys.stderr)  # noqa: T201 - for people who type it
+    return campaign_made(given.spec, given.out, given.seed)
 
 
 if __name__ == "__main__":

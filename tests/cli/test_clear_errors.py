@@ -131,7 +131,7 @@ def test_a_busy_port_of_the_embedded_broker_is_named(folder: Path) -> None:
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = str(other.getsockname()[1])
-        words = ["run", "--config", "daemon.toml", "--embedded-broker"]
+        words = ["run", "daemon.toml", "--embedded-broker"]
         result = run_traverse(folder, *words, "--embedded-port", port, status=3)
     expected = f"cannot listen on 127.0.0.1:{port}: Address already in use"
     assert expected in result.stdout + result.stderr

@@ -57,7 +57,7 @@ def test_old_names_are_hidden_and_do_the_same() -> None:
     [
         ("demo", ("Exit status 3", "--for", "seconds", "--rate", "in Hz", "Ctrl-C")),
         ("run", ("Exit status 2", "3: a device or the broker", "SIGTERM", "TOML")),
-        ("simulate", ("Exit status 2", "SIGTERM", "TOML", "ready")),
+        ("simulate devices", ("Exit status 2", "SIGTERM", "TOML", "ready")),
         ("watch", ("Exit status 3", "--json", "Ctrl-C")),
         ("check", ("Exit status 2", "--json")),
     ],
@@ -66,7 +66,7 @@ def test_help_lists_units_and_exit_statuses(
     command: str, words: tuple[str, ...]
 ) -> None:
     for option in ("--help", "-h"):
-        status, text = said(command, option)
+        status, text = said(*command.split(), option)
         assert status == 0
         assert [word for word in words if word not in text] == []
 
@@ -80,6 +80,7 @@ def test_help_lists_units_and_exit_statuses(
         ("simulate",),
         ("check",),
         ("run", "--config"),
+        ("simulate", "devices"),
         ("demo", "--for", "0"),
         ("demo", "--rate", "10001"),
         ("watch", "--broker", "localhost:70000"),

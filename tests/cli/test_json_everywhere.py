@@ -30,7 +30,10 @@ from traverse.simulator.campaigns import (
 
 WITHOUT = {
     "run": "a service: what it does is its log, as JSON with --log-format json",
-    "simulate": "hardware: it prints which ports are ready, for whoever waits for them",
+    "simulate devices": "hardware: it prints which ports are ready, for who waits for them",
+    "simulate campaign": "files, of which it prints how many poses they have",
+    "simulate scan": "files, of which it prints how many samples they have",
+    "help": "text for people",
     "demo": "shown to people; `traverse watch --json` beside it follows its arm",
     "page": "a server for browsers",
     "store": "a service; what it stores is in a database",
@@ -164,7 +167,7 @@ async def test_a_recording_is_reported_in_one_document(
 ) -> None:
     name = f"arm-{uuid.uuid4().hex[:8]}"
     async with VirtualDaemon(name, mosquitto.host, mosquitto.port).running():
-        where = ("--arm", name, "--broker", f"{mosquitto.host}:{mosquitto.port}")
+        where = ("--arm-name", name, "--broker", f"{mosquitto.host}:{mosquitto.port}")
         words = ("record", "a", *where, "--seconds", "0.1", "--json")
         with Program(tmp_path, "record", *words) as recording:
             assert await recording.ended() == 0

@@ -66,7 +66,7 @@ def test_a_recording_without_steps_is_refused(tmp_path):
 
 
 def test_a_broker_that_is_not_there_and_a_wrong_name_are_reported():
-    words = ("record", "two words", "--arm", "a", "--broker", "ftp://x")
+    words = ("record", "two words", "--arm-name", "a", "--broker", "ftp://x")
     assert "expected host" in invoke(*words, status=2).output
 
 

@@ -32,7 +32,7 @@ _MICROSCRIBE = "tests/docs/test_old_microscribe.py"
 _VM = "deploy/vm/system.sh"
 ELSEWHERE: Final = {
     r"traverse microscribe arm-file --port /dev/ttyUSB0 ": _MICROSCRIBE,
-    r"traverse run --config traverse.toml --embedded-broker": _MICROSCRIBE,
+    r"traverse run traverse.toml --embedded-broker": _MICROSCRIBE,
     r"traverse diagnose ": "tests/cli/test_diagnose.py",
     r"traverse verify ": "tests/cli/test_verify.py",
     r"(traverse certify|openssl req) ": "tests/cli/test_certify.py",
@@ -40,9 +40,7 @@ ELSEWHERE: Final = {
     r"traverse (arm to-qif|export \S+ --to qif) ": "tests/cli/arm/test_qif.py",
     r"traverse trace ": "tests/lab/certificates/test_trace.py",
     r"traverse check limits.toml": "tests/cli/test_check.py",
-    r"python -m traverse\.simulator\.campaigns\.dense ": (
-        "tests/simulator/campaigns/test_poses.py"
-    ),
+    r"traverse simulate scan ": ("tests/simulator/campaigns/test_poses.py"),
     r"traverse align ": "tests/cli/test_align.py",
     r"traverse daily-check ": "tests/cli/test_daily_check.py",
     r"traverse points (list|export) ": "tests/cli/points/test_points.py",

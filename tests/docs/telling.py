@@ -1,7 +1,6 @@
 """Tutorials that show what their commands print: run, and compared with it."""
 
 import contextlib
-import io
 import re
 import shlex
 from pathlib import Path
@@ -10,7 +9,6 @@ import pytest
 
 from tests.docs.pages import text_of
 from tests.running import invoke, run_program
-from traverse.simulator.campaigns.__main__ import main as make_campaign
 
 END_S = 120.0
 # Of figures that are shown: other processors round sums otherwise.
@@ -52,11 +50,6 @@ def output_of(command: str, folder: Path, status: int = 0) -> str:
         if words[0] == "traverse":
             ran = invoke(*words[1:], status=status)
             return ran.stdout
-        if words[:3] == ["python", "-m", "traverse.simulator.campaigns"]:
-            said = io.StringIO()
-            with contextlib.redirect_stdout(said):
-                assert make_campaign(words[3:]) == 0, command
-            return said.getvalue()
         done = run_program("/bin/sh", "-c", command)
         return done.stdout
 

@@ -26,7 +26,7 @@ def test_an_arm_of_a_board_is_calibrated_as_told(tmp_path: Path) -> None:
     table = next(text for text in blocks(PAGE, "text") if text.startswith("name,"))
     (tmp_path / "arm.csv").write_text(table, "utf-8")
     for command, shown in printed_blocks(PAGE):
-        if "simulator.campaigns" in command:
+        if "simulate campaign" in command:
             whole = "cat design.toml magnet.toml > built.toml"
             assert f"$ {whole}" in (CHECKOUT / PAGE).read_text("utf-8")
             subprocess.run(["/bin/sh", "-c", whole], cwd=tmp_path, check=True)

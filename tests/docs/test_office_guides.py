@@ -180,9 +180,9 @@ async def _a_point_as_other_users(home: Path, port: int) -> None:
     point = watch.replace("traverse watch", "traverse point")
     with (
         Shell(
-            home, "board", _as_user(DAEMON, f"{run} simulate --config simulator.toml")
+            home, "board", _as_user(DAEMON, f"{run} simulate devices simulator.toml")
         ),
-        Shell(home, "arm", _as_user(DAEMON, f"{run} run --config daemon.toml")) as arm,
+        Shell(home, "arm", _as_user(DAEMON, f"{run} run daemon.toml")) as arm,
         Shell(person, "watch", _as_user(PERSON, watch)) as display,
     ):
         await display.says("ready")

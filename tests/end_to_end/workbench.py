@@ -153,7 +153,7 @@ class Workbench:
 
     def simulator(self, name: str = "simulator") -> Program:
         """Start the simulator; wait until it says "ready base"."""
-        return Program(self.folder, name, "simulate", "--config", "simulator.toml")
+        return Program(self.folder, name, "simulate", "devices", "simulator.toml")
 
     async def kill_simulator(self, simulator: Program) -> None:
         """Kill it; its link is removed first, as udev does.
@@ -165,7 +165,7 @@ class Workbench:
 
     def daemon(self, *options: str, name: str = "daemon") -> Program:
         """Start the daemon."""
-        return Program(self.folder, name, "run", "--config", "daemon.toml", *options)
+        return Program(self.folder, name, "run", "daemon.toml", *options)
 
     def truth(self) -> list[dict[str, Any]]:
         """Lines of the simulator's truth log: edges, then at the end a summary."""

@@ -126,12 +126,12 @@ _FILES: dict[str, dict[str, str]] = {
     },
     "replay run.mcap": {"replay/recording": "run.mcap"},
     "verify run.mcap --standard asme-b89.4.22": {"verify/recording": "run.mcap"},
-    "run --config daemon.toml": {
+    "run daemon.toml": {
         "run/configuration": "daemon.toml",
         "run/arm": "arm.toml",
     },
     "replay steps.mcap": {"replay/steps": "steps.mcap"},
-    "run --config identified.toml": {"run/covariance": "identified/arm.cov.npz"},
+    "run identified.toml": {"run/covariance": "identified/arm.cov.npz"},
     "check identified.toml": {"check/covariance": "identified/arm.cov.npz"},
     "align campaign --nominal campaign --method leapfrog --arm identified/arm.toml": {
         "align/covariance": "identified/arm.cov.npz"
@@ -172,7 +172,7 @@ _FILES: dict[str, dict[str, str]] = {
         "watch/authority": "page.pem"
     },
     f"watch {NOBODY} --username a --password-file token": {"watch/password": "token"},
-    "simulate --config simulator.toml": {"simulate/configuration": "simulator.toml"},
+    "simulate devices simulator.toml": {"simulate/configuration": "simulator.toml"},
 }
 # Name, the file that is damaged, the command.
 COMMANDS = {

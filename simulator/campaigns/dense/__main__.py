@@ -1,42 +1,29 @@
-"""Make a dense scan.
+"""Make a dense scan, as before `traverse simulate scan`: kept for one release.
 
 `python -m traverse.simulator.campaigns.dense SPEC.toml --out DIR`
 """
 
+import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
-from traverse.kinematics.arm_file.arm import Arm
-from traverse.simulator.campaigns.command import run_command
-from traverse.simulator.campaigns.dense.scan import NOTHING, simulate_scan
-from traverse.simulator.campaigns.dense.spec import DenseFile, dense_problems
-from traverse.simulator.campaigns.dense.writing import write_scan
-from traverse.strict_toml.reader import read_strict
+from traverse.simulator.campaigns.command import scan_made
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    return run_command(
-        "python -m traverse.simulator.campaigns.dense",
-        "Make a simulated dense scan: campaign.toml and scan.mcap, "
-        "arm.toml with the design values, truth/arm.toml with the true ones.",
-        lambda spec: read_strict(spec, DenseFile, dense_problems),
-        _made,
-        arguments,
-    )
-
-
-def _made(folder: Path, arm: Arm, file: DenseFile, seed: int) -> list[str]:
-    scan = simulate_scan(arm, file, seed)
-    write_scan(folder, scan, seed)
-    touching = int(np.count_nonzero(scan.touched != NOTHING))
-    names = ", ".join(f"{a.id} ({a.kind})" for a in scan.artefacts)
-    return [
-        f"samples {len(scan.touched)}, {touching} of them touching",
-        f"artefacts {len(scan.artefacts)}: {names}",
-    ]
+    """Run the command; say what it is called now."""
+    program = "python -m traverse.simulator.campaigns.dense"
+    parser = argparse.ArgumentParser(prog=program)
+    parser.add_argument("spec", type=Path, help="specification, TOML")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write")
+    parser.add_argument("--seed", type=int, help="in place of the specification's")
+    given = parser.parse_args(arguments)
+    if given.seed is not None and given.seed < 0:
+        parser.error(f"--seed {given.seed} is negative; expected 0 or more")
+    now = f"{program}: is `traverse simulate scan` from this release on"
+    print(now, file=sys.stderr)  # noqa: T201 - for people who type it
+    return scan_made(given.spec, given.out, given.seed)
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ def test_bad_options_are_refused_in_a_sentence(
     (tmp_path / "bad.json").write_text("[]")
     kind, *options = shlex.split(words)
     monkeypatch.chdir(tmp_path)
-    result = invoke("gateway", kind, "--arm", "bench-7", *options, status=2)
+    result = invoke("gateway", kind, "--arm-name", "bench-7", *options, status=2)
     assert expected in result.stderr
     assert len(result.stderr.splitlines()) == 1
 
@@ -71,10 +71,13 @@ def test_bad_options_are_refused_in_a_sentence(
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("--arm a/b", "arm name: 'a/b'; expected 1 to 64 characters without /"),
-        ("--arm a --prefix home/#", "--prefix home/#: expected a topic, without + and"),
-        ("--arm a --history no.db", "--history no.db: there is no such file"),
-        ("--arm a --history x.db", "x.db: is no history of checks"),
+        ("--arm-name a/b", "arm name: 'a/b'; expected 1 to 64 characters without /"),
+        (
+            "--arm-name a --prefix home/#",
+            "--prefix home/#: expected a topic, without + and",
+        ),
+        ("--arm-name a --history no.db", "--history no.db: there is no such file"),
+        ("--arm-name a --history x.db", "x.db: is no history of checks"),
     ],
 )
 def test_bad_options_for_home_assistant_are_refused_in_a_sentence(
@@ -98,7 +101,7 @@ async def test_an_arm_is_shown_in_home_assistant_and_taken_out(
     checked = "2026-11-23T06:10:00Z"
     figures = DailyCheckFigures(**dict.fromkeys(DailyCheckFigures.__annotations__, 0.0))
     add_check(tmp_path / "interim.db", Check(checked, virtual.arm, "", "", "", figures))
-    options = ("gateway", "home-assistant", "--arm", virtual.arm, *where)
+    options = ("gateway", "home-assistant", "--arm-name", virtual.arm, *where)
     seen: dict[str, str] = {}
 
     async def follow(client: aiomqtt.Client) -> None:
@@ -137,7 +140,7 @@ def test_keys_that_cannot_be_typed_are_refused_in_a_sentence(
     words: str, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
-    options = ("--arm", "bench-7", *shlex.split(words))
+    options = ("--arm-name", "bench-7", *shlex.split(words))
     result = invoke("gateway", "keys", *options, status=2)
     assert expected in result.stderr
     assert len(result.stderr.splitlines()) == 1
@@ -150,7 +153,7 @@ async def test_the_live_view_as_a_program(mosquitto: Mosquitto, tmp_path: Path) 
     virtual = VirtualDaemon(arm, mosquitto.host, mosquitto.port)
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        options = ("--arm", arm, "--broker", broker, "--listen", port)
+        options = ("--arm-name", arm, "--broker", broker, "--listen", port)
         result = run_traverse(tmp_path, "gateway", "live", *options, status=2)
     assert f"ws://127.0.0.1:{port}: " in result.stderr
     assert result.stderr.endswith("name another port\n")
@@ -173,7 +176,7 @@ async def test_the_live_view_as_a_program(mosquitto: Mosquitto, tmp_path: Path) 
 def test_a_port_that_is_taken_is_refused(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        words = (*LINES, "--arm", "bench-7", "--tcp", port)
+        words = (*LINES, "--arm-name", "bench-7", "--tcp", port)
         result = run_traverse(tmp_path, *words, status=2)
     assert (
         f"tcp 127.0.0.1:{port}: Address already in use; name another" in result.stderr
@@ -182,7 +185,7 @@ def test_a_port_that_is_taken_is_refused(tmp_path: Path) -> None:
 
 def test_a_broker_that_is_not_there_has_a_status_of_its_own(tmp_path: Path) -> None:
     options = ("--broker", f"127.0.0.1:{free_port()}", "--file", "lines.txt")
-    run_traverse(tmp_path, *LINES, "--arm", "bench-7", *options, status=3)
+    run_traverse(tmp_path, *LINES, "--arm-name", "bench-7", *options, status=3)
 
 
 @pytest.mark.needs("mosquitto")
@@ -195,7 +198,7 @@ async def test_no_point_is_lost_however_often_the_gateway_is_killed(
         f"arm-{uuid.uuid4().hex[:8]}", mosquitto.host, mosquitto.port
     )
     broker = f"{mosquitto.host}:{mosquitto.port}"
-    options = ("--arm", virtual.arm, "--broker", broker, "--file", "lines.txt")
+    options = ("--arm-name", virtual.arm, "--broker", broker, "--file", "lines.txt")
     chosen = ("--template", r"{seq} {ok}\n", "--cursor-file", "place.json")
     command = (*LINES, *options, *chosen, "--since", "session")
     path = tmp_path / "lines.txt"

@@ -144,8 +144,11 @@ def test_what_cannot_be_read_is_named_and_the_rest_is_written(path):
         (("export", "--db", "{path}", "--format", "xml"), "csv, jsonl"),
         (("export", "--db", "{path}", "--session", "never"), "no points of session"),
         (("export", "--db", "{path}", "--out", "/no/such/folder/x"), "make it first"),
-        (("resend", "s", "--arm", "a", "--from", "4", "--to", "3"), "below --from"),
-        (("resend", "s", "--arm", "a", "--broker", "ftp://x"), "ftp"),
+        (
+            ("resend", "s", "--arm-name", "a", "--from", "4", "--to", "3"),
+            "below --from",
+        ),
+        (("resend", "s", "--arm-name", "a", "--broker", "ftp://x"), "ftp"),
     ],
 )
 def test_refusals_say_why(path, words, said):
@@ -154,7 +157,7 @@ def test_refusals_say_why(path, words, said):
 
 
 def test_no_broker_is_status_3():
-    result = points("resend", "--arm", "a", "--broker", "127.0.0.1:9", status=3)
+    result = points("resend", "--arm-name", "a", "--broker", "127.0.0.1:9", status=3)
     assert "127.0.0.1:9" in result.stderr
 
 

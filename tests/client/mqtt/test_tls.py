@@ -227,8 +227,8 @@ async def test_the_follower_says_why_it_is_not_let_in(house: House) -> None:
 COMMANDS = (
     ("watch",),
     ("page",),
-    ("record", "new", "--arm", "bench-7"),
-    ("points", "resend", "--arm", "bench-7"),
+    ("record", "new", "--arm-name", "bench-7"),
+    ("points", "resend", "--arm-name", "bench-7"),
 )
 
 

@@ -21,7 +21,7 @@ async def traverse(
     """Exit status, output and errors of `traverse COMMAND` at the bench's broker."""
     where = ("--broker", f"{bench.host}:{bench.port}")
     if by_name:
-        where += ("--arm", bench.arm)
+        where += ("--arm-name", bench.arm)
     with Program(bench.folder, command[0], *command, *where) as program:
         status = await program.ended()
         return status, program.output.strip(), program.log.strip()

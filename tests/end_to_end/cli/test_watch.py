@@ -22,13 +22,13 @@ from traverse.protocol.messages import Point, PointArgs, Status
 
 def watch(bench: Workbench, *options: str) -> Program:
     """Follow the bench's arm."""
-    where = ("--broker", f"{bench.host}:{bench.port}", "--arm", bench.arm)
+    where = ("--broker", f"{bench.host}:{bench.port}", "--arm-name", bench.arm)
     return Program(bench.folder, "watch", "watch", *where, *options)
 
 
 def watched_by_head(bench: Workbench) -> tuple[str, str]:
     """Output and errors of a pipeline whose second program takes one line."""
-    where = ("--broker", f"{bench.host}:{bench.port}", "--arm", bench.arm)
+    where = ("--broker", f"{bench.host}:{bench.port}", "--arm-name", bench.arm)
     command = shlex.join((sys.executable, "-m", "traverse", "watch", *where))
     ended = run_program("sh", "-c", f"{command} | head -n 1")
     return ended.stdout, ended.stderr
@@ -70,7 +70,7 @@ async def test_an_arm_that_is_not_there_is_reported_and_waited_for(
     resting: Workbench,
 ) -> None:
     other = VirtualDaemon(f"{resting.arm}-other", resting.host, resting.port)
-    where = ("--broker", f"{resting.host}:{resting.port}", "--arm", resting.arm)
+    where = ("--broker", f"{resting.host}:{resting.port}", "--arm-name", resting.arm)
     words = (*where, "--port", str(free_port()))
     async with other.running():
         with (
@@ -115,7 +115,15 @@ async def test_it_ends_when_nobody_reads_its_lines_any_more(
 @pytest.mark.needs("mosquitto")
 async def test_on_a_terminal_it_is_a_display(resting: Workbench) -> None:
     where = ("--broker", f"{resting.host}:{resting.port}")
-    command = [sys.executable, "-m", "traverse", "watch", *where, "--arm", resting.arm]
+    command = [
+        sys.executable,
+        "-m",
+        "traverse",
+        "watch",
+        *where,
+        "--arm-name",
+        resting.arm,
+    ]
     ours, theirs = os.openpty()
     said = b""
     async with measuring(resting) as (listener, _, _):

@@ -61,7 +61,7 @@ async def test_a_broker_that_forgets_and_a_consumer_that_comes_late(
             (session,) = answer.result["sessions"]
             name = session["session"]
             assert (session["first_seq"], session["last_seq"]) == (0, 7)
-            words = ("points", "resend", name, "--arm", resting.arm, "--from", "2")
+            words = ("points", "resend", name, "--arm-name", resting.arm, "--from", "2")
             address = f"{resting.host}:{resting.port}"
             with Program(
                 resting.folder, "resend", *words, "--broker", address, "--json"

@@ -114,7 +114,7 @@ async def measured(
             )
             text = text.replace("baud_rate", f"{option}\nbaud_rate")
             written.write_text(text, "utf-8")
-            with Program(folder, "daemon", "run", "--config", "traverse.toml") as d:
+            with Program(folder, "daemon", "run", "traverse.toml") as d:
                 # Only its owner can confirm that it was in its home position.
                 await listener.ready()
                 await listener.event("device.turns_uncertain", active=True)

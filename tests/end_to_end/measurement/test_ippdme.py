@@ -23,7 +23,7 @@ async def test_touches_of_a_sphere_reach_the_client(
     bench.write_simulator(SPHERE.format(points=400))
     bench.write_daemon()
     broker = f"{mosquitto.host}:{mosquitto.port}"
-    serve = ("gateway", "ippdme", "--arm", bench.arm, "--broker", broker)
+    serve = ("gateway", "ippdme", "--arm-name", bench.arm, "--broker", broker)
     with bench.simulator() as simulator:
         await simulator.says("ready base")
         with (

@@ -58,7 +58,7 @@ Wants=sys-subsystem-net-devices-vcan0.device
 [Service]
 DynamicUser=yes
 WorkingDirectory={SIMULATED}
-ExecStart=/usr/bin/traverse simulate --config simulator.toml
+ExecStart=/usr/bin/traverse simulate devices simulator.toml
 
 [Install]
 WantedBy=multi-user.target
