@@ -30,7 +30,7 @@ from traverse.simulator.campaigns import (
 
 WITHOUT = {
     "run": "a service: what it does is its log, as JSON with --log-format json",
-    "simulate devices": "hardware: it prints which ports are ready, for who waits for them",
+    "simulate devices": "hardware: it prints which ports are ready, for programs",
     "simulate campaign": "files, of which it prints how many poses they have",
     "simulate scan": "files, of which it prints how many samples they have",
     "help": "text for people",
