@@ -1,7 +1,7 @@
-"""Driver of a recording: what a device delivered then, at the same pace, now.
+"""Driver of a recording: replays a device's deliveries at their pace.
 
-Times are moved to the present, and stretched where the speed is not 1; nothing else is
-changed. A latch cannot be requested: points on command are made from the stream.
+Times are moved to the present, and stretched if the speed is not 1. A latch cannot be
+requested: points on command are made from the stream.
 """
 
 import time
@@ -34,7 +34,7 @@ LOOK_S = 0.05
 class ReplayOptions(DriverOptions):
     """Options of the driver `replay`.
 
-    Without ``source`` the device has the same id in the recording of a daemon.
+    Without ``source`` the device has the same id in the recording.
     """
 
     file: str = Field(min_length=1)
@@ -67,7 +67,7 @@ class ReplayDriver(Driver):
         self._is_asked = False
 
     def request_stream(self, rate_hz: float) -> None:
-        """Report again which stream runs: the rate is that of the recording."""
+        """Report the stream again: the rate is that of the recording."""
         self._is_asked = True
 
     def _connect(self) -> None:
@@ -110,7 +110,7 @@ class ReplayDriver(Driver):
             self._reader = None
 
     def _deliveries(self) -> Iterator[tuple[int, Delivery]]:
-        """Deliveries of the device, in order, with the instants at which it did."""
+        """Yield deliveries of the device with their recorded instants."""
         is_first = True
         for entry in self._reader or ():
             kind, _, rest = entry.topic.partition("/")
@@ -126,7 +126,6 @@ class ReplayDriver(Driver):
                             yield _at_ns(table), delivery_from_map(device)
 
     def _wait(self, at_ns: int) -> bool:
-        """Wait until a recorded moment; False where the driver is to end."""
         if self._began is None:
             self._began = at_ns, self._now_ns()
         while not self._stopping:

@@ -1,9 +1,8 @@
 """Driver of Same Sky (CUI) AMT21 encoders on one RS-485 line.
 
-Each encoder is polled in turn; a reading belongs to the middle of its exchange. What an
-encoder does between request and reply is not specified more precisely: that it latches
-when the request arrives is general knowledge, and not confirmed, as is that the turns
-of a multi-turn encoder change where its position passes 0.
+Each encoder is polled in turn; a reading belongs to the middle of its exchange. That an
+encoder latches when the request arrives, and that the turns of a multi-turn encoder
+change where its position passes 0, is general knowledge and not confirmed.
 """
 
 from collections.abc import Sequence
@@ -153,14 +152,14 @@ class Amt21Driver(PolledDriver[Amt21Line]):
         return EncoderReading(count, position.time_ns)
 
     def _turns_are_due(self, channel: int, last_ns: int) -> bool:
-        """Long ago, or the shaft may have made half a turn unseen."""
+        """Return whether the shaft may have made half a turn since the last reading."""
         now_ns = self._now_ns()
         half_turn_ns = 3.14 / self.options.max_speed_rad_s * 1e9
         checked_ns = self._turns_checked_ns[channel]
         return now_ns - checked_ns > TURNS_CHECK_NS or now_ns - last_ns > half_turn_ns
 
     def _nearest(self, known: PolledChannel, position: int) -> int:
-        """The count with this position that is nearest to the last one."""
+        """Return the count with this position nearest to the last one."""
         turn = 1 << self._bits
         step = (position - known.count + turn // 2) % turn - turn // 2
         return (known.count + step) % known.modulus

@@ -1,8 +1,8 @@
-"""An RS-485 line with AMT21 encoders: one request, one reply, then the next.
+"""An RS-485 line with AMT21 encoders: one request, one reply at a time.
 
-A reply carries no address. So whenever the line was not as quiet as it should be, it is
-given time to become quiet, and the reader learns that replies may have been shifted
-from one encoder to the next.
+A reply carries no address. After unexpected bytes the line is therefore given time to
+become quiet, and the reader learns that replies may have been shifted from one encoder
+to the next.
 """
 
 from collections.abc import Callable, Sequence
@@ -45,13 +45,13 @@ class Amt21Line:
     Args:
         port: open port; closed by its owner.
         monotonic_ns: the host's clock.
-        timeout_s: within which an encoder answers through this adapter; half of it is
-            the most by which the time of an answer may be off.
-        echoed: the adapter echoes what is sent; see `find_echo`.
+        timeout_s: for an answer through this adapter; half of it bounds the error of
+            an answer's time.
+        echoed: the adapter echoes requests; see `find_echo`.
 
     Attributes:
-        exchange_ns: how long an exchange takes, on average.
-        longest_ns: the longest so far.
+        exchange_ns: mean duration of an exchange.
+        longest_ns: longest exchange so far.
         unrequested_bytes: unexpected bytes, late replies among them.
     """
 
@@ -74,7 +74,6 @@ class Amt21Line:
         self._missed = False
 
     def close_port(self) -> None:
-        """Close the port."""
         self._port.close()
 
     def find_echo(self, addresses: Sequence[int]) -> None:
@@ -138,7 +137,7 @@ class Amt21Line:
         return EncoderReading(reply.value, (sent_ns + received_ns) // 2)
 
     def command(self, request: bytes) -> None:
-        """Send what has no reply, and discard what is received."""
+        """Send a command without reply, and discard input."""
         self._port.write(request)
         self._until_quiet(self._timeout_ns)
 
@@ -165,7 +164,7 @@ class Amt21Line:
         return SHORT if reply.begun else SILENT
 
     def _clear(self, quiet_ns: int) -> None:
-        """Discard unexpected bytes, if there are any."""
+        """Discard unexpected bytes."""
         if self._port.wait(0.0):
             self._count_unrequested(len(self._port.read()), quiet_ns)
 
@@ -187,7 +186,7 @@ class Amt21Line:
         return heard
 
     def _usual_ns(self) -> int:
-        """A time within which most replies arrive; the time-out until that is known."""
+        """Return a time within which most replies arrive; at first the time-out."""
         if not self.exchange_ns:
             return self._timeout_ns
         return min(self._timeout_ns, round(4 * self.exchange_ns) + 1_000_000)

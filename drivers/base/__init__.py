@@ -1,1 +1,1 @@
-"""Base of all drivers: the reader thread, delivered values, the delivery queue."""
+"""Base of all drivers: reader thread, delivered values, delivery queue."""

@@ -1,4 +1,4 @@
-"""Alarms of a device, delivered when they begin and when they end."""
+"""Alarms of a device, delivered at begin and end."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,7 +9,7 @@ from traverse.drivers.base.values import DeviceAlarm
 class Alarms:
     """Raised alarms, by channel (None: the whole device) and code.
 
-    An alarm that finds no room is delivered by the next call that repeats it.
+    An alarm without room is delivered by the next call that repeats it.
     """
 
     def __init__(self, device: str, put: Callable[[DeviceAlarm], bool]) -> None:
@@ -17,13 +17,13 @@ class Alarms:
         self._raised: dict[tuple[int | None, str], DeviceAlarm] = {}
 
     def is_raised(self, channel: int | None, code: str) -> bool:
-        """Whether an alarm has been delivered and has not ended."""
+        """Return whether an alarm was delivered and lasts."""
         return (channel, code) in self._raised
 
     def begin(
         self, channel: int | None, code: str, text: str, remedy: str, value: int = 0
     ) -> None:
-        """Raise an alarm; one that is raised is reported again with a new text."""
+        """Raise an alarm; a raised one is reported again with a new text."""
         alarm = DeviceAlarm(self._device, channel, True, code, text, value, remedy)
         if self._raised.get((channel, code)) != alarm and self._put(alarm):
             self._raised[channel, code] = alarm

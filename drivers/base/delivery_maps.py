@@ -1,4 +1,4 @@
-"""Deliveries as maps of plain values and arrays, and back: for recordings."""
+"""Conversion of deliveries to maps of plain values and arrays, for recordings."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -45,16 +45,15 @@ _ARRAYS: dict[str, tuple[str, int]] = {
     "status": ("uint8", 2),
     "skew_ns": ("int32", 2),
 }
-"""Of samples: dtype and number of dimensions."""
+"""Dtype and number of dimensions of samples' arrays."""
 
 
 def delivery_kind(delivery: Delivery) -> str:
-    """The name of its kind."""
+    """Return the name of its kind."""
     return _NAMES[type(delivery)]
 
 
 def delivery_to_map(delivery: Delivery) -> dict[str, object]:
-    """A delivery as a map, with its device and kind."""
     table: dict[str, object] = {"kind": delivery_kind(delivery)}
     for name in _FIELDS[type(delivery)]:
         value = getattr(delivery, name)
@@ -65,7 +64,7 @@ def delivery_to_map(delivery: Delivery) -> dict[str, object]:
 
 
 def delivery_from_map(table: Mapping[str, Any]) -> Delivery:
-    """The delivery of a map; unknown keys are ignored.
+    """Read a delivery from a map; unknown keys are ignored.
 
     Raises:
         ValueError: it is not one.

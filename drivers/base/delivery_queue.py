@@ -1,15 +1,13 @@
-"""The one queue from a reader thread to the event loop: bounded, values only.
+"""The bounded queue from a reader thread to the event loop.
 
-Timed samples are counted and dropped when the loop does not keep up; edges are
-refused instead (the device keeps them and sends again); everything else is rare
-and small, and is counted when it is dropped. Changes of state, which nothing repeats,
-have some room of their own.
+If the loop does not keep up, timed samples are dropped and counted; edges are refused
+(the device repeats them); other deliveries are rare and small, and counted when
+dropped. Changes of state, which nothing repeats, have room of their own.
 
-Waking the loop costs more than a sample does. So timed samples are collected, in the
-driver or here, and wake it at most once in four fifths of `batch_window_ns`. An edge,
-or anything else, wakes it at once, unless a wake-up is pending: then it takes all there
-is. Edges that arrive faster than hands can press are taken at most once in
-`EDGE_INTERVAL_NS`, several together.
+Waking the loop costs more than a sample. Timed samples are collected, in the driver or
+here, and wake it at most once in four fifths of `batch_window_ns`. Edges and other
+deliveries wake it at once, unless a wake-up is pending. Edges faster than hands can
+press are taken at most once in `EDGE_INTERVAL_NS`.
 """
 
 import asyncio
@@ -37,14 +35,14 @@ RESERVED_FOR_STATES = 64
 class DeliveryQueue:
     """A bounded queue with one producing thread and one consuming event loop.
 
-    ``max_others`` bounds the deliveries of every kind but timed samples.
+    ``max_others`` bounds all deliveries but timed samples.
 
     Attributes:
-        batch_window_ns: timed samples are collected so long; the consumer sets it.
-        taken: how often the consumer has taken what waited.
-        waiting_samples: timed samples that wait now.
+        batch_window_ns: collection time of samples; set by the consumer.
+        taken: number of takes by the consumer.
+        waiting_samples: timed samples that wait.
         dropped_samples: timed samples dropped because the loop did not keep up.
-        dropped_others: reports dropped for the same reason; never latches.
+        dropped_others: reports dropped likewise; never latches.
     """
 
     def __init__(
@@ -75,11 +73,11 @@ class DeliveryQueue:
 
     @property
     def is_due(self) -> bool:
-        """Whether the consumer has been woken and has not taken anything since."""
+        """Whether the consumer was woken and has not taken anything since."""
         return self._filled.is_set()
 
     def put(self, delivery: Delivery) -> bool:
-        """Hand over from the reader thread; False if there was no room."""
+        """Append a delivery from the reader thread; False if there is no room."""
         with self._lock:
             if isinstance(delivery, CountSamples):
                 size = len(delivery.seq)
@@ -107,9 +105,9 @@ class DeliveryQueue:
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:
-        """What is put within the block wakes the loop at its end.
+        """Wake the loop at the end of the block.
 
-        A loop that is woken earlier waits for the interpreter, and disturbs the block.
+        Woken earlier, it would compete for the interpreter.
         """
         self._gathers = True
         try:
@@ -130,7 +128,7 @@ class DeliveryQueue:
 
     @contextlib.contextmanager
     def notifying(self, on_filled: Callable[[], None]) -> Iterator[None]:
-        """Within the block, call a function that takes what waits, when it is time."""
+        """Call a function when waiting deliveries should be taken, within the block."""
         self._on_filled = on_filled
         if self.is_due:
             on_filled()
@@ -151,16 +149,16 @@ class DeliveryQueue:
         self._on_filled()
 
     async def take(self) -> list[Delivery]:
-        """All that waits, in order; waits until there is something."""
+        """Wait for deliveries and take all, in order."""
         await self._filled.wait()
         return self.take_waiting()
 
     def take_waiting(self) -> list[Delivery]:
-        """All that waits, in order.
+        """Take all waiting deliveries, in order.
 
-        Consecutive samples of one stream arrive as one block, after a stall
-        as some: what is computed of a block takes a hundred times its memory, and what
-        was needed once is never fully released.
+        Consecutive samples of one stream are joined into a block, after a stall into
+        several: computing a block takes a hundred times its memory, which is never
+        fully released.
         """
         self.taken += 1
         with self._lock:
@@ -176,7 +174,7 @@ class DeliveryQueue:
 
 
 def _joined(taken: Iterable[Delivery]) -> Iterator[Delivery]:
-    """The same, with samples of a stream that follow one another together."""
+    """Join consecutive samples of a stream."""
     run: list[CountSamples] = []
     n = 0
     for delivery in taken:
@@ -196,5 +194,5 @@ def _joined(taken: Iterable[Delivery]) -> Iterator[Delivery]:
 
 
 def _stream(delivery: Delivery) -> int:
-    """The stream of samples, which begins at 1; 0 for everything else."""
+    """Return the stream of samples, from 1; 0 for other deliveries."""
     return delivery.stream if isinstance(delivery, CountSamples) else 0

@@ -1,9 +1,8 @@
 """Base class of drivers: a reader thread that connects, serves, and reconnects.
 
-A driver overrides three methods that run in its thread: `_connect`, `_serve` and
-`_disconnect`. Requests from the service are noted and executed by the same
-thread, so that one thread alone ever touches the port. Any failure in the
-thread reaches the consumer as a `DeviceLost`.
+A driver overrides `_connect`, `_serve` and `_disconnect`, which run in its thread.
+Requests of the service are executed by the same thread, so that only one touches the
+port. Any failure in the thread reaches the consumer as a `DeviceLost`.
 """
 
 import contextlib
@@ -41,19 +40,15 @@ CLOSE_S = 10.0
 
 
 class DriverOptions(StrictModel):
-    """Options of one driver: flat keys, with units in their names and with bounds.
-
-    Each driver has a child of it, which is validated here once, and is frozen.
-    """
+    """Options of one driver: flat keys with units and bounds, validated and frozen."""
 
     @property
     def where(self) -> str:
-        """Port or bus, for messages; a child without ``port`` overrides it."""
         return str(getattr(self, "port", ""))
 
 
 class Driver(ABC):
-    """A device being read. Use as a context manager, or `start` and `close`."""
+    """A device being read; a context manager, or `start` and `close`."""
 
     options_class: ClassVar[type[DriverOptions]]
 
@@ -87,7 +82,6 @@ class Driver(ABC):
         self._prepare()
 
     def start(self) -> None:
-        """Begin to connect; the outcome is delivered, as is everything later."""
         self.thread.start()
 
     def close(self) -> None:
@@ -119,16 +113,16 @@ class Driver(ABC):
         self.close()
 
     def request_stream(self, rate_hz: float) -> None:
-        """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
+        """Stream timed samples at ``rate_hz``; 0 stops the stream."""
         self._rate_hz = rate_hz  # first: the thread reads it when it reads the number
         self._streams_requested += 1
         self._wake()
 
     def request_latch(self) -> int:
-        """Latch once, now; the returned token is repeated in `LatchedCounts`.
+        """Latch once; the returned token is repeated in `LatchedCounts`.
 
         Raises:
-            DeviceError: it cannot, or too many requests are waiting already.
+            DeviceError: it cannot, or too many requests are waiting.
         """
         raise DeviceError(
             f"{self.device} cannot latch at a moment of its own; it is only read "
@@ -140,7 +134,7 @@ class Driver(ABC):
         """Acknowledge the edge ``token`` to the device."""
 
     def _prepare(self) -> None:  # noqa: B027 - some have no state of their own
-        """Begin with the state of this kind of driver; called by the constructor."""
+        """Create the state of this driver; called by the constructor."""
 
     @abstractmethod
     def _connect(self) -> None:
@@ -163,7 +157,6 @@ class Driver(ABC):
                     os.write(self._wake_write, b"\0")
 
     def _report_counters(self) -> None:
-        """Report the counters regularly; called at every turn of `_serve`."""
         self.heartbeat.beat()
         now_ns = self._now_ns()
         if now_ns < self._counters_due_ns:
@@ -178,7 +171,7 @@ class Driver(ABC):
         self._delivery_queue.put(DeviceFault(self.device, code, text, remedy, count))
 
     def _deliver_state(self, state: DeviceUp | StreamStarted) -> None:
-        """Deliver what the consumer must not miss.
+        """Deliver a change of state that the consumer must not miss.
 
         Raises:
             DeviceError: there was no room; a new connection reports it again.
@@ -200,11 +193,10 @@ class Driver(ABC):
         """Report the next stream, no faster than the device; return its rate.
 
         Args:
-            requested_hz: the rate that was requested.
-            reached_hz: the largest possible one.
-            remedy: where it is too small.
-            possible_hz: the rate instead of the requested one, of a device that
-                cannot be read at any rate.
+            requested_hz: requested rate.
+            reached_hz: largest possible rate.
+            remedy: for a rate that is too small.
+            possible_hz: rate of a device that cannot stream at any rate.
         """
         rate_hz = requested_hz if possible_hz is None else possible_hz
         if requested_hz > reached_hz * (1.0 + RATE_TOLERANCE):

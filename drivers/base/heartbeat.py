@@ -1,7 +1,7 @@
-"""A thread's heartbeat, which another thread watches.
+"""Heartbeats of threads.
 
-A thread that works calls `beat` at every turn of its loop; one that has nothing to do
-by design calls `idle` first. Without a beat for longer than allowed it is stuck.
+A working thread calls `beat` at every turn of its loop, and `idle` before it waits by
+design. Without a beat for longer than allowed it is stuck.
 """
 
 import time
@@ -19,15 +19,15 @@ class Heartbeat:
         self._last_beat: tuple[int, int] | None = None
 
     def beat(self, allowed_s: float = 0.0) -> None:
-        """The thread continues; the next step may take ``allowed_s``."""
+        """Note progress; the next step may take ``allowed_s``."""
         self._last_beat = self._now_ns(), int(allowed_s * 1e9)
 
     def idle(self) -> None:
-        """The thread waits for work, or has ended in order."""
+        """Note that the thread waits for work, or has ended in order."""
         self._last_beat = None
 
     def overdue_s(self, limit_s: float) -> float | None:
-        """For how long it has been silent, if that is longer than it may be [s]."""
+        """Return for how long it has been silent, if longer than allowed [s]."""
         beaten = self._last_beat
         if beaten is None:
             return None

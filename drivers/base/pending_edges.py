@@ -10,10 +10,7 @@ MAX_WAITING = 64
 
 
 class PendingEdges:
-    """Edges that wait until there is room for them; nobody else keeps them.
-
-    Where too many wait the oldest is lost.
-    """
+    """Edges that wait for room; the oldest is dropped beyond the bound."""
 
     def __init__(
         self,
@@ -44,7 +41,7 @@ class PendingEdges:
             self._lost += 1
 
     def hand_over(self) -> None:
-        """Deliver what waits as far as there is room, then report what was lost."""
+        """Deliver waiting edges as far as there is room, then report losses."""
         # In order of time; inputs settle one after the other, and not by their times.
         for latch in sorted(self._waiting, key=lambda waiting: waiting.sample_time_ns):
             if not self._put(latch):

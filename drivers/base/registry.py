@@ -1,4 +1,4 @@
-"""Which driver serves which name in a configuration; loaded on demand.
+"""Drivers by name in the configuration; loaded on demand.
 
 A new driver is a file with a child of `Driver` and its options, and an entry here.
 """
@@ -27,15 +27,15 @@ EXTRAS = {"canopen": "can", "modbus": "modbus", "gpio": "gpio"}
 
 
 class DriverUnavailableError(Exception):
-    """A library that the driver needs is not installed; the text says how."""
+    """A library that the driver needs is not installed; states how to install it."""
 
 
 def driver_class(name: str) -> type[Driver]:
-    """The class behind ``name``.
+    """Import the class of a driver.
 
     Raises:
         KeyError: there is no such driver.
-        DriverUnavailableError: it needs what is not installed.
+        DriverUnavailableError: a library is not installed.
     """
     module, _, attribute = DRIVERS[name].partition(":")
     try:

@@ -1,4 +1,4 @@
-"""Values that a driver delivers: one frozen class for each kind of event."""
+"""Deliveries of a driver: one frozen class for each kind."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,7 +19,7 @@ A driver does not set `STATUS_INTERPOLATED`, nor any bit that is not listed here
 
 
 def are_valid(status: NDArray[np.uint8]) -> Booleans:
-    """Which readings are counts at all."""
+    """Return which readings are valid counts."""
     return np.asarray((status & (STATUS_ERROR | STATUS_MISSING)) == 0)
 
 
@@ -29,20 +29,19 @@ class Identity:
 
     Attributes:
         name: model and serial number, for people.
-        moduli_counts: per channel, where its count wraps to 0.
-        inputs: how many digital inputs it has.
+        moduli_counts: by channel, where its count wraps to 0.
+        inputs: number of digital inputs.
         max_rate_hz: the fastest timed stream; 0 for none.
         latches: it latches all channels at one instant, at its edges and on request;
-            False for one whose points have to be interpolated out of its stream.
-        counts_per_turn: per channel, as the device reports; None or left out
-            where it does not. It must agree with the arm file.
-        jitter_ns: how far the instant of a reading may be off, as the driver states.
-        absolute: whether its counts are right again after a loss of power; None: it
-            depends on the encoders, which it does not know.
-        boot: another text after each loss of power; empty where unknown.
-        serials: by channel, or one for all of them, the numbers that no other device
-            has; an empty text where one was not reported, no texts for a device that
-            has none.
+            otherwise points are interpolated.
+        counts_per_turn: by channel, as the device reports; None or left out if it
+            does not. It must agree with the arm file.
+        jitter_ns: error of the instant of a reading, as the driver states.
+        absolute: its counts are right again after a loss of power; None: that depends
+            on unknown encoders.
+        boot: changes with each loss of power; empty if unknown.
+        serials: unique numbers by channel, or one for all; empty texts where not
+            reported.
     """
 
     name: str
@@ -69,15 +68,15 @@ class CountSamples:
         device_ticks: (n,) int64, the device's counter, unwrapped.
         received_ns: host monotonic time right after the read.
         sample_time_ns: (n,) int64, host monotonic time of the latch.
-        inputs: (n,) uint8, bit i set where input i is active.
+        inputs: (n,) uint8, bit i set if input i is active.
         counts: (n, n_channels) uint32.
         status: (n, n_channels) uint8, bits ``STATUS_*``.
-        skew_ns: (n, n_channels) int32, when each channel was read, counted from
-            ``sample_time_ns``; None where all were latched at that instant.
-        fractions: (n, n_channels), to be added to ``counts``; None for 0. Only what
-            has been interpolated has them, never what a driver delivers.
-        time_bound_ns: how far their times may be off, as the device's clock is known
-            now; 0: as `Identity.jitter_ns` states.
+        skew_ns: (n, n_channels) int32, time of each channel's reading after
+            ``sample_time_ns``; None if all were latched at that instant.
+        fractions: (n, n_channels), to be added to ``counts``; None for 0. Only
+            interpolated samples have them.
+        time_bound_ns: error of the times by the present state of the device's clock;
+            0: as `Identity.jitter_ns` states.
     """
 
     device: str
@@ -95,7 +94,7 @@ class CountSamples:
 
     @classmethod
     def joined(cls, blocks: Sequence["CountSamples"]) -> "CountSamples":
-        """Blocks of one stream that follow one another; received as the last."""
+        """Concatenate successive blocks of one stream, received as the last."""
         if len(blocks) == 1:
             return blocks[0]
         last = blocks[-1]
@@ -109,7 +108,6 @@ class CountSamples:
         return replace(joined, time_bound_ns=bound_ns) if bound_ns else joined
 
     def rows(self, which: slice | Booleans) -> "CountSamples":
-        """Some of the samples."""
         arrays: list[Any] = [None if a is None else a[which] for a in _arrays(self)]
         seq, ticks, *others = arrays
         chosen = CountSamples(
@@ -130,11 +128,11 @@ class PolledSample:
     """Counts of all channels, read one after the other or in one packet.
 
     Attributes:
-        ticks: the device's timer, unwrapped; the time again where it has none.
+        ticks: the device's timer, unwrapped; the time again if it has none.
         inputs: levels as bits.
         status: by channel, bits ``STATUS_*``; if missing, the last count is repeated.
         skew_ns: by channel, from ``time_ns`` to its reading; None: all at one instant.
-        time_bound_ns: how far ``time_ns`` may be off; 0: as the identity states.
+        time_bound_ns: error of ``time_ns``; 0: as the identity states.
     """
 
     time_ns: int
@@ -148,7 +146,7 @@ class PolledSample:
 
     @property
     def complete(self) -> bool:
-        """Every count is one to be believed."""
+        """Whether every count is valid."""
         return not any(self.status)
 
 
@@ -157,13 +155,13 @@ class LatchedCounts:
     """An input's edge, or one sample taken on request.
 
     Attributes:
-        input: number of the input, or None where a request caused it.
+        input: number of the input, or None for a request.
         active: the new level of the input.
-        token: what `Driver.request_latch` returned, or the edge's own number.
+        token: of `Driver.request_latch`, or the edge's own number.
         counts: of all channels, latched at ``sample_time_ns``; empty for a device that
             has none, or cannot latch them (see `Identity.latches`).
         status: of each channel, bits ``STATUS_*``; as long as ``counts``.
-        time_bound_ns: how far ``sample_time_ns`` may be off; 0: as the identity states.
+        time_bound_ns: error of ``sample_time_ns``; 0: as the identity states.
     """
 
     device: str
@@ -183,8 +181,7 @@ class StreamStarted:
     """A stream runs at ``rate_hz``; its samples carry ``stream``.
 
     Attributes:
-        requested_hz: the rate that was requested, where the device cannot stream at
-            just that one; 0 where it does.
+        requested_hz: the requested rate if the device cannot stream at it; else 0.
     """
 
     device: str
@@ -216,8 +213,8 @@ class DeviceAlarm:
     """A condition of the device begins (``raised``) or ends.
 
     Attributes:
-        channel: which it concerns; None for the whole device.
-        code: number or word, letters, digits and ``_``; its event is ``alarm.<code>``.
+        channel: concerned; None for the whole device.
+        code: letters, digits and ``_``; its event is ``alarm.<code>``.
         value: the device's value with it, 0 for none.
         remedy: what to do about it.
     """
@@ -244,7 +241,7 @@ class DeviceFault:
 
 @dataclass(frozen=True, slots=True)
 class DeviceTemperatures:
-    """Celsius by sensor; None where there is none."""
+    """Temperatures in Celsius by sensor; None where there is none."""
 
     device: str
     values_c: tuple[float | None, ...]
@@ -252,13 +249,13 @@ class DeviceTemperatures:
 
 @dataclass(frozen=True, slots=True)
 class DeviceClockState:
-    """How the device's clock runs, reported when it is learned and when that changes.
+    """State of the device's clock, reported at first and on changes.
 
     Attributes:
-        is_certain: times can be relied on within ``bound_ns``.
+        is_certain: times are within ``bound_ns``.
         rate_error: by how much it runs fast; 1e-3 are 0.1 %.
-        bound_ns: how far times may be off.
-        steps: how often it has jumped or stood still.
+        bound_ns: error of times.
+        steps: how often it jumped or stood still.
     """
 
     device: str
@@ -291,7 +288,7 @@ Delivery = (
 
 
 class DeviceError(Exception):
-    """A device failed; the text states what was expected and what to do."""
+    """A device failed; states what was expected and what to do."""
 
     def __init__(self, text: str, remedy: str) -> None:
         super().__init__(text)
@@ -299,8 +296,8 @@ class DeviceError(Exception):
 
 
 class DeviceNotFoundError(DeviceError):
-    """There is no such port, or it may not be opened: check cable and rights."""
+    """The port is missing or not permitted: check cable and rights."""
 
 
 class DeviceRefusedError(DeviceError):
-    """The device is there and is not the one that was configured."""
+    """The device is there, but is not the one that was configured."""

@@ -18,10 +18,7 @@ STORE_S = 2.0  # writing to its memory takes an encoder longer than an answer ma
 
 @dataclass(slots=True)
 class NodeActivity:
-    """Frames that a node has sent without a request.
-
-    The state is that of its last heartbeat.
-    """
+    """Frames that a node sent without a request, and its last heartbeat's state."""
 
     answers: int = 0
     state: int | None = None
@@ -33,9 +30,9 @@ class FoundNode:
     """A node that answers.
 
     Attributes:
-        device_type: object 1000, None where it is not reported.
+        device_type: object 1000, None if it is not reported.
         facts: of an encoder; None for another device.
-        problem: why there are none.
+        problem: why facts are missing.
     """
 
     node: int
@@ -46,7 +43,7 @@ class FoundNode:
 
 
 class Commissioning:
-    """An open bus and questions to its nodes. Use as a context manager.
+    """An open bus and requests to its nodes; a context manager.
 
     Raises:
         DeviceNotFoundError: the bus cannot be opened.
@@ -68,11 +65,10 @@ class Commissioning:
 
     @property
     def name(self) -> str:
-        """Of the bus."""
         return self._bus.name
 
     def scan(self) -> list[FoundNode]:
-        """All nodes that answer; changes nothing.
+        """Find all nodes that answer; changes nothing.
 
         Raises:
             DeviceNotFoundError: none does.
@@ -93,7 +89,7 @@ class Commissioning:
         return [self._describe(node) for node in answering]
 
     def facts(self, node: int) -> NodeFacts:
-        """Properties that an encoder reports.
+        """Read the properties of an encoder.
 
         Raises:
             DeviceError: it does not answer, or is no encoder.
@@ -101,7 +97,7 @@ class Commissioning:
         return read_facts(self._sdo(node), node)
 
     def preset(self, node: int, value: int, store: bool) -> int:
-        """Make the present position ``value``; return what the node then reports.
+        """Preset the present position to ``value``; return the reported one.
 
         Raises:
             DeviceError: it does not answer, or refuses.

@@ -1,4 +1,4 @@
-"""Find all nodes of a bus and set them up; failures are reported together."""
+"""Discovery and set-up of all nodes of a bus; failures are reported together."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +27,7 @@ ADAPTER_JITTER_NS = 1_000_000
 
 @dataclass(eq=False)
 class NodeDiscovery:
-    """Which nodes answer a request to all.
+    """Finds the nodes that answer a request to all.
 
     ``poll_bus`` reads the bus once and counts answers in `n_answers`.
     """
@@ -51,10 +51,10 @@ class NodeDiscovery:
             self._poll(until=lambda: not self.silent)
 
     def recheck_duplicates(self) -> None:
-        """Repeat the request to those that answered too often, after a silence.
+        """Repeat the request, after a silence, to nodes that answered too often.
 
-        A slow node may still answer a request of an earlier connection, or
-        while it was starting; that does not make it two.
+        A slow node may still answer an earlier connection's request, or one during its
+        start.
         """
         if not (doubtful := self.duplicates):
             return
@@ -90,7 +90,7 @@ class NodeDiscovery:
         ]
 
     def raise_if_missing(self) -> None:
-        """Raise DeviceNotFoundError where nodes were silent."""
+        """Raise DeviceNotFoundError if nodes were silent."""
         silent = self.silent
         if not silent:
             return
@@ -109,13 +109,13 @@ class NodeDiscovery:
 def set_up_nodes(
     sdos: Mapping[int, NodeSdo], options: CanOpenOptions
 ) -> tuple[list[NodeFacts], bool]:
-    """Read and set up all nodes; they are not started yet.
+    """Read and set up all nodes, without starting them.
 
     Returns:
-        What they are, and whether one has lost its settings since the last time.
+        Their properties, and whether one has lost its settings since the last time.
 
     Raises:
-        DeviceRefusedError: with what is wrong with each.
+        DeviceRefusedError: lists the faults of each.
     """
     facts, failures, forgotten = [], [], False
     for node, sdo in sdos.items():
@@ -135,7 +135,7 @@ def set_up_nodes(
 def bus_identity(
     facts: Sequence[NodeFacts], where: str, options: CanOpenOptions
 ) -> Identity:
-    """Common identity of all nodes, in the form of all drivers."""
+    """Return the common identity of all nodes."""
     rate_hz = BUS_SHARE * wire.largest_sync_rate_hz(len(facts), options.bitrate)
     if options.interface == "slcan":
         rate_hz = min(rate_hz, SLCAN_FRAMES_HZ / (len(facts) + 1))

@@ -165,7 +165,7 @@ class CanOpenDriver(Driver):
     # -- frames ----------------------------------------------------------------
 
     def _poll_bus(self, limit_s: float) -> None:
-        """Send a SYNC if it is time, read the bus once, hand over what is finished.
+        """Send a SYNC if it is time, read the bus once, deliver complete sets.
 
         Also called while a transfer waits for its answer.
         """
@@ -185,13 +185,13 @@ class CanOpenDriver(Driver):
         supervisor.observe()
 
     def _read_out(self) -> None:
-        """Process all that has arrived until now."""
+        """Process all that has arrived."""
         for _ in range(MOST_READS):
             if self._read(0.0) < MOST_AT_ONCE:
                 break
 
     def _read(self, limit_s: float) -> int:
-        """Process what arrives within so many seconds; return the number of frames."""
+        """Process what arrives within a time; return the number of frames."""
         if self._bus is None:
             return 0
         cycles = None if self._supervisor is None else self._supervisor.cycles

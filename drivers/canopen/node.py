@@ -1,8 +1,8 @@
-"""One node as it is found, and as it is set up to be read.
+"""Identity and set-up of one node.
 
-Rests on CiA 301 and CiA 406 as in makers' manuals. General knowledge, to be
-checked against the encoder's manual: the order in which a PDO is mapped anew, and that
-6502 (number of turns) is 0 where 65536 does not fit into its 16 bits.
+Rests on CiA 301 and CiA 406 as in makers' manuals. General knowledge, to be checked
+against the encoder's manual: the order in which a PDO is mapped anew, and that 6502
+(number of turns) is 0 if 65536 does not fit into its 16 bits.
 """
 
 import contextlib
@@ -26,14 +26,14 @@ class NodeFacts:
 
     Attributes:
         device_type: object 1000; its low half is the profile.
-        identity: vendor, product, revision, serial number; None where it has none.
+        identity: vendor, product, revision, serial number, or None.
         profile: object 6507, version of profile and software.
-        counts_per_turn: of what it sends, scaled where scaling is on.
+        counts_per_turn: as sent, after scaling.
         modulus: where its count wraps to 0.
         parameters: object 6000.
         alarms: object 6503, of `traverse.protocol.canopen.objects.ALARM_BITS`.
         warnings: object 6505.
-        position: its count now.
+        position: present count.
     """
 
     node: int
@@ -49,13 +49,11 @@ class NodeFacts:
 
     @property
     def kind(self) -> str:
-        """Single-turn, multi-turn, or the number."""
         number = self.device_type >> 16
         return objects.KINDS.get(number, f"kind {number}")
 
     @property
     def name(self) -> str:
-        """Identity of the node, as text."""
         vendor, product, _, serial = (
             "?" if number is None else f"{number:x}" for number in self.identity
         )
@@ -63,7 +61,7 @@ class NodeFacts:
 
     @property
     def serial(self) -> str:
-        """The number that no other encoder has; empty where it reports none."""
+        """Unique serial number; empty if it reports none."""
         vendor, product, _, serial = self.identity
         return "" if serial is None else f"{vendor or 0:x}-{product or 0:x}-{serial:x}"
 
@@ -73,7 +71,7 @@ def read_facts(sdo: NodeSdo, node: int) -> NodeFacts:
 
     Raises:
         DeviceRefusedError: it is no encoder.
-        NodeError: it does not answer, or lacks what every encoder has.
+        NodeError: it does not answer, or lacks a mandatory object.
     """
     device_type = sdo.read_number(objects.DEVICE_TYPE)
     if device_type & 0xFFFF != objects.ENCODER_PROFILE:
@@ -106,8 +104,7 @@ def set_up_node(sdo: NodeSdo, facts: NodeFacts, options: CanOpenOptions) -> bool
     """Make a node send its position at every SYNC; nothing is stored in it.
 
     Returns:
-        Whether it has lost such settings since they were last made: it has been
-        without power, or was never set up.
+        Whether it had lost such settings: it was without power, or never set up.
 
     Raises:
         NodeError: it does not answer, or refuses.
@@ -130,7 +127,7 @@ def set_up_node(sdo: NodeSdo, facts: NodeFacts, options: CanOpenOptions) -> bool
 
 
 def _resolution(sdo: NodeSdo, kind: int, parameters: int) -> tuple[int, int]:
-    """Counts per turn and in all, of what the node sends."""
+    """Return counts per turn and in all, as the node sends them."""
     if parameters & objects.SCALING:
         per_turn = sdo.read_number(objects.UNITS_PER_TURN)
         modulus = sdo.find_number(objects.MEASURING_RANGE) or per_turn

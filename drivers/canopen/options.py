@@ -37,5 +37,4 @@ class CanOpenOptions(DriverOptions):
 
     @property
     def where(self) -> str:
-        """The bus, for people."""
         return f"{self.interface}:{self.channel}"

@@ -1,8 +1,8 @@
-"""SDO transfers of the `canopen` library that allow reading the bus meanwhile.
+"""SDO transfers of the `canopen` library that read the bus while they wait.
 
 The library waits for an answer on a queue that a thread of its own fills. Here the
-thread that owns the bus waits by reading it: positions and heartbeats go their way
-while a transfer is under way, and no second thread touches the bus.
+thread that owns the bus waits by reading it, so that positions and heartbeats are
+processed during a transfer, and no second thread touches the bus.
 """
 
 import time
@@ -32,7 +32,7 @@ class NodeRefusedError(NodeError):
     """A node aborted a transfer.
 
     Attributes:
-        code: its reason, see `traverse.protocol.canopen.objects.ABORTS`.
+        code: reason, see `traverse.protocol.canopen.objects.ABORTS`.
     """
 
     def __init__(self, text: str, remedy: str, code: int) -> None:
@@ -41,7 +41,7 @@ class NodeRefusedError(NodeError):
 
 
 class _Wire(Network):
-    """As much of the library's network as a transfer needs: a way to send."""
+    """The part of the library's network that a transfer needs: sending."""
 
     def __init__(self, bus: CanBus) -> None:
         super().__init__()
@@ -56,18 +56,18 @@ class NodeSdo(SdoClient):
     """Reads and writes objects of one node.
 
     Args:
-        node: its number.
+        node: number.
         bus: open.
         poll_bus: reads the bus once, waiting at most the given time [s], and passes
             replies of this node to `take`.
         stopping: polled while waiting; True ends the transfer.
-        answer_s: how long an answer may take.
-        tries: how often a request is sent.
+        answer_s: time limit of an answer.
+        tries: number of tries.
         monotonic_ns: the host's clock.
 
     Attributes:
-        surplus: answers for which there was no question: two nodes have the same
-            number. A slow node's late answer to an earlier try is none of them.
+        surplus: answers without a request: two nodes have the same number. Late
+            answers of a slow node to an earlier try do not count.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class NodeSdo(SdoClient):
         self.surplus = 0
 
     def take(self, data: bytes | bytearray) -> None:
-        """An answer of the node was received."""
+        """Take an answer of the node."""
         about = bytes(data[1:4])
         unanswered = self._unanswered.get(about)
         was_asked = bool(unanswered)
@@ -113,12 +113,12 @@ class NodeSdo(SdoClient):
             self.surplus += 1
 
     def expect(self, request: bytes, times: int) -> None:
-        """Another requester used this before, and answers may still arrive."""
+        """Expect answers to earlier requests of another requester."""
         for _ in range(times):
             self._note_question(request[1:4])
 
     def read(self, index: int, sub: int = 0) -> bytes:
-        """The bytes of an object.
+        """Read the bytes of an object.
 
         Raises:
             NodeError: the node does not answer, or refuses.
@@ -131,7 +131,7 @@ class NodeSdo(SdoClient):
             raise self._silent(index, sub, error) from error
 
     def read_number(self, index: int, sub: int = 0) -> int:
-        """An object that is an unsigned number.
+        """Read an unsigned number.
 
         Raises:
             NodeError: the node does not answer, or refuses.
@@ -139,7 +139,7 @@ class NodeSdo(SdoClient):
         return int.from_bytes(self.read(index, sub), "little")
 
     def find_number(self, index: int, sub: int = 0) -> int | None:
-        """The same; None where the node has no such object.
+        """Read an unsigned number; None if the node has no such object.
 
         Raises:
             NodeError: the node does not answer.
@@ -173,7 +173,7 @@ class NodeSdo(SdoClient):
     # -- how the library sends and waits ---------------------------------------
 
     def send_request(self, request: bytes) -> None:
-        """Send; nothing received before is an answer to it."""
+        """Send a request; nothing received before is its answer."""
         self._answers.clear()
         self._waits = request[0] != ABORTED  # an abort has no answer
         begins = request[0] & 0xE0 in BEGINNINGS

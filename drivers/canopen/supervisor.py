@@ -1,10 +1,10 @@
-"""Supervision of nodes and bus: who lives, who has restarted, who complains.
+"""Supervision of nodes and bus: presence, restarts, alarms.
 
 A node is alive while anything of it is received; its heartbeat ensures that without
-SYNCs. Lasting conditions are reported as alarms that begin and end.
+SYNCs. Lasting conditions are reported as alarms.
 
-Called between two reads of the bus. Its questions to a node read the bus meanwhile, so
-no position waits for them; only one node is dealt with at a time.
+Called between two reads of the bus. Requests to a node read the bus meanwhile, so that
+no position waits; one node is processed at a time.
 """
 
 from collections import Counter
@@ -39,7 +39,7 @@ COUNTED = {
     "strays": "answers_stray",
     "pauses": "sync_pauses",
 }
-"""Counts of the cycles, and under which names they are counted for `health`."""
+"""Counters of the cycles, and their names in `health`."""
 
 REMEDIES = {
     "node_lost": "check power and cable of this encoder; the arm measures on with its "
@@ -74,7 +74,7 @@ class SupervisedNode:
         started_ns: when it was commanded to be operational.
         boot_ns: its last boot-up; 0 for none.
         duplicate_ns: when it last seemed to be two.
-        wants_set_up: it has restarted and lost its settings.
+        wants_set_up: it restarted and lost its settings.
         idle: it lives, but is not operational.
         alarms, warnings: of its objects 6503 and 6505.
         emergencies: codes that have begun.
@@ -94,13 +94,12 @@ class SupervisedNode:
 
     @property
     def number(self) -> int:
-        """Of the node on its bus."""
         return self.facts.node
 
 
 @dataclass(slots=True)
 class NodeSupervisor:
-    """Looks after the nodes of one connection, by channel.
+    """Supervises the nodes of one connection, by channel.
 
     ``report_fault`` takes code, text, remedy, and how often.
     """
@@ -135,11 +134,11 @@ class NodeSupervisor:
     # -- what is received ------------------------------------------------------
 
     def seen(self, channel: int, now_ns: int) -> None:
-        """Something of a node was received."""
+        """Note that something of a node was received."""
         self.nodes[channel].last_seen_ns = now_ns
 
     def heartbeat(self, channel: int, state: int, now_ns: int) -> None:
-        """A node reports its state, or that it has just started."""
+        """Take a node's state, or its boot-up."""
         node = self.nodes[channel]
         if state == wire.BOOT_UP:
             if node.boot_ns and now_ns - node.boot_ns < TWO_BOOT_UPS_NS:
@@ -171,7 +170,7 @@ class NodeSupervisor:
         )
 
     def duplicate(self, channel: int, now_ns: int, sign: str) -> None:
-        """Two nodes seem to have the same number."""
+        """Note that two nodes seem to have the same number."""
         node = self.nodes[channel]
         node.duplicate_ns = now_ns
         if not self.conditions.is_raised(channel, "duplicate_node"):
@@ -179,7 +178,7 @@ class NodeSupervisor:
             self.conditions.report(channel, "duplicate_node", text)
 
     def error_frame(self, can_id: int, data: bytes | bytearray, at_ns: int) -> None:
-        """The controller has reported the state of its bus."""
+        """Take the controller's report on the state of its bus."""
         error = decode_error(can_id, data)
         if error.bus_off:
             self._bus_off_ns = at_ns
@@ -199,7 +198,7 @@ class NodeSupervisor:
     # -- between two reads of the bus ------------------------------------------
 
     def observe(self) -> None:
-        """Note which nodes live and what was lost; sends no request, so it never waits.
+        """Update presence and losses; sends no request, so that it never waits.
 
         Raises:
             DeviceError: all nodes are lost.
@@ -237,7 +236,7 @@ class NodeSupervisor:
             self._status_turn = (self._status_turn + 1) % len(self.nodes)
 
     def _look(self, now_ns: int) -> list[int]:
-        """See who is lost or back; the channels that are to be set up again."""
+        """Update presence; return the channels to be set up again."""
         for channel, node in enumerate(self.nodes):
             if now_ns - node.last_seen_ns > self._patience_ns:
                 silent_s = (now_ns - node.last_seen_ns) * 1e-9
@@ -251,14 +250,14 @@ class NodeSupervisor:
         return [c for c, n in enumerate(self.nodes) if n.wants_set_up or n.idle]
 
     def _status(self, channel: int) -> int:
-        """Status bits of the samples of a node."""
+        """Return status bits of the samples of a node."""
         node = self.nodes[channel]
         both = self.conditions.is_raised(channel, "duplicate_node")
         doubtful = STATUS_WARNING * bool(node.warnings or node.emergencies)
         return STATUS_ERROR * (both or bool(node.alarms)) | doubtful
 
     def complaints(self, channel: int, alarms: int, warnings: int) -> None:
-        """Alarms of a node's objects 6503 and 6505."""
+        """Report alarms of a node's objects 6503 and 6505."""
         node = self.nodes[channel]
         node.alarms, node.warnings = alarms, warnings
         for code, bits, words in (
@@ -355,7 +354,7 @@ class NodeSupervisor:
         self.complaints(channel, alarms, warnings)
 
     def _report_losses(self) -> None:
-        """Report what was lost since the last time, and count it for `health`."""
+        """Report losses since the last time, and count them for `health`."""
         cycles = self.cycles
         for name, counter in COUNTED.items():
             self.counters[counter] += getattr(cycles, name)
@@ -388,7 +387,7 @@ class NodeSupervisor:
             self._report_overflow(dropped)
 
     def _report_overflow(self, n: int) -> None:
-        """Frames arrived and could not be stored."""
+        """Report frames that could not be stored."""
         self.report_fault(
             "frames_overflowed",
             f"frames were lost on {self.bus.name} because they were not read in time",

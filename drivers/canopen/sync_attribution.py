@@ -1,16 +1,15 @@
-"""Which answers of nodes are pending, and when an answer is of its SYNC for certain.
+"""Attribution of answers to SYNCs.
 
 A position does not identify the SYNC at which it was latched. The nth answer is of the
 nth SYNC as long as each SYNC was answered once, and in time. After a SYNC without an
-answer the next answer is of that one, late, or of its own: it does not show. So a
-node with a pending answer is accepted again only
+answer the next answer is of that one, late, or of its own. So a node with a pending
+answer is accepted again only
 
 - when it has sent all that were pending, by second answers between two SYNCs, or
 - when no SYNC was sent, after one that it did answer, for so long that nothing late
   can arrive any more.
 
-The second is caused on purpose: SYNCs pause
-(`SyncCycleAssembler.pause_until_ns`).
+The second is caused on purpose: SYNCs pause (`SyncCycleAssembler.pause_until_ns`).
 """
 
 from collections.abc import Iterator
@@ -19,14 +18,14 @@ from traverse.drivers.base.values import STATUS_LATE, STATUS_MISSING
 
 
 class SyncAttribution:
-    """Of all nodes, by channel; masks have bit i for channel i.
+    """Attribution of all nodes, by channel; masks have bit i for channel i.
 
     Attributes:
-        pending: has not answered some SYNC, and may do so yet.
-        invalidated: has answered more often than requested, or frames were lost that
-            may have been its own: counting cannot identify its next answer any more.
-        maybe_unread: of those invalidated, by lost frames: a SYNC may have been among
-            them, so a second answer need not be one too many.
+        pending: has an unanswered SYNC, whose answer may still come.
+        invalidated: answered more often than requested, or lost frames may have been
+            its own: counting cannot identify its next answer.
+        maybe_unread: of those invalidated by lost frames: a SYNC may have been lost,
+            so that a second answer need not be one too many.
         unanswered: has not answered the last SYNC.
         newly_set_up: was set up anew and has not answered since: nothing is pending.
     """
@@ -39,11 +38,11 @@ class SyncAttribution:
         ) = 0
 
     def ambiguous(self, answered: int) -> int:
-        """Nodes that answer, but cannot be attributed."""
+        """Return nodes that answer, but cannot be attributed."""
         return (self.pending | self.invalidated) & (answered | ~self.unanswered)
 
     def record_missed(self, missed: int) -> None:
-        """A SYNC is over; these have not answered it."""
+        """Record the nodes that have not answered a SYNC."""
         self.unanswered = missed
         self.newly_set_up &= missed
         pending = missed & ~self.newly_set_up
@@ -52,7 +51,7 @@ class SyncAttribution:
             self._n_pending[channel] += 1
 
     def resolve(self, channel: int) -> bool:
-        """Take one off the pending answers of a node, if there are any."""
+        """Take one off the pending answers of a node; False if there are none."""
         bit = 1 << channel
         if not self.pending & bit:
             return False
@@ -62,28 +61,27 @@ class SyncAttribution:
         return True
 
     def invalidate(self, channels: int) -> None:
-        """What these send is no longer to be had by counting."""
+        """Stop attributing nodes by counting."""
         self.invalidated |= channels
 
     def invalidate_all(self) -> None:
-        """Frames of unknown nodes were lost."""
+        """Stop attributing all nodes: frames of unknown ones were lost."""
         self.invalidated = self.maybe_unread = self._all
 
     def expire(self) -> None:
-        """Nothing late can arrive any more of those that have answered the last SYNC.
+        """Clear pending answers of nodes that answered the last SYNC.
 
-        Of the others no time is long enough: a silent node may return with
-        all that is pending.
+        A silent node may return with all that is pending, after any time.
         """
         self._forget_pending(self._all & ~self.unanswered)
 
     def reset(self, channels: int) -> None:
-        """These have been set up anew: they begin with their next answer."""
+        """Begin with the next answers of nodes that were set up anew."""
         self._forget_pending(channels)
         self.newly_set_up |= channels
 
     def flag(self, status: bytearray, missed: int) -> bytearray:
-        """The status of a set, from that of the nodes and from who has missed it."""
+        """Return the status of a set, from the nodes' and from misses."""
         if not missed | self.pending | self.invalidated:
             return status
         flagged = bytearray(status)

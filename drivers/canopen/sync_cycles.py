@@ -1,11 +1,10 @@
 """Sets of positions, one for each SYNC: the fast path of CANopen.
 
-All nodes latch at a SYNC and answer one after the other, so a set is stamped with the
-instant of its SYNC and never with those of its frames. It is closed when all nodes have
-answered, or by the next SYNC; a node that has not answered is marked `STATUS_MISSING`.
-Sets in which an answer of a node is pending are held open until the next SYNC, so that
-the last of its answers counts; what may be of another SYNC is marked `STATUS_LATE`,
-until `drivers/canopen/sync_attribution.py` finds that it no longer can be.
+All nodes latch at a SYNC and answer one after the other, so a set has the instant of
+its SYNC. It is closed when all nodes have answered, or by the next SYNC; a node without
+an answer is marked `STATUS_MISSING`. Sets with a pending answer are held until the next
+SYNC, so that the last of its answers counts; answers that may be of another SYNC are
+marked `STATUS_LATE`, until `drivers/canopen/sync_attribution.py` excludes that.
 """
 
 from collections import Counter
@@ -80,15 +79,14 @@ class SyncCycleAssembler:
         self.seen = 0
 
     def restart(self, stream: int) -> None:
-        """Begin a stream; what the old one has gathered is dropped."""
         self._stream, self._seq = stream, -1
         self._open = False
         self._forget()
 
     def sync(self, time_ns: int, steps: int = 1) -> None:
-        """A SYNC has been sent.
+        """Take a sent SYNC.
 
-        ``steps`` is more than 1 where SYNCs of the schedule were left out.
+        ``steps`` is more than 1 if SYNCs of the schedule were left out.
         """
         ambiguous = self.ambiguous
         if self._open:
@@ -125,12 +123,12 @@ class SyncCycleAssembler:
         return True
 
     def note_lost_frames(self) -> None:
-        """Frames of unknown nodes were lost before they could be read."""
+        """Note that frames of unknown nodes were lost before they could be read."""
         self._attribution.invalidate_all()
         self._overflowed = True
 
     def reset_attribution(self, channels: int) -> None:
-        """Nodes have been set up anew: what they owed they will not send any more."""
+        """Drop pending answers of nodes that were set up anew."""
         self._attribution.reset(channels)
 
     @property
@@ -147,14 +145,14 @@ class SyncCycleAssembler:
 
     @property
     def wait_until_ns(self) -> int:
-        """Until when a SYNC had better wait for who has answered until now; or 0."""
+        """Until when a SYNC should wait for pending answers; or 0."""
         late = self._all & ~(self._answered | self._attribution.unanswered)
         if not self._open or not late or self._time_ns < self._no_wait_before_ns:
             return self.pause_until_ns
         return self._time_ns + self._late_ns
 
     def end(self, now_ns: int) -> None:
-        """No further SYNC follows; the set of the last one is dropped."""
+        """End the stream; the set of the last SYNC is dropped."""
         if self._open:
             self._attribution.record_missed(self._all & ~self._answered)
         self._open = False
@@ -162,7 +160,7 @@ class SyncCycleAssembler:
         self.flush(now_ns, at_once=True)
 
     def flush(self, now_ns: int, at_once: bool = False) -> None:
-        """Hand over what is gathered, when it is time."""
+        """Hand over complete sets, when it is time."""
         n = len(self._seqs)
         if not n or (not at_once and now_ns - self._flushed_ns < BATCH_WINDOW_NS):
             return
@@ -211,7 +209,7 @@ class SyncCycleAssembler:
                 self.missing[channel] += 1
 
     def _after_pause(self, time_ns: int, ambiguous: int) -> None:
-        """No SYNC has been sent for ``late_ns``, up to this one."""
+        """Process a pause of ``late_ns`` without SYNCs, up to this one."""
         next_ns = time_ns + PAUSE_EVERY * self._late_ns
         if self._attribution.unanswered:
             self._no_wait_before_ns = next_ns
@@ -222,7 +220,7 @@ class SyncCycleAssembler:
             self._attribution.expire()
 
     def _take_extra_answer(self, channel: int) -> bool:
-        """An answer for which there is no SYNC; whether it replaces the last one."""
+        """Take an answer without a SYNC; return whether it replaces the last one."""
         if self._attribution.resolve(
             channel
         ):  # earlier frames answered an earlier SYNC

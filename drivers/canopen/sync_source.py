@@ -24,7 +24,7 @@ class HostSchedule:
     """Sends a SYNC at k / rate.
 
     A busy computer sends late: then the next ones follow closer until the schedule is
-    reached again, so that none is left out; only what is far behind is skipped.
+    reached again; only those far behind are skipped.
 
     The first is sent one period after ``now_ns``.
     """
@@ -42,7 +42,7 @@ class HostSchedule:
         return max(planned_ns, self._earliest_ns)
 
     def take(self, now_ns: int) -> int:
-        """Steps of the schedule that the present SYNC represents."""
+        """Return the steps of the schedule that the present SYNC represents."""
         self._earliest_ns = now_ns + round(CLOSEST * self._period_ns)
         reached = int((now_ns - self._begin_ns) / self._period_ns)
         steps = 1 if reached - self._next < MOST_BEHIND else reached - self._next + 1
@@ -54,8 +54,8 @@ class ObservedSchedule:
     """Numbers received SYNCs, by the time between them if the period is known.
 
     The kernel's broadcast manager sends one a period after it sent the last, and never
-    catches up: what it is late adds up. So a schedule of its own, at the rate that was
-    requested, would drift away from it and find SYNCs missing that were never due.
+    catches up: delays add up. A schedule at the requested rate would drift away from it
+    and find SYNCs missing that were never due.
 
     The rate is None if it is another master's and unknown.
     """
@@ -65,7 +65,7 @@ class ObservedSchedule:
         self._last_ns: int | None = None
 
     def take(self, time_ns: int) -> int:
-        """Steps of the schedule from the last SYNC to this one."""
+        """Return the steps of the schedule from the last SYNC to this one."""
         if self._period_ns is None:
             return 1
         last_ns, self._last_ns = self._last_ns, time_ns
@@ -75,13 +75,13 @@ class ObservedSchedule:
 
 
 class SyncScheduler:
-    """The SYNCs of one connection, from whatever source.
+    """The SYNCs of one connection, from any source.
 
     ``fault`` takes code, text and remedy of a survived fault.
 
     Attributes:
-        sent: the schedule where this program sends; else None.
-        seen: the numbering where SYNCs are received from the bus; else None.
+        sent: the schedule if this program sends; else None.
+        seen: the numbering if SYNCs are received from the bus; else None.
         is_fast: frames arrive so often that they are better read together.
     """
 
@@ -102,7 +102,7 @@ class SyncScheduler:
         self._rests = False
 
     def start(self, rate_hz: float) -> None:
-        """Send SYNCs at ``rate_hz``, where this program sends them."""
+        """Send SYNCs at ``rate_hz``, if this program sends them."""
         self.stop()
         self.is_fast = rate_hz > FAST_HZ
         self._rate_hz = rate_hz
@@ -123,7 +123,7 @@ class SyncScheduler:
         self.sent = HostSchedule(rate_hz, self._now_ns())
 
     def stop(self) -> None:
-        """Send no more."""
+        """Stop sending."""
         self.sent = self.seen = None
         self.is_fast = self._rests = False
         if self._task is not None:
@@ -133,11 +133,11 @@ class SyncScheduler:
     def advance(
         self, cycles: SyncCycleAssembler, read_out: Callable[[], None]
     ) -> float:
-        """Send a SYNC if it is time and clear; seconds until it may be looked again.
+        """Send a SYNC if it is due and clear; return seconds until the next check.
 
         Args:
             cycles: notified; know whether answers are awaited.
-            read_out: reads what has arrived until now: it belongs to the SYNC before.
+            read_out: reads what has arrived: it belongs to the SYNC before.
 
         Raises:
             DeviceError: the bus does not take it.
@@ -156,7 +156,7 @@ class SyncScheduler:
         return max(0.0, (self.sent.due_ns - now_ns) * 1e-9)
 
     def _rest(self, until_ns: int) -> float:
-        """Pause the kernel's SYNCs until then; seconds until it sends again."""
+        """Pause the kernel's SYNCs; return seconds until it sends again."""
         left_s = (until_ns - self._now_ns()) * 1e-9
         if self._task is not None and left_s > 0:
             self._task.stop()

@@ -1,10 +1,10 @@
 """A CAN bus for one thread: frames as plain values, stamped with the host's clock.
 
-python-can opens the bus, whatever its interface is. On SocketCAN frames are then read
-from the socket directly (`SocketFrames`): the kernel's time stamp to the nanosecond,
-its count of lost frames, and a fifth of the cost. Certain from the kernel's headers:
-the 16 bytes of a frame and its flags, the two control messages, and that a count of
-lost frames is reported with the frame after them.
+python-can opens the bus. On SocketCAN frames are then read from the socket directly
+(`SocketFrames`): the kernel's time stamp to the nanosecond, its count of lost frames,
+and a fifth of the cost. From the kernel's headers: the 16 bytes of a frame and its
+flags, the two control messages, and that a count of lost frames is reported with the
+frame after them.
 """
 
 import contextlib
@@ -46,7 +46,7 @@ SLCAN_WAIT_S = 0.1  # python-can waits 2 s, for boards that restart when opened
 
 
 class SocketFrames:
-    """Read the frames of an open CAN_RAW socket; closed by its owner.
+    """Reads the frames of an open CAN_RAW socket; closed by its owner.
 
     Attributes:
         dropped: frames for which the socket's buffer had no room.
@@ -71,7 +71,7 @@ class SocketFrames:
                 port.setsockopt(socket.SOL_SOCKET, option, value)
 
     def read(self, most: int) -> list[tuple[int, bytes, int]]:
-        """Identifier, data and instant of at most ``most`` received frames.
+        """Return identifier, data and instant of at most ``most`` received frames.
 
         A loss is marked by a frame with `FRAMES_LOST`.
 
@@ -111,13 +111,12 @@ class SocketFrames:
 
 
 class PeriodicTask:
-    """A frame that the kernel sends again and again."""
+    """A frame that the kernel sends periodically."""
 
     def __init__(self, task: can.broadcastmanager.CyclicSendTaskABC) -> None:
         self._task = task
 
     def stop(self) -> None:
-        """Send it no more; never raises, the bus may be lost."""
         with contextlib.suppress(can.CanError, OSError, ValueError):
             self._task.stop()
 
@@ -129,7 +128,7 @@ class CanBus:
         interface: of python-can: "socketcan", "slcan", "udp_multicast", "virtual", ...
         channel: of that interface: "can0", "/dev/ttyACM0", ...
         bit_rate: of the bus; SocketCAN has its own from the network's configuration.
-        wake_fd: a non-blocking pipe; bytes in it end `receive` early and are eaten.
+        wake_fd: a non-blocking pipe; bytes in it end `receive` early and are consumed.
         monotonic_ns: the host's clock.
         identifiers: to receive; the kernel drops the rest. Empty for everything.
 
@@ -167,11 +166,11 @@ class CanBus:
 
     @property
     def dropped(self) -> int:
-        """Frames that the kernel could not keep for this program."""
+        """Frames that the kernel could not store for this program."""
         return 0 if self._socket is None else self._socket.dropped
 
     def receive(self, timeout_s: float) -> Sequence[Frame]:
-        """Received frames; waits for them at most ``timeout_s``.
+        """Return received frames; waits at most ``timeout_s``.
 
         Raises:
             DeviceError: the bus has disappeared.
@@ -187,7 +186,7 @@ class CanBus:
             raise self._gone(error) from error
 
     def send(self, can_id: int, data: bytes) -> None:
-        """Send a frame; waits a little where the queue of the interface is full.
+        """Send a frame; waits a little if the queue of the interface is full.
 
         Raises:
             DeviceError: the bus does not take it.
@@ -218,7 +217,6 @@ class CanBus:
             raise self._gone(error) from error
 
     def close(self) -> None:
-        """Close; never raises."""
         with contextlib.suppress(can.CanError, OSError, ValueError):
             self._bus.shutdown()
 
@@ -283,7 +281,7 @@ def _remedy(interface: str, channel: str) -> str:
 
 
 def _descriptor(bus: can.BusABC) -> int | None:
-    """Descriptor for `select`, None where the interface has no descriptor."""
+    """Return a descriptor for `select`, or None."""
     try:
         number = bus.fileno()
     except NotImplementedError:

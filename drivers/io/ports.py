@@ -1,4 +1,4 @@
-"""Interface to serial ports and waiting; simulated lines can replace it."""
+"""Interface to serial ports and waiting, replaceable by simulated lines."""
 
 import contextlib
 import os
@@ -11,11 +11,11 @@ from traverse.drivers.io.serial_port import SerialPort
 
 
 class BytePort(Protocol):
-    """An open port, as `traverse.drivers.io.serial_port.SerialPort` is one.
+    """An open port, such as `traverse.drivers.io.serial_port.SerialPort`.
 
     Attributes:
         latency_ns: how long an adapter and the host may hold every byte back.
-        byte_ns: what a byte takes on the line.
+        byte_ns: duration of a byte on the line.
 
     All but `close` and `fileno` raise DeviceError when the port has disappeared.
     """
@@ -24,7 +24,7 @@ class BytePort(Protocol):
     byte_ns: int
 
     def fileno(self) -> int:
-        """For waiting for several ports together."""
+        """Return a descriptor, for waiting for several ports."""
 
     def wait(self, seconds: float) -> bool:
         """Wait for bytes; False after ``seconds`` or a wake-up without any."""
@@ -47,11 +47,11 @@ OpenPort = Callable[..., BytePort]
 
 
 def wait_for_any(ports: Sequence[BytePort], wake_fd: int, seconds: float) -> list[int]:
-    """Wait for bytes; numbers of the ports that have some, none after ``seconds``.
+    """Wait for bytes; return numbers of ports with some, none after ``seconds``.
 
     Without ports it waits for a wake-up alone.
 
-    Bytes in the non-blocking pipe ``wake_fd`` end the wait early and are eaten.
+    Bytes in the non-blocking pipe ``wake_fd`` end the wait early and are consumed.
     """
     numbers = [port.fileno() for port in ports]
     ready, _, _ = select.select([*numbers, wake_fd], [], [], seconds)
@@ -63,7 +63,7 @@ def wait_for_any(ports: Sequence[BytePort], wake_fd: int, seconds: float) -> lis
 
 @dataclass(frozen=True, slots=True)
 class PortAccess:
-    """How a driver opens ports and waits; virtual time replaces all of it together."""
+    """How a driver opens ports and waits; replaced as a whole by virtual time."""
 
     open: OpenPort = SerialPort
     wait_for_any: WaitForAny = wait_for_any

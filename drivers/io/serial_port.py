@@ -1,8 +1,8 @@
 """A serial port opened for one reader alone, read as bytes arrive.
 
-pyserial's own exclusive mode is an advisory lock; TIOCEXCL also keeps out programs
-that do not lock it (though not root). Low latency matters for FTDI adapters,
-whose timer otherwise holds bytes back for 16 ms; ports without the knob refuse it.
+pyserial's own exclusive mode is an advisory lock; TIOCEXCL also excludes programs that
+do not lock it (but not root). Low latency matters for FTDI adapters, whose timer
+otherwise holds bytes back for 16 ms; other ports refuse the setting.
 """
 
 import contextlib
@@ -68,7 +68,6 @@ class SerialPort:
             raise _explain(path, error) from error
 
     def fileno(self) -> int:
-        """For waiting for several ports together."""
         return self._fd
 
     def wait(self, seconds: float) -> bool:
@@ -85,11 +84,6 @@ class SerialPort:
         return False
 
     def read(self) -> bytes:
-        """Read available bytes, at most 64 KiB; empty where nothing has arrived.
-
-        Raises:
-            DeviceError: the port has disappeared.
-        """
         # An empty read is silence as well as the end: only of a port that has
         # something to read, and yields nothing, it is the end.
         data = self._taken()
@@ -100,11 +94,6 @@ class SerialPort:
         return data
 
     def write(self, data: bytes) -> None:
-        """Send all of ``data``.
-
-        Raises:
-            DeviceError: the port has disappeared or accepts no bytes.
-        """
         try:
             n_written = 0
             with contextlib.suppress(BlockingIOError):
@@ -115,7 +104,6 @@ class SerialPort:
             raise self._gone(str(error)) from error
 
     def close(self) -> None:
-        """Close; never raises."""
         with contextlib.suppress(OSError, termios.error):
             fcntl.ioctl(self._fd, termios.TIOCNXCL)
         with contextlib.suppress(OSError, serial.SerialException):
@@ -140,10 +128,10 @@ BITS_PER_BYTE = 10
 
 
 def _delays(path: str, baud_rate: int) -> tuple[int, int]:
-    """How long bytes are held back at least, as the kind of port makes possible [ns].
+    """Return least delays of bytes by the kind of port [ns].
 
-    An FTDI adapter collects bytes for so long as its driver states, others for a frame
-    of the bus. What is behind a port of USB-CDC is not known: a line at its baud rate.
+    An FTDI adapter collects bytes as its driver states, others for a frame of the bus.
+    For USB-CDC an unknown line at its baud rate is assumed.
     """
     real = os.path.realpath(path)
     if real.startswith("/dev/pts/"):
@@ -156,7 +144,7 @@ def _delays(path: str, baud_rate: int) -> tuple[int, int]:
 
 
 def _opened(path: str, baud_rate: int, parity: str, stop_bits: int) -> serial.Serial:
-    """The open port; waits a moment for a program that is just letting go of it.
+    """Open the port; waits a moment for a program that is just releasing it.
 
     Raises:
         DeviceNotFoundError: it is missing, in use, or not permitted.

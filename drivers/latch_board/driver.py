@@ -81,11 +81,6 @@ class LatchBoardDriver(Driver):
         self._frames_before = 0
 
     def request_latch(self) -> int:
-        """Latch once, now; the returned token is repeated in `LatchedCounts`.
-
-        Raises:
-            DeviceError: too many requests are waiting already.
-        """
         if len(self._latches) >= MAX_LATCHES:
             raise DeviceError(
                 f"{MAX_LATCHES} latch requests wait for {self.device}",
@@ -153,7 +148,6 @@ class LatchBoardDriver(Driver):
         self._streams_begun = 0  # the requested stream is to be requested again
 
     def _learned_clock(self, line: LatchBoardLine, hello: wire.Hello) -> DeviceClock:
-        """The board's clock, tied to the host's by a quick answer, if there is one."""
         latency_ns = line.port.latency_ns + FRAME_BYTES * line.port.byte_ns
         clock = DeviceClock(hello.tick_rate_hz, latency_ns=latency_ns)
         until_ns = self._now_ns() + TIE_NS
@@ -176,10 +170,10 @@ class LatchBoardDriver(Driver):
         return received_ns - sent_ns
 
     def _measure_clock(self, line: LatchBoardLine, session: LatchBoardSession) -> None:
-        """Ask for the board's time where a reading makes it doubtful, or now and then.
+        """Measure the board's clock if a reading makes it doubtful, or periodically.
 
-        Reads that are late wait for the answer: it tells whether the host was busy or
-        the board's counter stood still.
+        Late readings wait for the answer: it shows whether the host was busy or the
+        board's counter stood still.
         """
         clock, now_ns = session.clock, self._now_ns()
         if self._can_latch:
@@ -216,10 +210,10 @@ class LatchBoardDriver(Driver):
                 line.check_alive()
 
     def _read(self, line: LatchBoardLine) -> None:
-        """Take in what has arrived.
+        """Read and process what has arrived.
 
         A block of one costs as much to decode as a block of many. Bytes are read on
-        arrival, so none wait in the port.
+        arrival, so that none wait in the port.
         """
         window_ns = self._delivery_queue.batch_window_ns
         if self._edges.needs_acknowledgement:
@@ -262,7 +256,7 @@ class LatchBoardDriver(Driver):
                 self._request_or_fault(line, "STOP", wire.stop_request)
 
     def _acknowledge(self, line: LatchBoardLine) -> None:
-        """Acknowledge processed edges to the board, if there are any."""
+        """Acknowledge processed edges to the board."""
         self._acknowledged_ns = self._now_ns()
         if (done := self._edges.take_acknowledgement()) is not None:
             line.port.write(wire.edge_ack(done))

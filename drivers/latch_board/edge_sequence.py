@@ -1,9 +1,9 @@
-"""Takes each edge of a latch board once and in order (docs/serial-protocol.md).
+"""Sequence of a latch board's edges: each once and in order.
 
 The board numbers its edges and repeats them until they are acknowledged; an
-acknowledgement covers all earlier edges too. So an edge that overtakes a broken one
-must wait for the repetition, unless the board itself has lost the earlier one. Then
-the oldest that the board repeats is next, whichever happens to arrive first.
+acknowledgement covers all earlier edges too (docs/serial-protocol.md). An edge that
+overtakes a broken one therefore waits for the repetition, unless the board itself has
+lost the earlier one. Then the oldest that the board repeats is next.
 """
 
 from typing import Literal
@@ -32,7 +32,7 @@ class EdgeSequencer:
 
     @property
     def has_open_edges(self) -> bool:
-        """Whether the consumer has edges that it has not yet dealt with."""
+        """Whether the consumer has unprocessed edges."""
         return self._delivered is not None and self._delivered != self._acknowledged
 
     @property
@@ -41,22 +41,22 @@ class EdgeSequencer:
         return self.has_open_edges or self._acknowledged != self._sent
 
     def take_acknowledgement(self) -> int | None:
-        """Number to acknowledge to the board now; None if nothing is new."""
+        """Return the number to acknowledge to the board; None if nothing is new."""
         if self._acknowledged == self._sent:
             return None
         self._sent = self._acknowledged
         return self._sent
 
     def note_missed(self, seq: int) -> None:
-        """An edge that the board kept from before HELLO, which has it forgotten."""
+        """Count an edge that the board forgot at HELLO."""
         if self._oldest_missed is None or _signed(seq - self._oldest_missed) < 0:
             self._oldest_missed = seq
 
     def begin_at(self, seq: int) -> int:
-        """The board reports its first edge; used only at the beginning.
+        """Take the board's first edge; used only at the beginning.
 
         Returns:
-            How many edges of before were forgotten, as far as one of them was seen.
+            How many earlier edges were forgotten, as far as one of them was seen.
         """
         if self._next is not None:
             return 0
@@ -95,7 +95,7 @@ class EdgeSequencer:
         return "next", ahead
 
     def mark_delivered(self, seq: int) -> None:
-        """Edge ``seq`` is being handed to the consumer."""
+        """Note that edge ``seq`` is being handed to the consumer."""
         self._next = (seq + 1) % WRAP
         self._delivered = seq
         self._early_since_ns = None
@@ -106,10 +106,10 @@ class EdgeSequencer:
         self._delivered = (seq - 1) % WRAP
 
     def acknowledge(self, seq: int) -> None:
-        """The consumer has dealt with all edges up to ``seq``.
+        """Note that the consumer has processed all edges up to ``seq``.
 
-        One that was not delivered here is ignored: it is of a board that has been
-        restarted since, and would acknowledge new edges unseen.
+        One that was not delivered here is ignored: it is of a board that restarted
+        since, and would acknowledge new edges unseen.
         """
         if self._next is None or _signed(seq - self._next) >= 0:
             return

@@ -1,4 +1,4 @@
-"""The line to a latch board: requests that are answered, reads that are decoded."""
+"""The line to a latch board: answered requests, decoded reads."""
 
 import re
 import time
@@ -19,7 +19,7 @@ FAST_NS, PAUSE_S = 750_000, 0.0005  # reads this near to each other are rarer af
 _OTHER = re.compile(rb"(?:\A|\0)(?!%b)[^\0]+\0" % re.escape(wire.TIMED))
 
 PartialReads = Sequence[tuple[int, int]]
-"""Of reads that ended in the midst of a block: its last row there, and the time."""
+"""Reads that ended in the midst of a block: its last row there, and the time."""
 
 Response = wire.Hello | wire.Reply | wire.Latched
 
@@ -62,8 +62,8 @@ class LatchBoardLine:
         """Read available bytes and dispatch them.
 
         Args:
-            until_ns: timed samples are collected so long; anything else among them
-                ends it, an edge above all, and so does a wake-up.
+            until_ns: timed samples are collected until then; other messages, above all
+                edges, and wake-ups end it.
         """
         data, received_ns = self.port.read(), self._now_ns()
         reads, n_bytes = [(data, received_ns)], len(data)
@@ -98,22 +98,19 @@ class LatchBoardLine:
             earlier = ()  # they are of the first block
 
     def _has_other_frames(self, data: bytes) -> bool:
-        """Whether these bytes, the next ones of the line, are not of samples alone.
-
-        An edge must not wait; messages with the board's time are processed on arrival.
-        """
+        """Return whether bytes hold other frames than samples, which must not wait."""
         joined = self._begun + data
         self._begun = joined.rpartition(b"\0")[2][:MAX_SEGMENT]
         return _OTHER.search(joined) is not None
 
     def ask(self, name: str, frame: Callable[[int], bytes]) -> Response:
-        """Send a request until it is answered; all else is dispatched meanwhile.
+        """Send a request until it is answered; other messages are dispatched meanwhile.
 
-        Each try has a number of its own, so that a late answer is not mistaken.
+        Each try has a number of its own, so that a late answer is recognised.
 
         Args:
             name: of the request, for people.
-            frame: makes the request's frame from its number.
+            frame: encodes the request with a number.
 
         Raises:
             DeviceRefusedError: the board refuses.
@@ -165,7 +162,7 @@ class LatchBoardLine:
 
 
 def _earlier(reads: Sequence[tuple[bytes, int]], accepted: int) -> PartialReads:
-    """Messages of all reads but the last; none where a frame was broken."""
+    """Return messages of all reads but the last; none if a frame was broken."""
     if len(reads) == 1:
         return ()
     ended, terminators = 0, []

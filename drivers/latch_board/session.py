@@ -1,7 +1,4 @@
-"""An identified latch board: its samples, edges and clock.
-
-What it sends from then on is numbered, timed and delivered.
-"""
+"""An identified latch board: its samples, edges and clock."""
 
 from collections import Counter
 from collections.abc import Callable, Sized
@@ -36,7 +33,7 @@ _STATUS_ARRAY = np.array(
     [s & ~_MAKERS | (STATUS_WARNING if s & _MAKERS else 0) for s in range(256)],
     dtype=np.uint8,
 )
-"""The status byte of the board, by value, in the words of all drivers."""
+"""Status of all drivers by the board's status byte."""
 _STATUS_BYTES = _STATUS_ARRAY.tobytes()
 
 
@@ -52,9 +49,8 @@ class StreamSequence:
         """Judge the numbers (n,) of a block.
 
         Returns:
-            The unwrapped numbers of what is to be kept; a mask (n,) of what that
-            is, None for all; how many are missing before or between; how many are
-            to be dropped because they are repeated, or impossible.
+            The unwrapped numbers to be kept; a mask (n,) of them, None for all; how
+            many are missing before or between; how many are repeated or impossible.
         """
         n = len(seq)
         numbers = np.arange(self._expected, self._expected + n)
@@ -71,7 +67,7 @@ class StreamSequence:
         return numbers, kept, lost, n - len(numbers)
 
     def reach(self, next_seq: int) -> int:
-        """The board reports ``next_seq`` as next: how many were skipped."""
+        """Take the board's next number; return how many were skipped."""
         ahead = (next_seq - self._expected + WRAP // 2) % WRAP - WRAP // 2
         if not 0 < ahead < MAX_JUMP:
             return 0
@@ -119,14 +115,14 @@ class LatchBoardSession:
         self._heartbeat: tuple[int, int] | None = None
 
     def begin_stream(self, stream: int, request: int) -> None:
-        """From now on those samples count that belong to this START."""
+        """Accept the samples of this START."""
         self._stream, self._request = stream, request
         self._sequence = StreamSequence()
 
     def take(
         self, message: wire.Message, received_ns: int, earlier: PartialReads = ()
     ) -> None:
-        """Take what is about samples, edges and time; all else is not for here.
+        """Process messages about samples, edges and time, no others.
 
         Raises:
             DeviceError: the board has lost its stream.
@@ -142,14 +138,14 @@ class LatchBoardSession:
                 pass
 
     def take_latch(self, answer: wire.Latched, token: int, received_ns: int) -> None:
-        """Hand over what was latched on request."""
+        """Hand over a latch on request."""
         if self._fits(answer.counts):
             self._deliver_latch(answer, None, token, received_ns)
 
     def _take_samples(
         self, block: wire.SampleBlock, received_ns: int, earlier: PartialReads
     ) -> None:
-        """Hand over what is new in a block.
+        """Hand over new samples of a block.
 
         Each read is one measurement of the delay; the clock uses the smallest of many.
         """
@@ -181,11 +177,11 @@ class LatchBoardSession:
 
     @property
     def holds(self) -> bool:
-        """Samples wait until it is known whether the board's clock is right."""
+        """Whether samples wait for a check of the board's clock."""
         return bool(self._held)
 
     def release(self) -> None:
-        """Hand over what waited, with the times and doubts of now."""
+        """Hand over waiting samples, with their present times and doubts."""
         held, self._held = self._held, []
         for deliver in held:
             deliver()
@@ -216,7 +212,7 @@ class LatchBoardSession:
         )
 
     def _take_edge(self, edge: wire.Edge, received_ns: int) -> None:
-        """Hand over an edge, if it is its turn.
+        """Hand over an edge in its turn.
 
         Raises:
             DeviceError: it is of another start of the board than the heartbeats.
@@ -251,12 +247,12 @@ class LatchBoardSession:
             self._edges.mark_refused(edge.seq)
 
     def _is_of_another_start(self, edge: wire.Edge) -> bool:
-        """Whether an edge is earlier than a heartbeat that did not have it yet.
+        """Return whether an edge precedes a heartbeat that did not have it.
 
         Strategy: a board that lost power begins its numbers and ticks again, and its
-        first press may arrive before the heartbeat that shows it. Taken for an edge of
-        the time before, its counts would be read with zeros that were lost. An edge is
-        numbered once it has held, so one that is debounced may be that much earlier.
+        first press may arrive before the heartbeat that shows it. Taken for an earlier
+        edge, its counts would be read with zeros that were lost. An edge is numbered
+        once it has held, so that a debounced one may precede by that time.
         """
         if self._heartbeat is None:
             return False
@@ -335,7 +331,7 @@ class LatchBoardSession:
         )
 
     def _fits(self, counts: Sized) -> bool:
-        """Whether a latch has the channels of HELLO; else it is counted."""
+        """Return whether a latch has the channels of HELLO; else count it."""
         if len(counts) == self._n_channels:
             return True
         self._fault(
@@ -370,14 +366,14 @@ REMEDIES = {
     7: "press again: these presses took no points",
     8: "check the encoder's plug and cable",
 }
-"""What to do about each alarm of the board; texts are in `wire.ALARMS`."""
+"""Remedies for alarms of the board; texts are in `wire.ALARMS`."""
 
 
 def check_identification(hello: wire.Hello, path: str) -> None:
     """Refuse a board with contradictory properties.
 
     Args:
-        hello: its words.
+        hello: its identity.
         path: of its port, for people.
 
     Raises:
@@ -423,7 +419,7 @@ def board_identity(hello: wire.Hello) -> Identity:
 
 
 def device_alarm(device: str, alarm: wire.Alarm) -> DeviceAlarm:
-    """An alarm of the board as one of the device."""
+    """Convert an alarm of the board."""
     channel = None if alarm.channel == wire.WHOLE_BOARD else alarm.channel
     text = wire.ALARMS.get(alarm.code, f"maker's alarm {alarm.code}")
     return DeviceAlarm(

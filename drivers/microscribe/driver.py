@@ -1,11 +1,11 @@
 """Driver of a MicroScribe arm (Immersion HCI 2 and 3) on a serial line.
 
-What it rests on without a maker's document: the timer is taken for one of 1 kHz
-(`timer_rate_hz`), and not used where a check of it fails; the rest is in
-`traverse.protocol.microscribe.packets` and `traverse.protocol.microscribe.session`.
+Without a maker's document: the timer is taken for one of 1 kHz (`timer_rate_hz`), and
+not used if a check of it fails; more in `traverse.protocol.microscribe.packets` and
+`traverse.protocol.microscribe.session`.
 
-The encoders are incremental: an arm that has lost power counts from its home position
-again, so it must be there when it is switched on.
+The encoders are incremental: an arm that lost power counts from its home position
+again, so it must be there when switched on.
 """
 
 import contextlib
@@ -35,10 +35,10 @@ BaudRate = Literal[9600, 14400, 19200, 28800, 38400, 57600, 115200]
 
 
 class MicroscribeOptions(DriverOptions):
-    """Of a MicroScribe.
+    """Options of a MicroScribe.
 
-    Packets are sent on "request", or by the arm's own "motion"; 0 as timer rate
-    leaves its timer unused.
+    Packets are sent on "request", or by the arm's own "motion"; 0 as timer rate leaves
+    its timer unused.
     """
 
     port: str = Field(min_length=1)
@@ -129,7 +129,7 @@ class MicroscribeDriver(Driver):
             self._port = None
 
     def _begin_stream(self, session: MicroscribeSession, rate_hz: float) -> float:
-        """Report the stream that begins; its rate, 0 for none."""
+        """Report the stream that begins; return its rate, 0 for none."""
         if not rate_hz:
             return 0.0
         self._next_seq = 0
@@ -141,7 +141,7 @@ class MicroscribeDriver(Driver):
         )
 
     def _goes_on(self, session: MicroscribeSession) -> bool:
-        """Whether the same stream is still requested; also sends pending reports."""
+        """Send pending reports; return whether the same stream is still requested."""
         self._edges.hand_over()
         now_ns = self._now_ns()
         if self._block.is_due(now_ns):
@@ -194,7 +194,7 @@ class MicroscribeDriver(Driver):
             )
 
     def _poll(self, session: MicroscribeSession, rate_hz: float) -> None:
-        """Request packets, of which every so many is a sample of the stream."""
+        """Request packets, of which each n-th is a sample of the stream."""
         often_hz = min(PEDAL_HZ, session.reached_hz)
         every = max(1, int(often_hz / rate_hz)) if rate_hz else 0
         schedule = SampleSchedule(rate_hz * every or often_hz, self._now_ns())
@@ -244,8 +244,8 @@ class MicroscribeDriver(Driver):
     ) -> None:
         """Take a packet.
 
-        ``seq`` is given where it belongs to the stream, ``reported`` where it
-        was sent because something had changed.
+        ``seq`` is given if it belongs to the stream, ``reported`` if a change caused
+        it.
         """
         self._answered_ns = heard.received_ns
         self._old_before = session.line.old

@@ -1,8 +1,8 @@
-"""The line to a MicroScribe: sign-on, questions about itself, packets by request.
+"""The line to a MicroScribe: sign-on, identification, packets on request.
 
-The arm finds the baud rate by itself while it waits for sign-on. Once signed on it
-stays at that rate until it is ended or loses power, also when the host forgets:
-what an earlier program left behind at another rate is ended there first.
+The arm detects the baud rate while it waits for sign-on, and then stays at it until the
+session ends or it loses power. A session of an earlier program at another rate is ended
+first.
 """
 
 from collections.abc import Callable
@@ -28,12 +28,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class TimedPacket:
-    """A packet, and when it arrived, host monotonic.
+    """A packet and its times, host monotonic.
 
     Attributes:
-        sent_ns: its request had been written; it was latched after that.
-        begun_ns: its first bytes had been read; it was latched before that.
-        received_ns: all of it had been read.
+        sent_ns: end of writing the request; it was latched after that.
+        begun_ns: read of its first bytes; it was latched before that.
+        received_ns: end of reading.
         delay_ns: from the latch to its first bytes, as far as known.
         is_reported: the arm sent it by itself, long after its only request.
     """
@@ -47,14 +47,14 @@ class TimedPacket:
 
 
 class MicroscribeLine:
-    """One connection to an arm.
+    """One connection to an arm; a context manager.
 
-    As a context manager it closes its port; ``stopping`` ends waits.
+    ``stopping`` ends waits.
 
     Attributes:
         stray: bytes without a request.
         old: packets that answered an earlier request.
-        patience_s: so long a packet is waited for.
+        patience_s: time limit of a packet.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class MicroscribeLine:
         self.port.close()
 
     def sign_on(self, patience_s: float = SIGN_ON_S) -> str | None:
-        """Begin a session; the kind of interface box, None without an answer."""
+        """Begin a session; return the kind of interface box, None without an answer."""
         until_ns = self._now_ns() + int(patience_s * 1e9)
         heard = b""
         while wire.CALL not in heard:
@@ -96,11 +96,10 @@ class MicroscribeLine:
         return None if said is None else wire.plain_text(said)
 
     def end(self) -> None:
-        """End the session."""
         self.port.write(wire.END_MOTION + wire.END_SESSION)
 
     def text(self, name: str) -> str:
-        """One of the texts; empty where the arm does not know it."""
+        """Return one of the texts; empty if the arm does not know it."""
         command = wire.TEXTS[name]
         text = self._request(command, lambda data: wire.text_reply(command, data))
         return text or ""
@@ -139,7 +138,7 @@ class MicroscribeLine:
         return self._given(block, "its own table")
 
     def still(self) -> bytes:
-        """Make the arm end what it sends by itself; return what it had sent so far."""
+        """Stop unsolicited packets; return bytes received until then."""
         self.port.write(wire.END_MOTION)
         data = self.read_until_quiet(END_MOTION_S)
         return data.partition(wire.END_MOTION_REPLY)[0]
@@ -156,7 +155,7 @@ class MicroscribeLine:
     ) -> TimedPacket | None:
         """Request a packet with timer; None if none arrives.
 
-        ``old`` tells an answer to an earlier request.
+        ``old`` recognises an answer to an earlier request.
         """
         self.drop_stray()
         self.port.write(packet_request(timer=True))
@@ -186,10 +185,9 @@ class MicroscribeLine:
         return data
 
     def _delay_ns(self, data: bytes, exchange_ns: int) -> int:
-        """From a latch to the first bytes of its packet.
+        """Return the time from a latch to the first bytes of its packet.
 
-        They take longer on the line than the request does; what is left of the
-        exchange is taken to be the same both ways.
+        Time on the line is known; the rest of the exchange is split evenly.
         """
         wire_ns = round(max(0, len(data) - 1) * self._byte_ns)
         return min((exchange_ns + wire_ns) // 2, exchange_ns)

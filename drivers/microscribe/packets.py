@@ -1,10 +1,9 @@
-"""The time of a MicroScribe's packets.
+"""Times of a MicroScribe's packets.
 
-A packet is latched after its request has left and before its answer begins; how much
-of that is time on the line is known, the rest is taken to be the same both ways. The
-arm's own timer improves it: it advances by ticks whose rate and offset are learned,
-so that what the host or an adapter held back does not count. A timer that does not run
-nearly as expected is left alone.
+A packet is latched after its request has left and before its answer begins; time on the
+line is known, the rest is split evenly. The arm's own timer improves it: its rate and
+offset are learned, so that delays of host and adapter do not count. A timer that does
+not run nearly as expected is not used.
 """
 
 import math
@@ -23,13 +22,13 @@ class TimerRate:
 
     Between two latches at least one tick less, and at most one more, passed than their
     counts differ by; their times are bounded by request and answer. Each is compared
-    with an earlier one whose bounds are narrow: the first may have been held back.
+    with an earlier one whose bounds are narrow.
 
     Args:
-        rate_hz: as stated; the true one is within `MAX_TIMER_ERROR`.
+        rate_hz: nominal; the true one is within `MAX_TIMER_ERROR`.
 
     Attributes:
-        assumed_hz: as stated, as long as it is possible; else the middle of the bounds.
+        assumed_hz: nominal, as long as possible; else the middle of the bounds.
         low_hz, high_hz: the bounds.
     """
 
@@ -39,14 +38,14 @@ class TimerRate:
         self.reset()
 
     def reset(self) -> None:
-        """The timer has jumped: begin again."""
+        """Begin again, after a jump of the timer."""
         self.assumed_hz = self._stated_hz
         self.low_hz = self._stated_hz * (1.0 - MAX_TIMER_ERROR)
         self.high_hz = self._stated_hz * (1.0 + MAX_TIMER_ERROR)
         self._narrow = None
 
     def add(self, ticks: int, heard: TimedPacket) -> bool:
-        """Learn from a packet with its ticks, unwrapped; False where they jumped."""
+        """Learn from a packet with unwrapped ticks; False if they jumped."""
         if self._narrow is None:
             self._narrow = ticks, heard
         narrow_ticks, narrow = self._narrow
@@ -65,17 +64,17 @@ class TimerRate:
 
 
 class PacketClock:
-    """When a packet was latched, on the host's clock.
+    """Time of a latch on the host's clock.
 
     Args:
-        rate_hz: of the arm's timer, as stated; 0 where it is not to be used.
+        rate_hz: nominal, of the arm's timer; 0 to leave it unused.
         wrap: where the timer returns to 0.
-        delay_ns: from the latch to the first bytes, where nothing is held back.
+        delay_ns: least time from the latch to the first bytes.
 
     Attributes:
-        steps: how often the timer has jumped.
-        bound_ns: how far the time of the last packet may be off.
-        is_uncertain: it may be off by more than can be stated.
+        steps: how often the timer jumped.
+        bound_ns: error of the last packet's time.
+        is_uncertain: no bound is known.
     """
 
     def __init__(self, rate_hz: float, wrap: int, delay_ns: int) -> None:
@@ -90,11 +89,10 @@ class PacketClock:
 
     @property
     def rate_hz(self) -> float:
-        """Of the timer, as far as learned; 0 where it is not used."""
         return self._rate.assumed_hz if self._rate else 0.0
 
     def is_old(self, heard: TimedPacket) -> bool:
-        """Whether a packet was latched before it was requested."""
+        """Return whether a packet was latched before it was requested."""
         if self._rate is None or self._last is None:
             return False
         last_ticks, last = self._last
@@ -102,7 +100,7 @@ class PacketClock:
         return last.begun_ns + most_s * 1e9 < heard.sent_ns
 
     def time_of(self, heard: TimedPacket) -> tuple[int, int]:
-        """Unwrapped ticks and the host's time of a packet; learns from it."""
+        """Return unwrapped ticks and the host's time of a packet; learns from it."""
         ticks, time_ns = self._time_of(heard)
         # Requested, latched, begun: between the first and the last it must have been.
         self.bound_ns = max(time_ns - heard.sent_ns, heard.begun_ns - time_ns)
@@ -142,7 +140,7 @@ class PacketClock:
         return ticks, time_ns
 
     def _ticks(self, heard: TimedPacket) -> int:
-        """Of the timer without wraps: the nearest to those of the last packet."""
+        """Unwrap the timer: nearest to the ticks of the last packet."""
         timer = heard.packet.timer or 0
         if self._last is None:
             return timer
@@ -151,9 +149,9 @@ class PacketClock:
 
 
 def timer_runs(heard: Sequence[TimedPacket], rate_hz: float, wrap: int) -> bool:
-    """Whether the arm's timer may run at about a rate: by most pairs of packets.
+    """Return whether the timer may run at a rate, by most pairs of packets.
 
-    Not by all: where a host was suspended, a reply is matched with a later request.
+    Not by all: after a suspension of the host, a reply is matched with a later request.
     """
     possible = []
     for earlier, later in combinations(heard, 2):
@@ -167,14 +165,14 @@ def timer_runs(heard: Sequence[TimedPacket], rate_hz: float, wrap: int) -> bool:
 
 
 def _exchange_ns(heard: TimedPacket) -> int:
-    """Within so long was it latched."""
+    """Return within which time it was latched."""
     return heard.begun_ns - heard.sent_ns
 
 
 def _rate_bounds(
     earlier: TimedPacket, later: TimedPacket, passed: int
 ) -> tuple[float, float]:
-    """Least and greatest rate [Hz] of a timer that advanced by some ticks between."""
+    """Return least and greatest rate [Hz] of a timer that advanced by some ticks."""
     most_ns = max(1, later.begun_ns - earlier.sent_ns)
     least_ns = later.sent_ns - earlier.begun_ns
     high_hz = (passed + 1) * 1e9 / least_ns if least_ns > 0 else math.inf

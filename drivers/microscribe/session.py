@@ -1,4 +1,4 @@
-"""A MicroScribe that has been signed on: what it is, and its packets as samples."""
+"""A signed-on MicroScribe: identity, and packets as samples."""
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -60,12 +60,10 @@ class MicroscribeIdentification:
 
     @property
     def framing(self) -> Framing:
-        """Of its packets."""
         return self.maxes.framing
 
     @property
     def timer_wrap(self) -> int:
-        """Where its timer returns to 0."""
         greatest = self.maxes.timer
         return greatest + 1 if 0 < greatest < TIMER_WRAP else TIMER_WRAP
 
@@ -76,7 +74,6 @@ class MicroscribeIdentification:
         return tuple(moduli[: moduli.index(1)] if 1 in moduli else moduli)
 
     def decoder(self) -> PacketDecoder:
-        """Of its packets with their timer."""
         return PacketDecoder(self.framing, timer=True)
 
 
@@ -128,14 +125,6 @@ def connect(
 def sign_on_at_any_rate(
     open_line: OpenLine, rates: Sequence[int]
 ) -> tuple[MicroscribeLine, str]:
-    """Open a port and begin a session at the first rate that the arm follows.
-
-    Returns:
-        The line, and the arm's identity.
-
-    Raises:
-        DeviceError: no answer at any of them.
-    """
     path = ""
     others = [rate for rate in BAUD_RATES if rate not in rates]
     for rate in [*rates, *others, *rates[:1]]:
@@ -155,18 +144,18 @@ def sign_on_at_any_rate(
 
 
 class MicroscribeSession:
-    """Packets of one arm on one line, judged.
+    """Packets of one arm on one line, checked.
 
     A ``timer_rate_hz`` of 0 leaves the timer unused.
 
     Attributes:
-        channels: description of the encoders.
+        channels: of the encoders.
         decoder: of the packets.
-        reached_hz: packets that can be requested in a second.
-        delay_ns: from the latch to the first bytes of a packet, at the quickest.
-        first: the last sample before all others that are requested.
+        reached_hz: rate at which packets can be requested.
+        delay_ns: least time from the latch to the first bytes of a packet.
+        first: the last sample before the requested ones.
         clock: of the packets.
-        timer_used: whether the arm's timer runs as it should.
+        timer_used: the arm's timer runs as it should.
     """
 
     def __init__(
@@ -227,7 +216,7 @@ class MicroscribeSession:
         return self.line.packet(self.decoder, self.clock.is_old)
 
     def sample_of(self, heard: TimedPacket) -> tuple[PolledSample, list[int]]:
-        """A packet as a sample, and the channels whose counts cannot be."""
+        """Convert a packet to a sample; return also channels with impossible counts."""
         ticks, time_ns = self.clock.time_of(heard)
         uncertain = STATUS_TIME_UNCERTAIN if self.clock.is_uncertain else 0
         status, implausible = [], []
@@ -250,7 +239,7 @@ class MicroscribeSession:
         return sample, implausible
 
     def _look(self) -> tuple[list[TimedPacket], list[int]]:
-        """Packets of a short while, and how long each took [ns]."""
+        """Request packets for a while; return them and their durations [ns]."""
         heard: list[TimedPacket] = []
         missed = 0
         until_ns = self._now_ns() + int(LOOK_S * 1e9)
@@ -272,11 +261,10 @@ class MicroscribeSession:
 
 
 class MotionReport:
-    """Packets that the arm sends by itself, whenever something has changed.
+    """Packets that the arm sends by itself, on changes.
 
-    While nothing changes nothing is sent, and a quiet arm looks like a dead one. So
-    after a while of silence the report is ended, one packet is requested, and the
-    report begins again.
+    A quiet arm looks like a dead one. After a silence the report is therefore ended,
+    one packet is requested, and the report begins again.
     """
 
     def __init__(
@@ -295,20 +283,18 @@ class MotionReport:
         self._begun_ns = self._last_ns = monotonic_ns()
 
     def begin(self) -> None:
-        """Make the arm report from now on."""
         self._line.port.write(self._request)
         self._running = self._unechoed = True
         self._begun_ns = self._last_ns = self._now_ns()
 
     def end(self) -> None:
-        """Stop its reports."""
         if self._running:
             self._running = False
             # The rest of a packet that has begun, too: it is not broken.
             self._decoder.feed(self._without_echo(self._line.still()))
 
     def read(self, seconds: float) -> list[TimedPacket]:
-        """The next packets, none after a time without any."""
+        """Return the next packets, none after a time without any."""
         if not self._line.port.wait(seconds):
             return []
         begun_ns = self._now_ns()
@@ -325,12 +311,12 @@ class MotionReport:
         ]
 
     def is_quiet(self, *, unsettled: bool) -> bool:
-        """Whether a request is due."""
+        """Return whether a request is due."""
         patience_ns = CONFIRM_NS if unsettled else QUIET_NS
         return self._now_ns() - self._last_ns > patience_ns
 
     def _without_echo(self, data: bytes) -> bytes:
-        """Received bytes, without the echo of the request."""
+        """Drop the echo of the request."""
         echo = bytes([wire.MOTION])
         if not self._unechoed or echo not in data:
             return data

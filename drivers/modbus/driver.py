@@ -1,9 +1,9 @@
-"""Driver of encoders that speak Modbus RTU, several on one line, through pymodbus.
+"""Driver of Modbus RTU encoders, several on one line, through pymodbus.
 
 Each is polled in turn; a reading belongs to the middle of its exchange. That an encoder
 latches when the request has arrived is general knowledge and differs by maker; many
-renew their position only every few milliseconds. The meaning of registers is set by
-the configuration: there is no standard.
+renew their position only every few milliseconds. The configuration sets the meaning of
+registers: there is no standard.
 """
 
 from collections.abc import Sequence
@@ -56,12 +56,10 @@ class ModbusEncoder(StrictModel):
 
     @property
     def modulus(self) -> int:
-        """Count at which it wraps to 0."""
         return self.counts_per_turn * self.turns
 
     @property
     def registers(self) -> PositionRegisters:
-        """Those with its position."""
         return PositionRegisters(
             self.position_register,
             self.words,
@@ -208,7 +206,7 @@ class ModbusDriver(PolledDriver[ModbusClient]):
         return True
 
     def _ask_status(self, channel: int) -> None:
-        """Read what an encoder complains of; it marks its samples from now on."""
+        """Read an encoder's status, which marks its following samples."""
         encoder = self._encoders[channel]
         if encoder.status_register is None or self._channels[channel].missing:
             return
@@ -225,7 +223,7 @@ class ModbusDriver(PolledDriver[ModbusClient]):
     def _get(
         self, channel: int, function: int, first: int, n_words: int
     ) -> tuple[list[int], int] | ReadError:
-        """Registers of an encoder, and the middle of the exchange."""
+        """Return registers of an encoder, and the middle of the exchange."""
         client = self._open_line
         read = client.read_input_registers
         if function == 3:
@@ -258,12 +256,12 @@ class ModbusDriver(PolledDriver[ModbusClient]):
         return words, (sent_ns + received_ns) // 2
 
     def _usual_s(self) -> float:
-        """A time within which most replies arrive; the time-out until that is known."""
+        """Return a time within which most replies arrive; at first the time-out."""
         usual_s = self._longest_ns * 1e-9 + LATE_S
         return min(self._timeout_s, usual_s) if self._longest_ns else self._timeout_s
 
     def _pass(self, seconds: float) -> None:
-        """Wait for a time, even where something wakes this thread."""
+        """Wait for a time, ignoring wake-ups."""
         until_ns = self._now_ns() + round(seconds * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0:
             self._ports.wait_for_any((), self._wake_read, left_ns * 1e-9)

@@ -1,7 +1,7 @@
-"""A Modbus client of pymodbus that reads and writes through a port of ours.
+"""A Modbus client of pymodbus that reads and writes through our port.
 
-So the port is exclusive, can be polled together with the thread's wake-up, and it
-is known when a request had left and when its reply was read.
+So the port is exclusive, can be polled together with the thread's wake-up, and the
+times of requests and replies are known.
 """
 
 import logging
@@ -20,10 +20,10 @@ class ModbusClient(ModbusBaseSyncClient):
     Args:
         port: open port; `close_port` closes it.
         monotonic_ns: the host's clock.
-        let_pass: waits so many seconds.
-        timeout_s: within which a reply is whole; may be changed.
+        let_pass: waits for seconds.
+        timeout_s: for a whole reply; may be changed.
         silence_s: between two frames.
-        echo: the adapter echoes what is sent.
+        echo: the adapter echoes requests.
 
     Attributes:
         sent_ns: when the last request had been written.
@@ -58,18 +58,17 @@ class ModbusClient(ModbusBaseSyncClient):
         self.unrequested_bytes = 0
 
     def connect(self) -> bool:
-        """The port is open as long as there is a client."""
         return True
 
     def close(self) -> None:
-        """The client may be closed; the port stays open until `close_port`."""
+        """Do nothing; `close_port` closes the port."""
 
     def close_port(self) -> None:
         """Close the port."""
         self._port.close()
 
     def send(self, request: bytes, addr: tuple[str, int] | None = None) -> int:
-        """Send a frame, after what silence belongs between two of them."""
+        """Send a frame after the silence between frames."""
         del addr  # of network clients
         quiet_ns = self._now_ns() - max(self.sent_ns, self.received_ns)
         if quiet_ns < self._silence_ns:
@@ -81,7 +80,7 @@ class ModbusClient(ModbusBaseSyncClient):
         return len(request)
 
     def recv(self, size: int | None) -> bytes:
-        """The next bytes; none once the time for the reply is over."""
+        """Return the next bytes; none once the time for the reply is over."""
         del size  # a frame contains its own
         until_ns = self.sent_ns + round(self.timeout_s * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0:
@@ -92,7 +91,7 @@ class ModbusClient(ModbusBaseSyncClient):
         return b""
 
     def discard_late_bytes(self, seconds: float) -> int:
-        """Discard what arrives for a time; return the number of bytes."""
+        """Discard input for a time; return the number of bytes."""
         heard = 0
         until_ns = self._now_ns() + round(seconds * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0:

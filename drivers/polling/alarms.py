@@ -1,4 +1,4 @@
-"""Alarms of polled encoders: readings that failed, and what encoders complain of."""
+"""Alarms of polled encoders: failed readings, and reported conditions."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -30,7 +30,7 @@ class ReadErrorLog:
         self._alarms = Alarms(device, put)
 
     def add(self, number: int, channel: PolledChannel, miss: ReadError) -> None:
-        """A reading of channel ``number`` has failed."""
+        """Count a failed reading."""
         self._counters[miss.code] += 1
         if miss is UNCONFIRMED:
             return
@@ -40,7 +40,7 @@ class ReadErrorLog:
             self._untold[channel.name, miss] += 1
 
     def raise_if_all_missing(self, channels: Sequence[PolledChannel]) -> None:
-        """Raise DeviceError where no encoder is left that can be read."""
+        """Raise DeviceError if no encoder can be read."""
         if all(channel.missing for channel in channels):
             miss = self._last[0]
             raise DeviceError(
@@ -51,7 +51,7 @@ class ReadErrorLog:
             )
 
     def report(self, channels: Sequence[PolledChannel], now_ns: int) -> None:
-        """Alarms that begin and end; single misses now and then."""
+        """Report alarms that begin and end; single misses now and then."""
         for number, channel in enumerate(channels):
             if channel.missing and not self._alarms.is_raised(number, MISSING):
                 miss = self._last[number]
@@ -85,11 +85,11 @@ class ConditionAlarms:
         self._told_ns = 0
 
     def add(self, channel: int, codes: Iterable[str]) -> None:
-        """An encoder has reported its alarms, perhaps none."""
+        """Take the alarms reported by an encoder, perhaps none."""
         self._seen.setdefault(channel, set()).update(codes)
 
     def report(self, names: Mapping[int, str], now_ns: int) -> None:
-        """Report what has begun, and what has not recurred since the last call."""
+        """Report conditions that have begun, or not recurred since the last call."""
         if now_ns - self._told_ns < REPORT_INTERVAL_NS:
             return
         self._told_ns = now_ns

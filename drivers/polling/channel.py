@@ -1,8 +1,8 @@
-"""One polled encoder: its last count, and whether a reading is valid.
+"""One polled encoder: last count, and validity of readings.
 
-Check bits pass some bad words. So a reading must also be one that the shaft can have
-reached since the last good one, no faster than a given speed; and the first one, also
-after an encoder has been missing, is accepted once the next confirms it.
+Check bits pass some bad words. A reading must therefore be within reach of the shaft
+since the last good one; and the first one, also after an encoder was missing, is
+accepted once the next confirms it.
 """
 
 import math
@@ -16,10 +16,10 @@ SLACK_COUNTS = 4
 
 @dataclass(frozen=True, slots=True)
 class EncoderReading:
-    """A count and the host's monotonic time at which it was latched.
+    """A count and the host's monotonic time of its latch.
 
     Attributes:
-        status: bits ``STATUS_*`` that the encoder sent with it.
+        status: bits ``STATUS_*`` sent with it.
     """
 
     count: int
@@ -29,7 +29,7 @@ class EncoderReading:
 
 @dataclass(frozen=True, slots=True)
 class ReadError:
-    """Why there is no reading; ``code`` is also the name of its counter."""
+    """A failed reading; ``code`` is also the name of its counter."""
 
     code: str
     text: str
@@ -49,8 +49,8 @@ class PolledChannel:
 
     Attributes:
         count: the last good one; 0 before the first.
-        time_ns: when that was; None before the first, and after it has been missing.
-        misses: how many readings in a row have failed.
+        time_ns: of that; None before the first, and after it was missing.
+        misses: successive failed readings.
     """
 
     def __init__(
@@ -68,17 +68,17 @@ class PolledChannel:
 
     @property
     def missing(self) -> bool:
-        """It has failed so often that it is polled only occasionally."""
+        """Whether it failed so often that it is polled only occasionally."""
         return self.misses >= READ_ERRORS_FOR_ALARM
 
     def due(self, now_ns: int) -> bool:
-        """Whether to poll it."""
+        """Return whether to poll it."""
         return not self.missing or now_ns >= self._ask_again_ns
 
     def accept(
         self, answer: EncoderReading | ReadError, now_ns: int
     ) -> ReadError | None:
-        """Check a reply; None where it is a valid reading."""
+        """Check a reply; None if it is valid."""
         if isinstance(answer, ReadError):
             return self._failed(answer, now_ns)
         if self.time_ns is not None:
@@ -96,7 +96,6 @@ class PolledChannel:
         return None
 
     def reset(self) -> None:
-        """The next reading is as good as a first one."""
         self.time_ns = self._unconfirmed = None
 
     def _failed(self, miss: ReadError, now_ns: int) -> ReadError:

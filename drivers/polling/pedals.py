@@ -1,9 +1,8 @@
 """Pedals and buttons in packets or lines: levels become edges, once each.
 
 A packet may have no check sum, so a changed level is accepted when the next shows it
-too; the edge then has the counts and the time of the packet that showed it first. In a
-report of motion a packet whose counts are those of before can only be there because of
-the pedal: it needs no other.
+too; the edge has counts and time of the first. In a report of motion a packet with
+unchanged counts was caused by the pedal, and needs no confirmation.
 """
 
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ class PedalEdge:
 
 
 class PedalDebouncer:
-    """Confirmed levels of all pedals."""
+    """Debounced levels of all pedals."""
 
     def __init__(self, debounce_ns: int, n_inputs: int) -> None:
         self._debounce_ns = debounce_ns
@@ -32,11 +31,11 @@ class PedalDebouncer:
 
     @property
     def unsettled(self) -> bool:
-        """A change waits for the next packet."""
+        """Whether a change waits for the next packet."""
         return bool(self._first)
 
     def begin(self, sample: PolledSample) -> None:
-        """Take the levels of a sample; what changed before it is no edge."""
+        """Take the levels of a sample; earlier changes are no edges."""
         self._levels = sample.inputs
         self._first.clear()
         self._until_ns.clear()
@@ -44,7 +43,7 @@ class PedalDebouncer:
     def detect_edges(
         self, sample: PolledSample, *, certain: bool = False
     ) -> list[PedalEdge]:
-        """The edges that a packet confirms, or shows beyond doubt."""
+        """Return the edges that a packet confirms, or proves."""
         edges = []
         for number in range(self._n_inputs):
             bit = 1 << number

@@ -1,8 +1,7 @@
 """Base class of drivers whose encoders are polled one after the other.
 
-The thread keeps a schedule: sample k belongs to the instant k / rate, and at that
-instant all encoders are polled in turn. Each reading has its own instant, stated as
-`CountSamples.skew_ns`; the consumer interpolates them to one instant. An
+Sample k is due at k / rate; then all encoders are polled in turn. Each reading has its
+own instant, stated as `CountSamples.skew_ns`; the consumer interpolates them to one. An
 instant that the line was too slow for is skipped, and is a gap in ``seq``.
 """
 
@@ -44,9 +43,9 @@ class PolledOptions(DriverOptions):
     """Options of every driver that reads its encoders one after the other.
 
     Attributes:
-        answer_timeout_s: within which a reply arrives.
-        max_rate_hz: no faster stream is offered, however fast the line.
-        max_speed_rad_s: no joint turns faster.
+        answer_timeout_s: time limit of a reply.
+        max_rate_hz: bound on the rate of streams.
+        max_speed_rad_s: fastest joint.
     """
 
     answer_timeout_s: float
@@ -102,7 +101,7 @@ class PolledDriver(Driver, Generic[LineT]):
 
     @abstractmethod
     def _open(self) -> tuple[str, Sequence[PolledChannel]]:
-        """Open the ports; the device's name and its channels.
+        """Open the ports; return the device's name and channels.
 
         Raises:
             DeviceError: it is not there, or not what was configured.
@@ -117,11 +116,10 @@ class PolledDriver(Driver, Generic[LineT]):
         """
 
     def _cycle_is_valid(self) -> bool:
-        """Called after each cycle; False makes all of its readings missing."""
+        """Check a cycle; False makes all of its readings missing."""
         return True
 
     def _wait(self, seconds: float) -> None:
-        """Wait until the next action."""
         self._ports.wait_for_any((), self._wake_read, seconds)
 
     # -- in the reader thread -------------------------------------------------
@@ -240,7 +238,7 @@ class PolledDriver(Driver, Generic[LineT]):
         return answer
 
     def _jitter_ns(self) -> int:
-        """How far the instant of a reading may be off: by half of an exchange."""
+        """Return the error of a reading's instant: half of an exchange."""
         return round(median(self._lengths_ns) / 2.0)
 
     def _judged(

@@ -1,4 +1,4 @@
-"""Samples of a polled stream: when they are due, and gathered into blocks."""
+"""Samples of a polled stream: schedule, and blocks."""
 
 from collections.abc import Callable, Sequence
 
@@ -25,7 +25,7 @@ class SampleSchedule:
         return self._instant_ns(self._next)
 
     def take(self, now_ns: int) -> tuple[int, int, int]:
-        """The latest sample that is due: number, instant, how many were skipped."""
+        """Return the latest due sample: number, instant, how many were skipped."""
         number = max(self._next, int((now_ns - self._begin_ns) / self._period_ns))
         skipped = number - self._next
         self._next = number + 1
@@ -43,8 +43,7 @@ def sample_of_readings(
 ) -> PolledSample:
     """Combine the readings of one cycle.
 
-    A missing reading is replaced by the last count, at the time at which it
-    timed out.
+    A missing reading is replaced by the last count, at the time of its time-out.
     """
     given_up = EncoderReading(0, received_ns, STATUS_MISSING)
     read = [reading or given_up for reading in readings]
@@ -63,15 +62,14 @@ class SampleBlockBuilder:
         self._waiting: list[tuple[int, PolledSample]] = []
 
     def add(self, seq: int, sample: PolledSample) -> None:
-        """Take a sample with its number."""
         self._waiting.append((seq, sample))
 
     def is_due(self, now_ns: int) -> bool:
-        """Whether the oldest sample has waited long enough."""
+        """Return whether the oldest sample has waited long enough."""
         return bool(self._waiting) and now_ns - self._waiting[0][1].time_ns >= BLOCK_NS
 
     def deliver(self, stream: int) -> None:
-        """All of them as a block of ``stream``, and begin anew."""
+        """Deliver all as a block of ``stream``, and begin anew."""
         if not self._waiting:
             return
         seq = [number for number, _ in self._waiting]

@@ -1,11 +1,11 @@
 """Driver of RLS Orbis and AksIM encoders, each on a serial port of its own.
 
 All are polled at once and answer side by side; a reading belongs to the middle of its
-exchange. In the continuous mode they answer by themselves, each by its own clock, and
-a reading belongs to the begin of its reply. That an encoder latches then is general
-knowledge, and not confirmed by the makers' documents, as is that the bits between
-position and status are 0; there is no check sum. So a reading must also be one that the
-joint can have reached.
+exchange. In the continuous mode they answer by themselves, each by its own clock, and a
+reading belongs to the begin of its reply. That an encoder latches then, and that the
+bits between position and status are 0, is general knowledge and not confirmed by the
+makers' documents; there is no check sum. A reading must therefore be within reach of
+the joint.
 """
 
 import contextlib
@@ -116,7 +116,6 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
         return True
 
     def _jitter_ns(self) -> int:
-        """How far the instant of a reading may be off: by half of an exchange."""
         group = self._open_line
         if self._continuous:
             return group.lines[0].reply_duration_ns // 2
@@ -141,7 +140,7 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
         self._in_hand = set(due)
 
     def _recognise(self, channel: int, reply: bytes | ReadError) -> ReadError:
-        """Believe an encoder that was missing only if it is the same as before."""
+        """Accept an encoder that was missing only with its former serial number."""
         if isinstance(reply, ReadError):
             return reply
         before, now = self._serials[channel], rls.serial_number(reply)
@@ -156,7 +155,7 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
         return SILENT  # its next reply counts
 
     def _wait(self, seconds: float) -> None:
-        """In the continuous mode encoders are read meanwhile."""
+        """Read encoders of the continuous mode while waiting."""
         if self._continuous:
             self._open_line.listen(seconds)
         else:
@@ -165,7 +164,7 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
     def _latest_reply(
         self, group: RlsLineGroup, channel: int
     ) -> TimedPosition | ReadError:
-        """The last unsolicited reply; a new one if that has been taken."""
+        """Return the last unsolicited reply, or wait for a new one."""
         line = group.lines[channel]
         if self._channels[channel].missing:
             # It may have lost power, and with it the continuous mode.

@@ -1,4 +1,4 @@
-"""The line to one RLS encoder: a request and its reply, or replies by themselves."""
+"""The line to one RLS encoder: request and reply, or unsolicited replies."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -49,9 +49,9 @@ class RlsLine:
         request: the last one.
         unrequested_bytes: unexpected bytes.
         latest: last reply of the continuous mode, until it is taken.
-        last_ns: how long the last good exchange took.
+        last_ns: duration of the last good exchange.
         reply_duration_ns: time on the wire of an unsolicited reply.
-        exchange_ns: how long the longest good exchange took.
+        exchange_ns: duration of the longest good exchange.
     """
 
     def __init__(
@@ -116,12 +116,12 @@ class RlsLine:
             self._surplus = True
 
     def discard_late_bytes(self) -> None:
-        """Process bytes when nothing is due any more: a late reply, or a next one."""
+        """Process bytes while nothing is due: a late reply, or a next one."""
         self.unrequested_bytes += len(self.port.read())
         self._surplus |= not self.reply_is_incomplete
 
     def reply(self) -> bytes | ReadError:
-        """The whole reply, or why there is none."""
+        """Return the whole reply, or why there is none."""
         miss: ReadError | None = None
         if self._surplus:
             miss = SHIFTED
@@ -135,7 +135,7 @@ class RlsLine:
         return self._heard
 
     def answer(self) -> TimedPosition | ReadError:
-        """The reply to a request for a position."""
+        """Return the reply to a request for a position."""
         reply = self.reply()
         if isinstance(reply, ReadError):
             return reply
@@ -145,7 +145,7 @@ class RlsLine:
         return TimedPosition(position, (self._sent_ns + self._received_ns) // 2)
 
     def follow(self, request: bytes) -> None:
-        """From now on the encoder answers a request by itself."""
+        """Follow unsolicited answers to a request."""
         self._replies = rls.Replies(request, self._layout)
         self.reply_duration_ns = self._layout.reply_bytes(request) * self._byte_ns
         self.latest = None
@@ -197,28 +197,26 @@ class RlsLineGroup:
 
     @property
     def unrequested_bytes(self) -> int:
-        """Unexpected bytes."""
         return sum(line.unrequested_bytes for line in self.lines)
 
     @property
     def longest_ns(self) -> int:
-        """How long the longest good exchange took."""
+        """Duration of the longest good exchange."""
         return max(line.exchange_ns for line in self.lines)
 
     @property
     def usual_ns(self) -> int:
-        """How long the last good exchanges took."""
+        """Duration of the last good exchanges."""
         return round(median(line.last_ns for line in self.lines))
 
     def close_port(self) -> None:
-        """Close the ports."""
         for line in self.lines:
             line.port.close()
 
     def exchange(
         self, requests: Mapping[int, bytes], impatient: frozenset[int] = frozenset()
     ) -> None:
-        """Poll encoders, all at the same time, and wait for their replies.
+        """Poll encoders simultaneously, and wait for their replies.
 
         Replies of ``impatient`` channels are awaited only as long as most take.
         """
@@ -249,7 +247,7 @@ class RlsLineGroup:
                 self.lines[number].discard_late_bytes()
 
     def discard_input(self, seconds: float) -> set[int]:
-        """Discard what arrives for a time; the channels on which something arrived."""
+        """Discard input for a time; return the channels with input."""
         talkers = set()
         for number in self._readable_within(self._all, round(seconds * 1e9)):
             self.lines[number].port.read()
@@ -257,7 +255,7 @@ class RlsLineGroup:
         return talkers
 
     def send_setting(self, number: int, setting: bytes) -> None:
-        """Send a setting byte by byte; its echo is discarded with all else received."""
+        """Send a setting byte by byte; discard its echo and all else."""
         port = self.lines[number].port
         for byte in rls.UNLOCK + setting:
             port.write(bytes((byte,)))
@@ -275,7 +273,7 @@ class RlsLineGroup:
         self.send_setting(number, rls.START)
 
     def listen(self, seconds: float) -> None:
-        """Process unsolicited replies, until woken; at most for a time."""
+        """Process unsolicited replies until woken, or for a time."""
         until_ns = self._now_ns() + round(seconds * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0:
             ready = self._ready(self._all, left_ns)
@@ -293,7 +291,7 @@ class RlsLineGroup:
                 self.lines[other].listen()
 
     def _readable_within(self, numbers: Sequence[int], wait_ns: int) -> Iterator[int]:
-        """Numbers of the lines that have bytes, as they have them, for a time."""
+        """Yield numbers of the lines with bytes, for a time."""
         until_ns = self._now_ns() + wait_ns
         while (left_ns := until_ns - self._now_ns()) > 0:
             yield from self._ready(numbers, left_ns)
@@ -304,7 +302,7 @@ class RlsLineGroup:
         return [numbers[index] for index in ready]
 
     def _usual_ns(self) -> int:
-        """A time within which most replies arrive; the time-out until that is known."""
+        """Return a time within which most replies arrive; at first the time-out."""
         longest_ns = self.longest_ns
         usual_ns = longest_ns + 1_000_000 if longest_ns else self._timeout_ns
         return min(self._timeout_ns, usual_ns)

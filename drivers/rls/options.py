@@ -59,10 +59,8 @@ class RlsOptions(PolledOptions):
 
     @property
     def layout(self) -> rls.Layout:
-        """Of the encoders' replies."""
         return rls.Layout(self.bits, self.turns)
 
     @property
     def where(self) -> str:
-        """Its ports, for people."""
         return ", ".join(self.ports)

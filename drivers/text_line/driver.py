@@ -1,9 +1,9 @@
 """Driver of boards that print lines of text, one for each reading of all joints.
 
-The board prints by itself, at a rate of its own, which is learned while connecting.
-A line is read whole or not at all (`line`), and must be a reading that the joints can
-have reached. Without a time in the line a sample has the time at which its line
-arrived; a board whose time or counts jump has lost power.
+The board prints at a rate of its own, which is learned while connecting. A line is read
+whole or not at all (`line`), and must be within reach of the joints. Without a time in
+the line a sample has the time of its arrival; a board whose time or counts jump has
+lost power.
 """
 
 from dataclasses import dataclass
@@ -50,11 +50,11 @@ class _Arrived:
     """A line that has arrived.
 
     Attributes:
-        ticks: the board's time, unwrapped; None where the line has none.
+        ticks: the board's time, unwrapped; None if the line has none.
         arrived_ns: of the line, by those that were read with it.
         received_ns: of the read.
-        step: so many lines further than the last one.
-        bad: so many lines before it could not be read.
+        step: lines since the last one.
+        bad: unreadable lines before it.
     """
 
     line: Line
@@ -207,7 +207,7 @@ class TextLineDriver(Driver):
         self._reason = f"a line{shown} {reason}"
 
     def _first_lines(self, port: SerialPort) -> list[tuple[Line, int]]:
-        """Valid lines in a row, to learn from, with the time at which each was read.
+        """Return successive valid lines, to learn from, with their times.
 
         Raises:
             DeviceError: there are none.
@@ -239,7 +239,7 @@ class TextLineDriver(Driver):
         return first
 
     def _learned_period_ns(self, first: list[tuple[Line, int]]) -> float:
-        """Time between two lines [ns], by the board's time where it prints one."""
+        """Return the time between lines [ns], by the board's time if it prints one."""
         steps = [
             (b.ticks - a.ticks) * 1e9 / self.options.tick_rate_hz
             for (a, _), (b, _) in pairwise(first)
@@ -260,7 +260,7 @@ class TextLineDriver(Driver):
     def _continues(
         self, before: tuple[Line, int] | None, now: tuple[Line, int], period_ns: float
     ) -> bool:
-        """Whether the board has been running since its last line, by time or number."""
+        """Return whether the board ran since its last line, by time or number."""
         if before is None:
             return False
         elapsed_ns = now[1] - before[1]
@@ -314,7 +314,7 @@ class TextLineDriver(Driver):
         self._release(received_ns)
 
     def _learn(self, line: Line, received_ns: int) -> int | None:
-        """The time of a line, unwrapped; the clock learns from it."""
+        """Return the unwrapped time of a line; the clock learns from it."""
         if line.ticks is None:
             return None
         ticks = self._clock.unwrap_one(line.ticks)
@@ -323,7 +323,7 @@ class TextLineDriver(Driver):
         return ticks
 
     def _release(self, now_ns: int) -> None:
-        """Take lines, unless they wait for one that tells whether their times hold."""
+        """Take lines, unless they wait for one that proves their times."""
         held = self._held
         if not held:
             return
@@ -349,7 +349,7 @@ class TextLineDriver(Driver):
                 self._block.add((self._next_seq - 1) // self._every, sample)
 
     def _step(self, line: Line, received_ns: int, bad: int) -> int:
-        """How many lines further this one is, 1 without a loss; 0: not to be taken.
+        """Return the step from the last line, 1 without a loss; 0: not to be taken.
 
         Raises:
             DeviceError: the board has been reset.
@@ -382,7 +382,7 @@ class TextLineDriver(Driver):
         return 0
 
     def _sample(self, arrived: _Arrived) -> PolledSample:
-        """A line as a sample.
+        """Convert a line to a sample.
 
         Raises:
             DeviceError: counts have jumped for good.

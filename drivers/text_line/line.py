@@ -1,8 +1,8 @@
 """Lines of text: split out of bytes, checked as a whole, read or refused.
 
-A pattern is a line as the board prints it, with fields in braces. What is outside the
-braces must be there exactly, except that blanks may be more. A line is read only if all
-of it fits; nothing is taken out of a line that is cut, merged or longer.
+A pattern is a line as the board prints it, with fields in braces. Text outside the
+braces must match exactly, except for more blanks. A line is read only if all of it
+fits.
 """
 
 import math
@@ -31,7 +31,7 @@ class Line:
     """A valid line.
 
     Attributes:
-        counts: of all joints, each from 0 to below its counts per turn.
+        counts: of all joints, from 0 to below counts per turn.
         ticks: its time; None without.
         seq: its number; None without.
         buttons: levels as bits.
@@ -45,7 +45,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class OddLine:
-    """A line that is not read; ``reason`` says why, for people."""
+    """A line that cannot be read; ``reason`` is for people."""
 
     reason: str
 
@@ -55,9 +55,9 @@ class _OddError(Exception):
 
 
 class LineSplitter:
-    """Whole lines out of received bytes, at most `MAX_LINE` bytes each.
+    """Splits received bytes into lines of at most `MAX_LINE` bytes each.
 
-    What arrives before the first line end may be the rest of a line: it is dropped.
+    Bytes before the first line end may be the rest of a line: they are dropped.
     """
 
     def __init__(self) -> None:
@@ -66,7 +66,7 @@ class LineSplitter:
         self.overlong = 0
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The lines that are now whole, without their ends; empty ones left out."""
+        """Return complete lines, without their ends and empty ones."""
         lines = []
         *ended, rest = data.split(b"\n")
         for part in ended:
@@ -139,16 +139,14 @@ class LinePattern:
 
     @property
     def n_joints(self) -> int:
-        """How many joints a line has."""
         return self.fields.count("joint")
 
     @property
     def n_inputs(self) -> int:
-        """How many buttons a line has."""
         return 8 if "buttons" in self.fields else self.fields.count("button")
 
     def read(self, raw: bytes) -> Line | OddLine:
-        """The line, or why it is none."""
+        """Read a line, or return the reason."""
         if not raw.isascii():
             return OddLine("has bytes that are no text")
         match = self._regex.fullmatch(raw.decode("ascii").strip(" \t\r"))
@@ -197,7 +195,7 @@ class LinePattern:
         return value
 
     def _check_sum(self, match: re.Match[str]) -> None:
-        """Of all before the sign in front of the checksum, without a leading "$"."""
+        """Check all before the sign in front of the checksum, without a leading "$"."""
         number = self.fields.index("checksum") + 1
         data = match.string[: match.start(number) - 1].removeprefix("$").encode()
         total = sum(data) & 0xFF if self._checksum == "sum" else reduce(xor, data, 0)

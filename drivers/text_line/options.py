@@ -62,7 +62,6 @@ class TextLineOptions(DriverOptions):
 
     @property
     def tick_rate_hz(self) -> int:
-        """Of the board's time as `Line.ticks`."""
         return TICKS_PER_S[self.time_unit]
 
     @model_validator(mode="after")

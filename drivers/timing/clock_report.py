@@ -1,4 +1,4 @@
-"""When the state of a device's clock is worth a report."""
+"""Reports on the state of a device's clock."""
 
 from collections.abc import Callable
 
@@ -12,10 +12,10 @@ LASTING_NS = 200_000_000  # a doubt that is shorter marks what it concerns, no m
 
 
 class ClockReporter:
-    """Reports how a clock runs: at first, and when that has changed.
+    """Reports a clock at first, and on changes.
 
     Args:
-        put: hands a report over; False where it has no room.
+        put: delivers a report; False if there is no room.
     """
 
     def __init__(self, device: str, put: Callable[[DeviceClockState], bool]) -> None:
@@ -24,7 +24,7 @@ class ClockReporter:
         self._said_ns = self._certain_ns = 0
 
     def forget(self) -> None:
-        """The device is another, or was away: report anew."""
+        """Report anew: the device is another, or was away."""
         self._said = None
 
     def report(self, clock: DeviceClock, now_ns: int) -> None:

@@ -1,25 +1,25 @@
 """The line below the delays of a device's readings.
 
-A reading arrives after its latch: the time of arrival, less the device's time of the
-latch, is a constant offset plus a delay that is never negative. Against the device's
+A reading arrives after its latch: its time of arrival less the device's time of the
+latch is a constant offset plus a delay that is never negative. Against the device's
 time these differences lie on or above a straight line, whose slope is the error of the
-device's rate and whose height the smallest delay. It is an edge of their lower convex
-hull, the one below the middle of the time (Moon, Skelly and Towsley, INFOCOM 1999), so
-that delays of a busy host do not move it, and that it is the same at whatever rate.
+device's rate and whose height the smallest delay. It is the edge of their lower convex
+hull below the middle of the time (Moon, Skelly and Towsley, INFOCOM 1999), so that
+delays of a busy host do not move it, at any rate.
 
-Strategy: how well the line is known is seen from how well it is touched. Readings are
-collected in bins of a quarter second; where the delays are what they always are, nearly
-every bin has a reading near the line. Each third of the time must have touched it,
-since the slope rests on both ends and a bend shows in the middle. Of windows of several
-lengths the longest is used whose bound is nearly the smallest: a long one averages
-delays that vary, a short one follows a rate that drifts.
+Strategy: the line is as well known as it is touched. Readings are collected in bins of
+a quarter second; with usual delays nearly every bin has a reading near the line. Each
+third of the time must have touched it, since the slope rests on both ends and a bend
+shows in the middle. Of windows of several lengths the longest is used whose bound is
+nearly the smallest: a long one averages delays that vary, a short one follows a rate
+that drifts.
 """
 
 from collections import deque
 from dataclasses import dataclass
 
 Point = tuple[float, float]
-"""Device's time since an origin [ns], and the time of arrival less that [ns]."""
+"""Device's time since an origin [ns], and time of arrival less that [ns]."""
 
 MAX_RATE_ERROR = 0.025  # beyond this it is not the clock that was stated
 BINS = 96  # 24 s: long against jitter, short against temperature
@@ -42,8 +42,8 @@ class FloorLine:
     Attributes:
         slope: of the host's time over the device's, less 1.
         height_ns: at the origin.
-        bound_ns: how far the line may be from the smallest delay at its end; infinite
-            while too few readings are known.
+        bound_ns: distance to the smallest delay at its end; infinite with too few
+            readings.
     """
 
     slope: float
@@ -51,12 +51,12 @@ class FloorLine:
     bound_ns: float
 
     def at_ns(self, time_ns: float) -> float:
-        """Its height at a time of the device."""
+        """Return its height at a time of the device."""
         return self.height_ns + self.slope * time_ns
 
 
 class DelayFloor:
-    """Collects readings, and lays the line below them.
+    """Collects readings, and fits the line below them.
 
     Args:
         bin_ns: of the device's time.
@@ -75,11 +75,11 @@ class DelayFloor:
 
     @property
     def n_bins(self) -> int:
-        """How many bins are full."""
+        """Number of full bins."""
         return len(self._bins)
 
     def add(self, time_ns: float, offset_ns: float) -> bool:
-        """Take a reading; True where it begins a new bin, so that the line is new."""
+        """Add a reading; True if it begins a new bin, so that the line is new."""
         hull, is_new = self._hull, False
         if time_ns >= self._ends_ns:
             is_new = bool(hull)
@@ -95,7 +95,7 @@ class DelayFloor:
         return is_new
 
     def line(self) -> FloorLine:
-        """The line below the full bins, at least one."""
+        """Return the line below the full bins, at least one."""
         bins = list(self._bins)
         lengths = [n for n in WINDOWS if n < len(bins)]
         lines = [_line_below(bins[-n:]) for n in (*lengths, len(bins))]
@@ -106,7 +106,7 @@ class DelayFloor:
         return best
 
     def _pruned(self, hull: list[Point]) -> list[Point]:
-        """The corners of a bin that a line of nearly the present slope can touch."""
+        """Drop corners of a bin that no line of nearly the present slope can touch."""
         if self._slope is None or len(hull) < 2:
             return hull
         first = last = 0
@@ -140,7 +140,7 @@ def _line_below(bins: list[list[Point]]) -> FloorLine:
 
 
 def _slope_below(hull: list[Point]) -> float:
-    """Slope of the edge below the middle of the time."""
+    """Return the slope of the edge below the middle of the time."""
     if len(hull) < 2:
         return 0.0
     middle = (hull[0][0] + hull[-1][0]) / 2.0

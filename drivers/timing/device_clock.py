@@ -1,17 +1,17 @@
-"""Maps a device's ticks to the host's monotonic clock, and states how well.
+"""Maps a device's ticks to the host's monotonic clock, with a bound.
 
-A read never happens before the latch, so ``received - ticks / rate`` is the true
-offset plus a delay that is never negative; `traverse.drivers.timing.delay_floor` lays
-the line below these, whose slope is the error of the device's rate. What remains is the
-smallest delay itself, which no one-way measurement separates from the offset: it is
-stated by whoever knows the port, as ``latency_ns``. A request and its answer do: the
-latch is after the request, so that a quick answer bounds the smallest delay.
+A read never happens before the latch, so ``received - ticks / rate`` is the true offset
+plus a delay that is never negative; `traverse.drivers.timing.delay_floor` fits the line
+below these, whose slope is the error of the device's rate. The smallest delay remains,
+which no one-way measurement separates from the offset: it is stated with the port, as
+``latency_ns``, or bounded by a request and its quick answer, since the latch is after
+the request.
 
-Strategy: a time is in doubt until the line is known, and whenever a reading says that
-it may not hold any more. A reading near the line proves it: the counter has lost
+Strategy: a time is in doubt until the line is known, and whenever a reading suggests
+that it may not hold any more. A reading near the line proves it: the counter has lost
 nothing until then. One that is later than all of the last half minute, or more readings
 in a row above the line than ever, may be a busy host, or a counter that stood still:
-the next reading near the line tells. Where none comes for `STEP_S`, the delays have a
+the next reading near the line decides. If none comes for `STEP_S`, the delays have a
 new floor, which is a step of the counter. A reading below the line by more than its
 bound is one at once: it would have arrived before its latch.
 """
@@ -46,7 +46,7 @@ REMEMBERED_READS = 4096  # until the line is known
 
 
 class _UsualDelays:
-    """Remembers how late readings are, and how many in a row, where all is well."""
+    """Remembers usual delays, and usual numbers of successive late readings."""
 
     def __init__(self) -> None:
         self._since_ns = 0
@@ -55,12 +55,12 @@ class _UsualDelays:
         self.set_limits()
 
     def set_limits(self) -> None:
-        """Derive from when on a reading is unusually late."""
+        """Set the limits beyond which a reading is unusually late."""
         self.limit_ns = LATE_MARGIN * max(self._late_ns) + LATE_SLACK_NS
         self.run_limit = LEAST_RUN + RUN_MARGIN * max(self._run)
 
     def add(self, late_ns: float, run: int, now_ns: int) -> None:
-        """Take the latest of some readings in a row that came before a proof."""
+        """Take the latest of successive late readings before a proof."""
         if now_ns - self._since_ns > GENERATION_NS:
             self._since_ns = now_ns
             self._late_ns = [late_ns, self._late_ns[0]]
@@ -79,12 +79,12 @@ class DeviceClock:
     Args:
         tick_rate_hz: nominal rate of the device's counter.
         wrap: where the counter returns to 0.
-        latency_ns: how large the smallest delay may be.
+        latency_ns: bound on the smallest delay.
 
     Attributes:
-        latency_ns: the same; measured, where requests and their answers show it.
-        running: something has been learned, so that times are not idle talk.
-        steps: how often the counter, or the host's clock, has jumped or stood still.
+        latency_ns: the same; measured, if requests and their answers show it.
+        running: something has been learned.
+        steps: how often the counter, or the host's clock, jumped or stood still.
     """
 
     def __init__(
@@ -121,14 +121,14 @@ class DeviceClock:
 
     @property
     def is_uncertain(self) -> bool:
-        """Whether times may be off by more than can be stated."""
+        """Whether times have no bound."""
         if self._line_bound_ns <= MAX_BOUND_NS and not self._run and not self._jump_ns:
             return False  # nearly always
         return self.is_late or self._bound_ns() > MAX_BOUND_NS
 
     @property
     def is_late(self) -> bool:
-        """Whether the last read leaves open that the counter has stood still."""
+        """Whether, by the last read, the counter may have stood still."""
         if not self._run:
             return False
         usual = self._usual
@@ -138,7 +138,7 @@ class DeviceClock:
 
     @property
     def error_bound_ns(self) -> int:
-        """How far the times of the last read may be off; large while uncertain."""
+        """Error of the times of the last read; large while uncertain."""
         # So much the counter may have lost unseen, unless a read since then denies it.
         late_ns = min(self._lates_ns)
         bound_ns = max(self._bound_ns(), late_ns) + self.latency_ns + self._ns_per_tick
@@ -146,15 +146,15 @@ class DeviceClock:
 
     @property
     def rate_error(self) -> float:
-        """By how much the device's clock runs fast, as far as is known; 1e-3: 0.1 %."""
+        """By how much the device's clock runs fast; 1e-3: 0.1 %."""
         return -self._slope / (1.0 + self._slope)
 
     def is_newer(self, ticks: int) -> bool:
-        """Whether a latch, unwrapped, is later than all before."""
+        """Return whether a latch, unwrapped, is later than all before."""
         return not self.running or self._last is None or ticks > self._last
 
     def _bound_ns(self) -> float:
-        """Of what has to be learned: the line, and the way to it that is left."""
+        """Return the bound of the line, and of the remaining way to it."""
         bound_ns = self._line_bound_ns
         last = self._last or 0
         if self._tie is not None:
@@ -171,9 +171,9 @@ class DeviceClock:
         """Learn from a latch.
 
         Args:
-            ticks: when it was, unwrapped.
+            ticks: of the latch, unwrapped.
             received_ns: when it had been read.
-            sent_ns: when it was requested; None for one that came by itself.
+            sent_ns: when it was requested; None without a request.
         """
         if not self.running:
             self._restart(ticks, received_ns)
@@ -224,7 +224,7 @@ class DeviceClock:
         self.latency_ns = min(self._lateness)
 
     def _judge(self, ticks: int, late_ns: float, received_ns: int) -> None:
-        """Whether a reading proves that the line holds; a step, if none does long."""
+        """Detect proofs that the line holds; a step, if there was none for long."""
         lates_ns = self._lates_ns
         if received_ns != self._read_ns:
             if self._run:
@@ -250,7 +250,7 @@ class DeviceClock:
             self._step(ticks, received_ns)
 
     def _step(self, ticks: int, received_ns: int) -> None:
-        """The counter has jumped or stood still: begin anew, at the rate so far."""
+        """Begin anew at the present rate: the counter jumped or stood still."""
         # In the first half second only the first latch was late.
         self.steps += self._line_bound_ns < UNKNOWN_NS or self._tie is not None
         self._restart(ticks, received_ns)
@@ -271,7 +271,7 @@ class DeviceClock:
         self._lates_ns.append(0.0)
 
     def _lay_line(self, ticks: int) -> None:
-        """Adopt the line below the readings so far, where it is due."""
+        """Adopt the line below the readings so far, if it is due."""
         n_bins = self._floor.n_bins
         self._bins_waited += 1
         if n_bins < FIRST_BINS or (
@@ -289,7 +289,7 @@ class DeviceClock:
             self._learn_usual()
 
     def _learn_usual(self) -> None:
-        """Judge the readings of before by the line that they gave."""
+        """Judge earlier readings by the line that they gave."""
         reads, self._reads = self._reads, []
         jump_ns, self._jump_ns = self._jump_ns, 0.0
         for ticks, received_ns in reads:
@@ -298,7 +298,7 @@ class DeviceClock:
         self._jump_ns = jump_ns
 
     def unwrap(self, ticks: NDArray[np.uint32]) -> Integers:
-        """Ticks without wraps, (n,) int64, relative to the last ones."""
+        """Unwrap ticks, (n,) int64, relative to the last ones."""
         unwrapped = ticks.astype(np.int64)
         if self._last is None:
             self._last = int(unwrapped[0])
@@ -313,7 +313,6 @@ class DeviceClock:
         return np.cumsum(unwrapped, out=unwrapped)
 
     def unwrap_one(self, ticks: int) -> int:
-        """`unwrap` for one tick count."""
         if self._last is None:
             self._last = ticks
         half = self._wrap // 2
@@ -322,7 +321,6 @@ class DeviceClock:
     # -- mapping -----------------------------------------------------------------
 
     def to_ns(self, ticks: int) -> int:
-        """`to_ns_array` for one tick count, to the nanosecond."""
         elapsed = ticks - self._anchor_ticks
         elapsed_ns = elapsed * self._ns_per_tick
         correction_ns = self._height_ns + self._slope * elapsed_ns
@@ -331,7 +329,7 @@ class DeviceClock:
         return self._anchor_ns + round(elapsed_ns + correction_ns)
 
     def to_ns_array(self, ticks: Integers) -> Integers:
-        """Host monotonic times, (n,) int64 [ns], of unwrapped ticks (n,)."""
+        """Convert unwrapped ticks (n,) to host monotonic times, (n,) int64 [ns]."""
         elapsed = ticks - self._anchor_ticks
         elapsed_ns = elapsed * self._ns_per_tick
         correction_ns = self._height_ns + self._slope * elapsed_ns
@@ -341,12 +339,12 @@ class DeviceClock:
         return self._anchor_ns + np.rint(elapsed_ns + correction_ns).astype(np.int64)
 
     def _share_left(self, ticks: int) -> float:
-        """Of the way to the present line, at a time."""
+        """Return the remaining share of the way to the present line, at a time."""
         passed = ticks - self._anchor_ticks - self._fit_ticks
         return min(1.0, max(0.0, 1.0 - passed / self._blend_ticks))
 
     def _enter(self, ticks: int, slope: float, height_ns: float) -> None:
-        """Go over to a new line gradually, so that times never run backwards."""
+        """Change to a new line gradually, so that times never run backwards."""
         before_ns = self.to_ns(ticks)
         self._slope, self._height_ns, self._jump_ns = slope, height_ns, 0.0
         self._fit_ticks = ticks - self._anchor_ticks

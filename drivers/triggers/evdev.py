@@ -1,8 +1,8 @@
 """Driver of a foot pedal, a keyboard or a mouse as trigger: the kernel's input events.
 
 Each key named in the configuration is an input. The kernel stamps an event when the
-device's report has arrived; how long a USB device takes before that, up to some
-milliseconds, it cannot know.
+device's report has arrived; the delay of a USB device before that, up to some
+milliseconds, is unknown.
 """
 
 import errno
@@ -180,7 +180,7 @@ class EvdevDriver(TriggerDriver):
                 yield InputChange(number, event.value != RELEASED, time_ns)
 
     def _synchronised(self, code: int, time_ns: int) -> Iterator[InputChange]:
-        """After an overrun nothing is valid until the next report is whole."""
+        """Drop changes after an overrun until the next report is whole."""
         if code == SYN_DROPPED:
             self._dropped = True
         elif code == SYN_REPORT and self._dropped:
@@ -190,7 +190,7 @@ class EvdevDriver(TriggerDriver):
                 yield InputChange(number, active, time_ns)
 
     def _asked(self, request: int, argument: int | bytes) -> int | bytes | None:
-        """The kernel's answer; None where this file has no such request."""
+        """Return the kernel's answer; None if this file has no such request."""
         try:
             return self._ask_kernel(self._fd, request, argument)
         except OSError:

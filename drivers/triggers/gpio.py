@@ -1,7 +1,7 @@
 """Driver of GPIO lines as triggers, by libgpiod 2: edges with the kernel's time stamps.
 
-The kernel could debounce, but then it stamps an edge when it has settled; so it is
-requested for every change, and debouncing is done here, from the first one.
+The kernel's debouncing would stamp an edge when it has settled; so every change is
+requested, and debounced here, from the first one.
 """
 
 import errno
@@ -130,7 +130,7 @@ class GpioDriver(TriggerDriver):
             yield InputChange(number, active, event.timestamp_ns)
 
     def _check_gap(self, event: gpiod.EdgeEvent) -> None:
-        """The kernel numbers the events of each line from 1, dropped ones too."""
+        """Check the kernel's numbers of a line's events, which include dropped ones."""
         expected = self._next_seq.get(event.line_offset, 1)
         lost = event.line_seqno - expected
         self._next_seq[event.line_offset] = event.line_seqno + 1

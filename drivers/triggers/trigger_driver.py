@@ -1,8 +1,8 @@
 """Base class of drivers of devices that have inputs and no encoders.
 
 An edge is delivered as `LatchedCounts` without counts, at the time of its event; the
-daemon interpolates the arm at that instant. The kernel does not keep edges once they
-are read, so what finds no room in the delivery_queue waits here, bounded.
+daemon interpolates the arm at that instant. The kernel does not store edges once they
+are read, so those without room in the queue wait here, bounded.
 """
 
 import select
@@ -25,17 +25,17 @@ RETRY_S = 0.02  # while edges wait for room
 
 @dataclass(frozen=True, slots=True)
 class DebouncedEdge:
-    """An input changed its level at ``time_ns`` and kept it."""
+    """A level of an input that held, from ``time_ns``."""
 
     active: bool
     time_ns: int
 
 
 class Debounce:
-    """One input: an edge counts when the level has held, and belongs to its begin.
+    """One input: an edge counts when the level has held.
 
-    The time of an edge is that of the first change away from the level that was known,
-    as on a controller board: so debouncing delays the message and not the measurement.
+    Its time is that of the first change away from the known level, as on a controller
+    board, so that debouncing delays the message and not the measurement.
     """
 
     def __init__(self, hold_ns: int, *, active: bool) -> None:
@@ -45,7 +45,7 @@ class Debounce:
         self._bouncing = False
 
     def change(self, active: bool, time_ns: int) -> DebouncedEdge | None:
-        """Take a change; the edge of before, if that has held until now."""
+        """Take a change; return the edge before it, if that held until now."""
         held = self.settle(time_ns)
         if active == self._level:
             return held  # a change was lost between; the level is still valid
@@ -55,7 +55,7 @@ class Debounce:
         return held
 
     def settle(self, now_ns: int) -> DebouncedEdge | None:
-        """An edge whose level has held until now."""
+        """Return an edge whose level has held until now."""
         if not self._bouncing or now_ns - self._last_ns < self._hold_ns:
             return None
         self._bouncing = False
@@ -66,13 +66,13 @@ class Debounce:
 
     @property
     def due_ns(self) -> int | None:
-        """When to look again, if nothing changes until then."""
+        """When to check again, if nothing changes until then."""
         return self._last_ns + self._hold_ns if self._bouncing else None
 
 
 @dataclass(frozen=True, slots=True)
 class InputChange:
-    """Process a change of an input at the host's monotonic time ``time_ns``."""
+    """A change of an input, at the host's monotonic time ``time_ns``."""
 
     number: int
     active: bool
@@ -117,7 +117,7 @@ class TriggerDriver(Driver):
 
     @abstractmethod
     def _open(self) -> tuple[str, int]:
-        """Open the device; its name and the descriptor to wait for.
+        """Open the device; return its name and the descriptor to wait for.
 
         Raises:
             DeviceError: it cannot be opened.
@@ -125,15 +125,14 @@ class TriggerDriver(Driver):
 
     @abstractmethod
     def _levels(self) -> Sequence[bool]:
-        """Which inputs are active now."""
+        """Return which inputs are active."""
 
     @abstractmethod
     def _changes(self) -> Iterable[InputChange]:
         """Read what has happened, in order.
 
         Raises:
-            DeviceError: the device has disappeared.
-            OSError: the same.
+            DeviceError, OSError: the device has disappeared.
         """
 
     # -- in the reader thread -------------------------------------------------
