@@ -1,4 +1,4 @@
-"""Where the broker is and how to get in."""
+"""Address of the broker and its credentials."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,9 +22,9 @@ class BrokerAddress:
         password, password_file: at most one of the two.
         tls: the connection is encrypted and the broker's certificate verified.
         ca_file: CA certificates that signed the broker's; None: the system's.
-        certificate_file, key_file: of this client, where the broker requires them.
-        keepalive_s: a silent connection is looked at so often.
-        folder: where relative names of files begin.
+        certificate_file, key_file: of this client, if the broker requires them.
+        keepalive_s: interval of pings on a silent connection.
+        folder: base of relative file names.
     """
 
     host: str = "localhost"
@@ -51,7 +51,7 @@ class BrokerAddress:
         """Read "host", "host:port", "mqtt://host:port" or "mqtts://host:port".
 
         Raises:
-            ValueError: it is none of these.
+            ValueError: another form.
         """
         parts = urlsplit(text if "://" in text else f"mqtt://{text}")
         try:

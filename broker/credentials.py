@@ -1,8 +1,8 @@
-"""What opens the door of a broker: password and certificates, and their files.
+"""Credentials for a broker: password and certificates, and their files.
 
 Files are read anew at every connection, so that they can be renewed. `credential:NAME`
-is a credential of systemd (LoadCredential=). The password lives in the value
-`Credentials` alone, which does not show it.
+is a credential of systemd (LoadCredential=). The password is stored in `Credentials`
+alone, which does not show it.
 """
 
 import hashlib
@@ -40,12 +40,12 @@ class CredentialsError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """What the files held at one moment.
+    """Contents of the files at one moment.
 
     Attributes:
-        tls: how the line is encrypted; None: it is not.
-        digest: of all files, to see that one has changed.
-        warnings: what is unwise about them.
+        tls: context of an encrypted connection, or None.
+        digest: of all files, to detect changes.
+        warnings: unwise properties.
     """
 
     password: str | None = field(repr=False)
@@ -55,7 +55,7 @@ class Credentials:
 
 
 def credential_file(name: str, folder: Path = Path()) -> Path:
-    """The file that a name means: `credential:NAME`, or one in a folder.
+    """Return the file of a name: `credential:NAME`, or one in a folder.
 
     Raises:
         ValueError: it is no name of a credential, or systemd has passed none.
@@ -80,7 +80,7 @@ def credential_file(name: str, folder: Path = Path()) -> Path:
 def connection_options(
     address: BrokerAddress, credentials: Credentials | None = None
 ) -> dict[str, Any]:
-    """Arguments of `MqttClient`; without credentials their files are read now.
+    """Return arguments of `MqttClient`; files are read without credentials.
 
     Raises:
         CredentialsError: one of the files cannot be used.
@@ -208,9 +208,9 @@ def _warnings(address: BrokerAddress, files: Mapping[str, Path]) -> Iterator[str
 
 
 def tls_context(ca_file: Path | None) -> ssl.SSLContext:
-    """How the line to a broker is encrypted; without a certificate of our own.
+    """Return the TLS context for a broker, without a client certificate.
 
-    Its certificate is signed by one of ``ca_file``, or by the system's.
+    The broker's certificate is signed by one of ``ca_file``, or by the system's.
 
     Raises:
         OSError: the file cannot be read, or holds no certificate.

@@ -1,16 +1,16 @@
-"""What can go wrong between a client and its broker."""
+"""Errors between a client and its broker."""
 
 
 class MqttError(Exception):
-    """There is no connection, it has ended, or the broker refuses something."""
+    """There is no connection, it has ended, or the broker refuses a request."""
 
 
 class RefusedError(MqttError):
-    """The broker answered with a reason code that says no.
+    """The broker answered with a reason code that means refusal.
 
     Attributes:
         code: of MQTT 5, or the return code of MQTT 3.1.1 in a refused connection.
-        text: of the broker, where it gave one.
+        text: of the broker, if it gave one.
     """
 
     def __init__(self, code: int, text: str = "") -> None:
@@ -24,11 +24,11 @@ class ConnectRefusedError(RefusedError):
 
 
 class DisconnectedError(RefusedError):
-    """The broker has ended the connection, and says why."""
+    """The broker has ended the connection, with a reason."""
 
 
 class ConnectionCutError(MqttError):
-    """The connection ended without a word."""
+    """The connection ended without a reason."""
 
     def __init__(self) -> None:
         super().__init__(

@@ -1,8 +1,8 @@
 """Packets of MQTT 3.1.1 and 5 as a client writes and reads them; bytes only.
 
-Quality of service 2, topic aliases and extended authentication are not spoken: a client
-that announces none of them is sent none. Sections are those of the OASIS standard "MQTT
-Version 5.0".
+Quality of service 2, topic aliases and extended authentication are not supported: a
+client that announces none of them is sent none. Sections are those of the OASIS
+standard "MQTT Version 5.0".
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -53,7 +53,7 @@ DISCONNECT = b"\xe0\x00"
 
 
 class PacketError(ValueError):
-    """Bytes that are no packet which a broker may send."""
+    """Bytes that no broker may send."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,11 +227,10 @@ def _text(value: str) -> bytes:
 
 
 class PacketDecoder:
-    """Make packets of the bytes that a broker sends, however they are cut.
+    """Decodes packets from the bytes of a broker, however they are cut.
 
-    Of a message whose payload is longer than ``max_payload_bytes`` the beginning is
-    kept and all else is read past, so that memory is bounded and the broker gets its
-    acknowledgement.
+    Of a payload longer than ``max_payload_bytes`` the beginning is kept, so that memory
+    is bounded and the broker gets its acknowledgement.
     """
 
     def __init__(self, version: Version, max_payload_bytes: int) -> None:
@@ -243,7 +242,7 @@ class PacketDecoder:
         self._n_to_skip = 0
 
     def feed(self, data: bytes) -> None:
-        """Take bytes, in the order of their arrival."""
+        """Append bytes, in the order of arrival."""
         if self._n_to_skip:
             n_skipped = min(self._n_to_skip, len(data))
             self._n_to_skip -= n_skipped
@@ -251,7 +250,7 @@ class PacketDecoder:
         self._unread += data
 
     def packets(self) -> Iterator[Packet]:
-        """Give the packets that are complete, each removed as it is given.
+        """Yield complete packets, each removed as it is yielded.
 
         Raises:
             PacketError: no broker sends this; nothing after it can be read.
@@ -268,7 +267,7 @@ class PacketDecoder:
         return self._decoded(first, body, length)
 
     def _take_packet(self) -> None:
-        """Take the next packet, or what is kept of it, out of what is unread."""
+        """Take the next packet, as far as it is kept, from the unread bytes."""
         unread = self._unread
         if len(unread) < 2:
             return
@@ -341,7 +340,7 @@ class PacketDecoder:
         return tuple(body[offset:])
 
     def _properties(self, body: bytes, offset: int) -> Properties:
-        """Properties that may be left out, at the end of a packet."""
+        """Return the optional properties at the end of a packet."""
         is_there = self._version is Version.V5 and len(body) > offset
         return _properties_at(body, offset)[0] if is_there else {}
 
@@ -376,7 +375,7 @@ def _variable_number_at(body: bytes, offset: int) -> tuple[int, int]:
 
 
 def _properties_at(body: bytes, offset: int) -> tuple[Properties, int]:
-    """Properties by identifier, and where they end; those for users are left out."""
+    """Return properties by identifier, without those for users, and their end."""
     length, offset = _variable_number_at(body, offset)
     end = offset + length
     if len(body) < end:

@@ -1,4 +1,4 @@
-"""Why there is no connection to a broker, in words that say what to do."""
+"""Reasons why there is no connection to a broker, with remedies."""
 
 import errno
 import socket
@@ -16,7 +16,7 @@ from traverse.broker.errors import (
 _NOT_AUTHORISED = (4, 5, 0x86, 0x87)
 _BANNED = 0x8A
 VERSION_REFUSED = (1, 0x84)
-"""Codes of a broker that does not speak the version of MQTT that it was asked for."""
+"""Reason codes of an unsupported version of MQTT."""
 _ITS_LOG = "its log has the reason"
 _SENTENCES = {
     # Return codes of MQTT 3.1.1, section 3.2.2.3.
@@ -103,8 +103,8 @@ class Wording:
     Attributes:
         who: the client ("this arm").
         where: the place of its settings, after the name of one (" of [broker]").
-        use_tls: what to do for TLS.
-        absent: what to do where no broker is found, after what was found instead.
+        use_tls: remedy for missing TLS.
+        absent: remedy if no broker is found, after what was found instead.
     """
 
     who: str
@@ -114,7 +114,7 @@ class Wording:
 
 
 def reason_of(error: BaseException, address: BrokerAddress, wording: Wording) -> str:
-    """Reason for a failed or lost connection, and its remedy."""
+    """Return the reason for a failed or lost connection, and its remedy."""
     for known in (error, error.__cause__):
         if reason := _known(known, address, wording):
             return reason
@@ -122,12 +122,12 @@ def reason_of(error: BaseException, address: BrokerAddress, wording: Wording) ->
 
 
 def sentence(code: int, wording: Wording, text: str = "") -> str:
-    """What a reason code of a broker says, and the remedy.
+    """Return the meaning of a broker's reason code, and the remedy.
 
     Args:
         code: of MQTT 5, or a return code of MQTT 3.1.1.
         wording: of the client.
-        text: what the broker says beside it.
+        text: of the broker.
     """
     words = _SENTENCES.get(code, "it refuses with reason code {code:#04x}; {log}")
     log = f"it says {text!r}" if text else _ITS_LOG
@@ -135,9 +135,9 @@ def sentence(code: int, wording: Wording, text: str = "") -> str:
 
 
 def is_refusal(error: BaseException | None) -> bool:
-    """Whether the broker refuses us, or is not trusted: waiting is in vain.
+    """Return whether the broker refuses us, or is not trusted, so that waiting is vain.
 
-    One that is just being ended cuts the line in the middle.
+    A broker that is being stopped cuts the connection in the middle.
     """
     match error:
         case ConnectRefusedError():
@@ -150,7 +150,7 @@ def is_refusal(error: BaseException | None) -> bool:
 def _known(
     error: BaseException | None, address: BrokerAddress, wording: Wording
 ) -> str:
-    """The words for an error; empty where there are none."""
+    """Return the words for a known error; else empty."""
     match error:
         case ssl.SSLCertVerificationError():
             text = _of_certificate(error, address, wording)

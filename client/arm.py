@@ -45,14 +45,14 @@ class Arm(ArmCommands):
     Args:
         name: of the arm.
         broker: "host", "host:port", "mqtts://host:port", or a BrokerAddress.
-        since: where points begin: "now"; "session", with all of the arm's present
-            session; "beginning", with all that the arm's outbox holds; or next numbers
-            by session as returned by `cursor`, the newest session last.
-        cursor_file: where the consumer's cursor is kept; where this file is there it
-            counts instead of ``since``.
-        connect_timeout_s: so long the first connection may take.
-        reply_timeout_s: so long the answer to a command may take.
-        max_waiting: so many points may wait for their reader.
+        since: first points: "now"; "session", all of the arm's present session;
+            "beginning", all in the arm's outbox; or next numbers by session as returned
+            by `cursor`, the newest session last.
+        cursor_file: stores the consumer's cursor; an existing file overrides
+            ``since``.
+        connect_timeout_s: for the first connection.
+        reply_timeout_s: for the answer to a command.
+        max_waiting: most points waiting for their reader.
     """
 
     def __init__(
@@ -144,7 +144,7 @@ class Arm(ArmCommands):
 
     @property
     def cursor(self) -> dict[str, int]:
-        """Next numbers by session; give it as ``since`` to go on from here.
+        """Next numbers by session, for ``since``.
 
         A point counts when the one after it is requested.
         """
@@ -167,31 +167,31 @@ class Arm(ArmCommands):
         return PointIterator(self._stream)
 
     def points_and_losses(self) -> PointStream:
-        """As `points`, with a `Lost` in the place of what cannot be had any more."""
+        """Iterate as `points`, with a `Lost` in the place of unavailable points."""
         return self._stream
 
     def events(self) -> Feed[Event]:
-        """Events from now on."""
+        """Iterate over events from now on."""
         return self._events.open()
 
     def clocks(self) -> Feed[Clock]:
-        """The daemon's clock, twice a second as long as it runs."""
+        """Iterate over the daemon's clock, twice a second."""
         return self._clocks.open()
 
     def live(self) -> Feed[Live]:
-        """The latest pose, again and again; a slow reader misses some."""
+        """Iterate over latest poses; a slow reader misses some."""
         self._run(self._link.add_topic(topics.live_topic(self.name), 0))
         return self._lives.open()
 
     async def scans(self) -> Feed[Scan]:
-        """Blocks of all scans from now on, by any client."""
+        """Iterate over blocks of all scans from now on, by any client."""
         await self._link.add_topic(topics.scan_topic(self.name), 0)
         return self._scans.open()
 
     def scan(
         self, mode: ScanMode = "time", **options: Unpack[ScanOptions]
     ) -> ScanBlocks:
-        """A scan that runs while an `async with` does; use its blocks in `async for`.
+        """Run a scan within an `async with`; iterate over its blocks.
 
         The arguments are those of the command `scan`.
         """
@@ -200,18 +200,18 @@ class Arm(ArmCommands):
         )
 
     async def status(self) -> Status:
-        """The latest state of the arm.
+        """Return the latest state of the arm.
 
         Raises:
-            TimeoutError: it has never published it at this broker.
+            TimeoutError: none was ever published at this broker.
         """
         return await self._statuses.first(self._reply_timeout_s)
 
     async def health(self) -> Health:
-        """The daemon's latest figures.
+        """Return the daemon's latest figures.
 
         Raises:
-            TimeoutError: it has never published it at this broker.
+            TimeoutError: none were ever published at this broker.
         """
         return await self._healths.first(self._reply_timeout_s)
 
@@ -252,7 +252,7 @@ class Arm(ArmCommands):
         self._stream.take(point, arrived.number)
 
     def _close(self, error: BaseException | None = None) -> None:
-        """No more messages will follow."""
+        """End all iterations."""
         self._stream.close(error)
         for feeds in (
             *(self._statuses, self._healths, self._events),

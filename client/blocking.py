@@ -43,11 +43,10 @@ class LoopThread:
         self._thread.start()
 
     def submit(self, work: Coroutine[Any, Any, T]) -> Future[T]:
-        """Start a coroutine; its result can be waited for."""
+        """Start a coroutine; return its future."""
         return asyncio.run_coroutine_threadsafe(work, self._loop)
 
     def run(self, work: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine and wait; it is cancelled if the wait is interrupted."""
         future = self.submit(work)
         try:
             return future.result()
@@ -71,11 +70,11 @@ class LoopThread:
 class AsyncSource(Generic[T]):
     """Items of an asynchronous iterator, one after the other.
 
-    A wait that was interrupted (Ctrl-C) or took too long loses nothing: the next one
+    A wait that was interrupted (Ctrl-C) or timed out loses nothing: the next one
     continues with it.
 
     Args:
-        loop: on which it runs.
+        loop: runs it.
         items: the iterator.
     """
 
@@ -85,7 +84,7 @@ class AsyncSource(Generic[T]):
         self._waiting: Future[T] | None = None
 
     def next(self, idle_timeout_s: float | None) -> T:
-        """Wait for the next one.
+        """Wait for the next item.
 
         Raises:
             TimeoutError: none arrived within this time.
@@ -107,7 +106,7 @@ class TimedIterator(Generic[T]):
 
     Args:
         source: of the items.
-        idle_timeout_s: iteration ends after so long without an item; None: never.
+        idle_timeout_s: time without an item that ends the iteration; None: never.
     """
 
     def __init__(self, source: AsyncSource[T], idle_timeout_s: float | None) -> None:
@@ -137,7 +136,7 @@ class ArmOptions(TypedDict, total=False):
 def _waited(
     method: Callable[Concatenate[Arm, P], Coroutine[Any, Any, T]],
 ) -> Callable[Concatenate["BlockingArm", P], T]:
-    """A method of `Arm` as one that returns when its work is done."""
+    """Wrap a method of `Arm` to return when its work is done."""
 
     @functools.wraps(method)
     def waiting(self: "BlockingArm", /, *args: P.args, **options: P.kwargs) -> T:
@@ -149,9 +148,8 @@ def _waited(
 class BlockingArm:
     """An arm behind a broker; use with `with`.
 
-    A thread of its own runs the loop that an `Arm` lives on; every method does what
-    that of `Arm` does, and waits for it. Iterators end when nothing has arrived for
-    ``idle_timeout_s``, or never.
+    A thread runs the loop of an `Arm`, whose methods are called and waited for.
+    Iterators end when nothing has arrived for ``idle_timeout_s``, or never.
 
     Args:
         name, broker, options: as of `Arm`.
@@ -188,21 +186,17 @@ class BlockingArm:
 
     @property
     def cursor(self) -> dict[str, int]:
-        """Next numbers by session; give it as ``since`` to go on from here."""
         return self._arm.cursor
 
     @property
     def counters(self) -> Counters:
-        """Counts of connections, points and losses so far."""
         return self._arm.counters
 
     @property
     def is_connected(self) -> bool:
-        """Whether there is a connection to the broker."""
         return self._arm.is_connected
 
     def points(self, idle_timeout_s: float | None = None) -> Iterator[Point]:
-        """Points and retractions in order, none twice."""
         for item in self.points_and_losses(idle_timeout_s):
             if isinstance(item, Point):
                 yield item
@@ -210,22 +204,20 @@ class BlockingArm:
     def points_and_losses(
         self, idle_timeout_s: float | None = None
     ) -> TimedIterator[Point | Lost]:
-        """As `points`, with a `Lost` in the place of what cannot be had any more."""
+        """Iterate as `points`, with a `Lost` in the place of unavailable points."""
         self._running()
         if self._points is None:
             raise RuntimeError("the arm was never opened")
         return TimedIterator(self._points, idle_timeout_s)
 
     def events(self, idle_timeout_s: float | None = None) -> TimedIterator[Event]:
-        """Events from now on."""
         return self._items(_call_in_loop(self._arm.events), idle_timeout_s)
 
     def live(self, idle_timeout_s: float | None = None) -> TimedIterator[Live]:
-        """The latest pose, again and again."""
+        """Iterate over latest poses."""
         return self._items(_call_in_loop(self._arm.live), idle_timeout_s)
 
     def scans(self, idle_timeout_s: float | None = None) -> TimedIterator[Scan]:
-        """Blocks of all scans from now on, by any client."""
         return self._items(self._arm.scans(), idle_timeout_s)
 
     @contextlib.contextmanager
@@ -236,7 +228,7 @@ class BlockingArm:
         idle_timeout_s: float | None = None,
         **options: Unpack[ScanOptions],
     ) -> Iterator[TimedIterator[Scan]]:
-        """A scan that runs inside a `with` block; iterates over its blocks."""
+        """Run a scan within a `with` block; iterate over its blocks."""
         loop = self._running()
         blocks = self._arm.scan(mode, **options)
         loop.run(blocks.__aenter__())
@@ -281,5 +273,5 @@ class BlockingArm:
 
 
 async def _call_in_loop(make: Callable[[], T]) -> T:
-    """Made where it will live."""
+    """Create an object in its loop."""
     return make()

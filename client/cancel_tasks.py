@@ -1,4 +1,4 @@
-"""Tasks that run together; cancelled for certain."""
+"""Tasks that run together, cancelled reliably."""
 
 import asyncio
 from collections.abc import Coroutine, Iterable
@@ -8,7 +8,7 @@ AGAIN_S = 0.5
 
 
 async def run_together(*work: Coroutine[Any, Any, None]) -> None:
-    """Run all until they end, or one fails; none of them runs any more then."""
+    """Run all until they end, or one fails; cancel the others."""
     tasks = [asyncio.create_task(coroutine) for coroutine in work]
     try:
         await asyncio.gather(*tasks)
@@ -17,7 +17,7 @@ async def run_together(*work: Coroutine[Any, Any, None]) -> None:
 
 
 async def run_until_first(*work: Coroutine[Any, Any, None]) -> None:
-    """Run all until one of them ends, or fails; none of them runs any more then."""
+    """Run all until one of them ends, or fails; cancel the others."""
     tasks = [asyncio.create_task(coroutine) for coroutine in work]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -30,9 +30,8 @@ async def run_until_first(*work: Coroutine[Any, Any, None]) -> None:
 async def cancel_tasks(tasks: Iterable[asyncio.Task[Any]]) -> None:
     """Cancel tasks and wait for their end.
 
-    Cancelled again where it did not help: up to Python 3.11 `asyncio.wait_for` loses
-    a cancellation that arrives as its work is done. Nothing here uses it; what else a
-    task waits for may.
+    Repeated if necessary: up to Python 3.11 `asyncio.wait_for` loses a cancellation
+    that arrives as its work is done.
     """
     left = set(tasks)
     while left:

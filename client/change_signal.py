@@ -1,13 +1,13 @@
-"""Something has changed: wakes all who wait for it."""
+"""A signal that wakes all who wait."""
 
 import asyncio
 
 
 class ChangeSignal:
-    """Many may wait; each is woken by the next call of `notify`.
+    """Each waiting task is woken by the next call of `notify`.
 
     Attributes:
-        beats: how many calls there were.
+        beats: number of calls.
     """
 
     def __init__(self) -> None:
@@ -15,7 +15,6 @@ class ChangeSignal:
         self.beats = 0
 
     def notify(self) -> None:
-        """Wake all who wait."""
         self.beats += 1
         if not self._waiting:
             return
@@ -25,7 +24,7 @@ class ChangeSignal:
                 future.set_result(None)
 
     async def wait(self, seconds: float | None = None) -> bool:
-        """Wait for the next call, or so long; whether there was one."""
+        """Wait for the next call, or a time-out; return whether there was one."""
         future = asyncio.get_running_loop().create_future()
         self._waiting.add(future)
         try:

@@ -46,14 +46,14 @@ MAX_REMEMBERED = 256
 
 
 class PointIndex:
-    """The latest received points, by their names."""
+    """The latest received points by id."""
 
     def __init__(self) -> None:
         self._latest: OrderedDict[str, Point] = OrderedDict()
         self._waiting: dict[str, asyncio.Future[Point]] = {}
 
     def take(self, point: Point) -> None:
-        """A point was received."""
+        """Store a received point."""
         self._latest[point.id] = point
         if len(self._latest) > MAX_REMEMBERED:
             self._latest.popitem(last=False)
@@ -62,7 +62,7 @@ class PointIndex:
             waiting.set_result(point)
 
     async def get(self, point_id: str, seconds: float) -> Point | None:
-        """A point that has arrived, or arrives within this time."""
+        """Return a point that has arrived, or arrives within this time."""
         if point_id in self._latest:
             return self._latest[point_id]
         future: asyncio.Future[Point] = asyncio.get_running_loop().create_future()
@@ -88,12 +88,12 @@ class ScanOptions(TypedDict, total=False):
 class ArmCommands:
     """Commands of an arm.
 
-    Every command raises CommandRefused where the arm refuses, and NoAnswerError where
-    there is no answer in time.
+    Every command raises CommandRefused if the arm refuses, and NoAnswerError if there
+    is no answer in time.
 
     Args:
-        requests: the way to the arm.
-        reply_timeout_s: so long an answer may take.
+        requests: sends commands to the arm.
+        reply_timeout_s: for an answer.
 
     Attributes:
         by_id: the latest received points.
@@ -111,7 +111,7 @@ class ArmCommands:
 
         Args:
             args: of the command.
-            extra_timeout_s: so much longer than usual it may take.
+            extra_timeout_s: added to the usual time-out.
         """
         valid_s = self._reply_timeout_s
         return await self._requests.result(args, valid_s + extra_timeout_s, valid_s)
@@ -119,11 +119,11 @@ class ArmCommands:
     async def capture(
         self, samples: int | None = None, dwell_s: float | None = None
     ) -> Point:
-        """Take a point now; it is stored on the arm's disk when this returns.
+        """Take a point; it is stored on the arm's disk when this returns.
 
         Args:
-            samples: so many are averaged; or
-            dwell_s: all samples of this time are averaged.
+            samples: number of samples to average; or
+            dwell_s: duration of samples to average.
         """
         given = {"samples": samples, "dwell_s": dwell_s}
         args = PointArgs.model_validate({k: v for k, v in given.items() if v})
@@ -156,13 +156,13 @@ class ArmCommands:
         *,
         utc: bool = False,
     ) -> list[str]:
-        """Accept the positions of the encoders as right, after a loss of power.
+        """Accept the positions of the encoders, after a loss of power.
 
         Args:
-            at_xyz_mm: the probe's known position, in the arm's system; refused if
-                it is farther away than
+            at_xyz_mm: the probe's known position, in the arm's system; refused if the
+                measured one differs by more than
             tolerance_mm: this.
-            utc: accept the UTC of the daemon's computer as right, and no positions.
+            utc: accept the UTC of the daemon's computer, and no positions.
 
         Returns:
             What was accepted, in words, for each device that was in doubt.
@@ -173,10 +173,10 @@ class ArmCommands:
         return list((await self.execute(args))["accepted"])
 
     async def home(self, joints: Sequence[str] | None = None) -> list[str]:
-        """Set the counts: the arm is now in the home posture of its file.
+        """Set the counts: the arm is in the home posture of its file.
 
         Args:
-            joints: names of those that are; None for all with incremental encoders.
+            joints: names of those concerned; None for all with incremental encoders.
 
         Returns:
             The joints that have been homed.
@@ -202,7 +202,7 @@ class ArmCommands:
             rotation: its three rows.
             translation_mm: the arm's origin in the part's system.
             scale: of the part's system against the arm's.
-            name: what the alignment is called.
+            name: of the alignment.
         """
         first, second, third = (_vector(row) for row in rotation)
         args = AlignArgs(
@@ -215,7 +215,6 @@ class ArmCommands:
         await self.execute(args)
 
     async def clear_alignment(self) -> None:
-        """Points have no part coordinates any more."""
         await self.execute(AlignArgs(action="clear"))
 
     async def new_session(self, note: str | None = None) -> str:
@@ -237,10 +236,10 @@ class ArmCommands:
         await self.execute(ScanArgs(action="stop"))
 
     async def covariance(self, points: Iterable[Point | str]) -> "JointCovariance":
-        """Return how the errors of points, or of their ids, belong together.
+        """Return the joint covariance of points, or of their ids.
 
-        At most 100 of the latest 1000 of the arm, all measured with one probe; the
-        arm's parameters are in it where the arm file has a covariance (`with_arm`).
+        At most 100 of the latest 1000 of the arm, all measured with one probe; it
+        includes the arm's parameters if the arm file has a covariance (`with_arm`).
         """
         ids = tuple(point if isinstance(point, str) else point.id for point in points)
         result = await self.execute(CovarianceArgs(ids=ids))
@@ -250,12 +249,12 @@ class ArmCommands:
         """Return the length between two points with its uncertainty.
 
         Errors of the arm that both points share are taken into account; see
-        `covariance` for which points.
+        `covariance` for the points allowed.
         """
         return (await self.covariance((first, second))).length(0, 1)
 
     async def sessions(self) -> tuple[StoredSession, ...]:
-        """Sessions that the arm's outbox holds, oldest first."""
+        """List sessions in the arm's outbox, oldest first."""
         return StoredSession.read_all(await self.execute(ResendArgs()))
 
     async def resend(
@@ -263,7 +262,7 @@ class ArmCommands:
     ) -> Resent:
         """Request points again, for all followers of the arm.
 
-        What was missed is requested automatically: `points` needs no help.
+        Missed points are requested automatically: `points` needs no help.
         """
         args = ResendArgs(session=session, from_seq=from_seq, to_seq=to_seq)
         return Resent.read(await self.execute(args))
@@ -273,7 +272,7 @@ class ArmCommands:
     ) -> ResentScan:
         """Request blocks of a scan again, for all followers of the arm's scans.
 
-        The arm has them where its configuration delivers scans completely.
+        The arm has them if its configuration delivers scans completely.
         """
         args = ResendArgs(scan=scan, from_seq=from_seq, to_seq=to_seq)
         return ResentScan.read(await self.execute(args))
@@ -293,6 +292,6 @@ class ArmCommands:
 
 
 def _vector(values: Iterable[float]) -> Vector:
-    """Three numbers of any kind, such as a row of an array."""
+    """Convert three numbers of any kind, such as a row of an array."""
     x, y, z = (float(value) for value in values)
     return (x, y, z)

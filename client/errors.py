@@ -8,11 +8,11 @@ class ClientError(Exception):
 
 
 class BrokerUnreachableError(ClientError):
-    """There was no connection to the broker in the time allowed."""
+    """There was no connection to the broker in time."""
 
 
 class NoAnswerError(ClientError):
-    """A command was not answered in the time allowed; it may have been executed."""
+    """A command was not answered in time; it may have been executed."""
 
 
 class CommandRefused(ClientError):  # noqa: N818 - the answer of a sound arm
@@ -40,8 +40,8 @@ class Counters:
         points: all received points.
         duplicates: repeated points that were left out.
         resend_requested: points that were requested again.
-        lost: points that could not be had any more.
-        undecodable: messages that could not be understood.
+        lost: unavailable points.
+        undecodable: messages that could not be decoded.
     """
 
     connections: int

@@ -1,6 +1,6 @@
 """Messages that may be missed: live poses, events, states, blocks of scans.
 
-Each reader has a bounded queue of its own; what it has no room for is counted.
+Each reader has a bounded queue; messages beyond it are counted.
 """
 
 import asyncio
@@ -20,8 +20,8 @@ class Feed(Generic[T]):
     """Messages of one kind as they arrive, for one reader: use with `async for`.
 
     Args:
-        limit: so many may wait.
-        keep_newest: what is dropped without room: the oldest, or else the newest.
+        limit: bound of the queue.
+        keep_newest: drop the oldest beyond it, otherwise the newest.
 
     Attributes:
         missed: messages for which there was no room.
@@ -37,7 +37,7 @@ class Feed(Generic[T]):
         self.missed = 0
 
     def put(self, message: T) -> None:
-        """A message was received."""
+        """Append a message."""
         if len(self._waiting) >= self._limit:
             self.missed += 1
             if not self._keep_newest:
@@ -47,7 +47,7 @@ class Feed(Generic[T]):
         self._changed.notify()
 
     def close(self, error: BaseException | None = None) -> None:
-        """No more messages will follow; the reader gets the reason, if there is one."""
+        """End the iteration; the reader gets the reason, if there is one."""
         self._is_closed, self._error = True, error
         self._changed.notify()
 
@@ -83,7 +83,7 @@ class Feeds(Generic[T]):
         self.latest: T | None = None
 
     def open(self) -> Feed[T]:
-        """A reader of messages from now on."""
+        """Create a reader of messages from now on."""
         feed = Feed[T](self._limit, keep_newest=self._keep_newest)
         if self._end is not None:
             feed.close(*self._end)
@@ -91,21 +91,21 @@ class Feeds(Generic[T]):
         return feed
 
     def put(self, message: T) -> None:
-        """A message was received."""
+        """Append a message to all."""
         self.latest = message
         for feed in list(self._feeds):
             feed.put(message)
         self._changed.notify()
 
     def close(self, error: BaseException | None = None) -> None:
-        """No more messages will follow."""
+        """End all iterations."""
         self._end = (error,)
         for feed in list(self._feeds):
             feed.close(error)
         self._changed.notify()
 
     async def first(self, seconds: float) -> T:
-        """The latest message, or the first one where there is none yet.
+        """Return the latest message, or wait for the first.
 
         Raises:
             TimeoutError: none arrived within this time.
@@ -119,11 +119,11 @@ class Feeds(Generic[T]):
 
 
 class ScanBlocks:
-    """Blocks of a scan that runs while the `async with` does; use with `async for`.
+    """Blocks of a scan that runs within the `async with`; use with `async for`.
 
     Iteration ends with the scan: at the end of the block, when another client stops it,
-    or when another scan replaces it. A block that is repeated, as may be after an
-    outage, is left out.
+    or when another scan replaces it. Repeated blocks, possible after an outage, are
+    dropped.
 
     Args:
         follow: subscribes to blocks of scans, and yields them.

@@ -1,12 +1,12 @@
-"""Commands on their way: sent, sent again where that does no harm, answered.
+"""Requests: sent, repeated if harmless, answered.
 
 A command may be lost on either side of the broker. It is sent again, with the same
-`request`, whenever a connection or the arm is there again: the daemon
-answers a repeated request with its first reply. A restarted daemon remembers no
-requests, so a command that acts each time is not repeated to it.
+`request`, whenever a connection or the arm is there again: the daemon answers a
+repeated request with its first reply. A restarted daemon remembers no requests, so a
+command that acts each time is not repeated to it.
 
-Each command states until when it may be begun, by the daemon's own clock: when we have
-given up, it is refused wherever it was held up.
+Each command states until when it may be begun, by the daemon's own clock: after our
+time-out it is refused wherever it was delayed.
 """
 
 import asyncio
@@ -34,15 +34,15 @@ from traverse.protocol.messages import (
 from traverse.protocol.topics import command_topic
 
 REPEATABLE = frozenset({"label", "probe", "reload", "align", "resend"})
-"""Commands that may be executed twice and have the same effect."""
+"""Commands that may be executed twice with the same effect."""
 MOST_READINGS = 8
 
 
 class DaemonClock:
-    """What the clock of an arm's daemon shows, by its latest messages.
+    """The clock of an arm's daemon, by its latest messages.
 
-    Each message was written before it arrived, so the clock shows at least what the
-    quickest of them says.
+    Each message was written before it arrived, so the clock shows at least the quickest
+    of them.
     """
 
     def __init__(self) -> None:
@@ -50,14 +50,14 @@ class DaemonClock:
         self._ahead_ns: deque[int] = deque(maxlen=MOST_READINGS)
 
     def take(self, clock: Clock) -> None:
-        """A message of the clock has just arrived."""
+        """Take a clock message that has just arrived."""
         if clock.clock != self._name:
             self._name = clock.clock
             self._ahead_ns.clear()
         self._ahead_ns.append(clock.now_ns - time.monotonic_ns())
 
     def expiry(self, monotonic_ns: int) -> Expiry | None:
-        """An instant of ours by that clock; None where it is not known."""
+        """Convert an instant of ours to that clock; None if unknown."""
         if self._name is None:
             return None
         return Expiry(
@@ -84,22 +84,20 @@ class CommandClient:
         self._news = ChangeSignal()
 
     def take_clock(self, clock: Clock) -> None:
-        """The arm's daemon has published its clock."""
         self._clock.take(clock)
 
     def take_reply(self, reply: Reply) -> None:
-        """An answer was received, to one of our requests or to another client's."""
+        """Take an answer, to one of our requests or to another client's."""
         future = self._waiting.get(reply.request)
         if future is not None and not future.done():
             future.set_result(reply)
 
     def take_status(self, status: Status) -> None:
-        """The arm has published its status."""
         self._status = status
         self._news.notify()
 
     def link_changed(self, is_connected: bool) -> None:
-        """There is a connection, or none any more."""
+        """Take a change of the connection."""
         if not is_connected:  # the arm's last status may be out of date
             self._status = None
         self._news.notify()
@@ -111,8 +109,8 @@ class CommandClient:
 
         Args:
             args: of the command.
-            answer_s: how long the answer may take.
-            valid_s: how long the command may be begun; None: as long.
+            answer_s: time limit of the answer.
+            valid_s: validity of the command; None: the same.
 
         Raises:
             CommandRefused: it was not executed, with the reason.

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def _time(value: object) -> object:
-    """Nanoseconds as JSON has them: more digits than its numbers have."""
+    """Read nanoseconds of JSON: more digits than its numbers have."""
     is_digits = isinstance(value, str) and value.isascii() and value.isdigit()
     return int(str(value)) if is_digits else value
 
@@ -27,10 +27,10 @@ class CommandResult(BaseModel):
 
     @classmethod
     def read(cls, result: object) -> Self:
-        """From the result in a reply.
+        """Read the result in a reply.
 
         Raises:
-            MessageError: it is no such result; all its mistakes.
+            MessageError: it is no such result; lists all mistakes.
         """
         try:
             return cls.model_validate(result)
@@ -39,7 +39,7 @@ class CommandResult(BaseModel):
 
 
 class CapturedPoint(CommandResult):
-    """Which point the command `point` or `undo` has made."""
+    """The point made by the command `point` or `undo`."""
 
     session: str
     seq: Count
@@ -47,11 +47,11 @@ class CapturedPoint(CommandResult):
 
 
 class StoredSession(CommandResult):
-    """A session that the arm's outbox holds points of.
+    """A session in the arm's outbox.
 
     Attributes:
-        begun_ns: when it began [UTC].
-        first_seq, last_seq: the numbers held; None where none is.
+        begun_ns: its beginning [UTC].
+        first_seq, last_seq: stored numbers, or None.
     """
 
     session: str
@@ -61,7 +61,7 @@ class StoredSession(CommandResult):
 
     @classmethod
     def read_all(cls, result: Mapping[str, Any]) -> "tuple[Self, ...]":
-        """From the result of `resend` without a session, oldest first."""
+        """Read the result of `resend` without a session, oldest first."""
         sessions = result.get("sessions")
         if not isinstance(sessions, list | tuple):
             raise MessageError.of("result.sessions", repr(sessions)[:80], "a list")
@@ -69,10 +69,10 @@ class StoredSession(CommandResult):
 
 
 class StoredScan(CommandResult):
-    """A scan that the arm holds blocks of.
+    """A scan with blocks on the arm.
 
     Attributes:
-        begun_ns: when it began [UTC].
+        begun_ns: its beginning [UTC].
         last_block_seq: number of the first point of the last block; None without one.
     """
 
@@ -83,11 +83,11 @@ class StoredScan(CommandResult):
 
 
 class Resent(CommandResult):
-    """What the arm will send again, and what its outbox holds of the session.
+    """Points that the arm will send again, and its stored ones of the session.
 
     Attributes:
-        points: so many will be sent.
-        first_seq, last_seq: the numbers held; None where none is.
+        points: number to be sent.
+        first_seq, last_seq: stored numbers, or None.
     """
 
     session: str
@@ -97,13 +97,13 @@ class Resent(CommandResult):
 
 
 class ResentScan(CommandResult):
-    """What the arm will send again of a scan, and what it holds of it.
+    """Blocks that the arm will send again, and its stored ones of the scan.
 
     Attributes:
-        session: in which it was made; None where the arm holds nothing of it.
-        blocks: so many will be sent.
-        first_seq, last_seq: points held; None where none is.
-        total: points of the scan; None before its end, or where that is not held.
+        session: of the scan; None if nothing of it is stored.
+        blocks: number to be sent.
+        first_seq, last_seq: stored points, or None.
+        total: points of the scan; None before its end, or if that is not stored.
     """
 
     scan: str
@@ -119,7 +119,7 @@ class StartedScan(CommandResult):
 
     Attributes:
         scan: its identifier, as in its blocks.
-        rate_hz: points per second; None where they are spaced otherwise.
+        rate_hz: points per second; None if they are spaced otherwise.
     """
 
     scan: str
@@ -136,12 +136,12 @@ class SharedPoint(CommandResult):
 
 
 class PointCovariances(CommandResult):
-    """How the errors of points belong together, see `CovarianceArgs`."""
+    """Covariances between points, see `CovarianceArgs`."""
 
     points: tuple[SharedPoint, ...]
 
     def joint(self) -> "JointCovariance":
-        """As one covariance, for lengths and features."""
+        """Convert to one covariance, for lengths and features."""
         from traverse.kinematics.uncertainty.joint_covariance import (  # noqa: PLC0415 - numpy's fits, for those who want them
             JointCovariance,
         )

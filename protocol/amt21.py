@@ -63,9 +63,9 @@ def turns_of(value: int) -> int:
 
 
 class Reply:
-    """The reply to one request, fed as it arrives; it keeps 3 bytes at most.
+    """The reply to one request, fed as it arrives; stores at most 3 bytes.
 
-    Where ``echoed``, the adapter sends the request back before it.
+    With ``echoed`` the adapter returns the request before it.
 
     Attributes:
         surplus: unexpected bytes beyond the reply.
@@ -78,12 +78,12 @@ class Reply:
 
     @property
     def missing(self) -> int:
-        """How many bytes are still missing."""
+        """Number of missing bytes."""
         return len(self._echo) + REPLY_BYTES - len(self._heard)
 
     @property
     def begun(self) -> bool:
-        """Something of the reply itself has arrived, not only an echo."""
+        """Whether part of the reply itself has arrived, not only an echo."""
         return len(self._heard) > len(self._echo)
 
     @property
@@ -95,7 +95,7 @@ class Reply:
         return word & _VALUE_MASK if is_sound(word) else None
 
     def feed(self, data: bytes) -> bool:
-        """Take what was read; True once the reply is whole, sound or not."""
+        """Append bytes; return whether the reply is complete, sound or not."""
         taken = data[: self.missing]
         self._heard += taken
         self.surplus += len(data) - len(taken)
@@ -103,9 +103,9 @@ class Reply:
 
 
 def echo_heard(request: bytes, heard: bytes) -> bool | None:
-    """Whether an adapter echoes, judged by all bytes after a request.
+    """Return whether an adapter echoes, by all bytes after a request.
 
-    None where that is unknown: nothing arrived, or noise.
+    None if that is unknown: nothing arrived, or noise.
     """
     if heard == request:
         return True  # and no answer

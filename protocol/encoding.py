@@ -21,9 +21,9 @@ Encoding = Literal["msgpack", "json"]
 
 MAX_BYTES = 1 << 20
 BUFFER_BYTES = 1 << 15
-"""To write into, at first: the library's quarter of a megabyte is mapped each time."""
+"""Initial size: the library's quarter of a megabyte is mapped each time."""
 MAX_DEPTH = 16
-"""Maps and arrays inside each other, the message itself counted."""
+"""Depth of nested maps and arrays, the message included."""
 MAX_ELEMENTS = MAX_LENGTH
 """Of one MessagePack array or map: the decoder reserves what a header announces."""
 
@@ -168,7 +168,7 @@ def _read_json(name: str, payload: bytes) -> object:
 
 
 def _unique(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
-    """A map whose keys are texts, each there once."""
+    """Return a map with unique keys."""
     values = dict(pairs)
     if len(values) != len(pairs):
         raise MessageError.of("payload", "a key given twice in a map", "each key once")
@@ -182,7 +182,7 @@ def _refuse_constant(constant: str) -> Never:
 
 
 def _check_schema(message_type: type[Message], name: str, values: object) -> None:
-    """A payload of another kind is reported in one line, not key by key."""
+    """Report a payload of another kind in one line, not key by key."""
     expected = message_type.model_fields["schema_"].default
     if not isinstance(values, dict):
         raise MessageError.of(name, type(values).__name__, "a map of keys to values")

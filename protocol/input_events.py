@@ -33,13 +33,13 @@ class InputEvent:
 
 
 class InputEventDecoder:
-    """Cuts what was read into events; keeps less than one."""
+    """Cuts bytes into events; stores less than one."""
 
     def __init__(self) -> None:
         self._rest = b""
 
     def feed(self, data: bytes) -> Iterator[InputEvent]:
-        """Events that are whole now, in order."""
+        """Yield complete events, in order."""
         data = self._rest + data
         whole = len(data) - len(data) % EVENT_BYTES
         self._rest = data[whole:]

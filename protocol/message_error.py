@@ -1,4 +1,4 @@
-"""The mistakes of a message."""
+"""Mistakes of a message."""
 
 import reprlib
 from dataclasses import dataclass
@@ -7,12 +7,12 @@ from typing import Self
 from pydantic import ValidationError
 
 MAX_PROBLEMS = 20
-"""So many are reported of one message; a hostile one could have thousands."""
+"""Most mistakes reported of one message; a hostile one could have thousands."""
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One mistake: its place, what was found, what was expected."""
+    """One mistake: place, value, expectation."""
 
     where: str
     what: str
@@ -37,12 +37,12 @@ class MessageError(ValueError):
 
     @classmethod
     def of(cls, where: str, what: str, expected: str) -> Self:
-        """An error with a single mistake."""
+        """Create an error with a single mistake."""
         return cls((Problem(where, what, expected),))
 
     @classmethod
     def from_validation(cls, name: str, error: ValidationError) -> Self:
-        """All mistakes that pydantic found, each with its key path."""
+        """Create an error with all mistakes of pydantic, each with its key path."""
         problems = error.errors(include_url=False, include_context=False)
         return cls(
             tuple(

@@ -34,7 +34,6 @@ _WIDTHS = (np.int8, np.int16, np.int32)
 
 
 def differences_to_bytes(array: NDArray[np.integer[Any]]) -> bytes:
-    """Write integers (n,) or (n, k) as the content of the extension type."""
     n, k = array.shape if array.ndim == 2 else (len(array), 1)
     rows = array.astype(np.int64, copy=False).reshape(n, k)
     width, body = 0, b""

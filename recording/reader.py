@@ -62,7 +62,7 @@ def _from_json(topic: str, content: bytes, kind: TypeAdapter[T]) -> T:
 
 
 class _Parts:
-    """Gathers what the records say."""
+    """Collects the contents of the records."""
 
     def __init__(self) -> None:
         self.joints: tuple[str, ...] | None = None

@@ -1,4 +1,4 @@
-"""Reading what a daemon did, one message after the other, up to the tear."""
+"""Reader of a daemon's recording, message by message, up to the tear."""
 
 import hashlib
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Writing what a daemon did: MCAP in small chunks, so that a crash costs little.
+"""Writer of a daemon's recording: MCAP in small chunks, so that a crash costs little.
 
 Steps are MessagePack maps, one channel for each topic; points, poses, clouds and log
 lines are JSON with schemas (`traverse.recording.views`).

@@ -1,1 +1,1 @@
-"""State that displays of an arm show, independent of the medium."""
+"""State of an arm for displays, independent of the medium."""

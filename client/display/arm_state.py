@@ -1,4 +1,4 @@
-"""All that displays know of an arm, from its messages alone."""
+"""Knowledge of an arm for displays, from its messages alone."""
 
 from collections import deque
 from collections.abc import Callable
@@ -34,13 +34,13 @@ SECTORS = 36
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Something that every open page should show at once.
+    """A change that every open page should show at once.
 
     Attributes:
         kind: "point", "retraction", "stored" (either of them, older, received late),
             "scan" (ended), "refused", "alarm", "cleared", "link", "status",
             "absent" (no message of this arm was received).
-        text: for the user; empty where there is none.
+        text: for the user; may be empty.
         point: received.
     """
 
@@ -51,12 +51,12 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class ScanProgress:
-    """How far a scan is.
+    """Progress of a scan.
 
     Attributes:
         points: delivered so far.
         lost: dropped by the daemon, or lost between device and daemon.
-        in_doubt: points with a flag that is no remark; None: the arm does not say.
+        in_doubt: points with a flag that is no remark; None: unknown.
     """
 
     scan: str
@@ -67,7 +67,6 @@ class ScanProgress:
 
     @property
     def text(self) -> str:
-        """For people."""
         noun = counted(self.points, "point").split()[-1]
         words = f"{self.points:,} {noun}, {self.lost or 'none'} lost"
         doubt = ", doubts not known" if self.in_doubt is None else ""
@@ -85,16 +84,16 @@ class ArmSight:
 
     Attributes:
         sessions: points not retracted, by session and id, in the order of arrival.
-        shown_session: an earlier session whose points are to be shown; None: the arm's.
-        alarms: conditions that last, by code and source.
+        shown_session: an earlier session to be shown; None: the arm's.
+        alarms: lasting conditions, by code and source.
         events: the latest ones.
         coverage: samples received in each of 36 sectors of a joint's reading,
             (n_joints, 36); None before the first pose.
         scan: the latest; None if unknown.
-        label: what the next points are taken on; None while unknown.
+        label: of the next points; None while unknown.
         probe: name of the probe; empty while unknown.
-        aligned_ns: when the alignment was last set or cleared, as far as known.
-        absence: says that the broker has no arm of this name; empty while unknown.
+        aligned_ns: last change of the alignment, as far as known.
+        absence: message that the broker has no arm of this name; else empty.
         listeners: called with each change.
     """
 
@@ -125,38 +124,38 @@ class ArmSight:
 
     @property
     def age_s(self) -> float:
-        """Time since the latest pose was received."""
+        """Age of the latest pose."""
         return self.now_s() - self._live_s
 
     @property
     def health_age_s(self) -> float:
-        """Time since the latest figures were received."""
+        """Age of the latest figures."""
         return self.now_s() - self._health_s
 
     @property
     def is_online(self) -> bool:
-        """The broker is there, and says that the arm is."""
+        """Whether the broker is there, and reports the arm on line."""
         return self.is_linked and self.status is not None and self.status.online
 
     @property
     def is_stale(self) -> bool:
-        """The pose that is shown is out of date."""
+        """Whether the displayed pose is out of date."""
         longest_s = max(STALE_S, 3.0 * min(self._live_intervals_s, default=0.0))
         return not self.is_online or self.is_silent or self.age_s > longest_s
 
     @property
     def silence_s(self) -> float:
-        """Time since the clock of the daemon was received; 0 before the first."""
+        """Age of the daemon's last clock message; 0 before the first."""
         return 0.0 if self._clock_s is None else self.now_s() - self._clock_s
 
     @property
     def is_silent(self) -> bool:
-        """Broker and arm are there, as far as is known, but nothing arrives."""
+        """Whether broker and arm seem to be there, but nothing arrives."""
         return self.is_online and self.silence_s > SILENT_S
 
     @property
     def is_health_stale(self) -> bool:
-        """The figures that are shown are out of date."""
+        """Whether the displayed figures are out of date."""
         longest_s = max(HEALTH_STALE_S, 3.0 * self._health_period_s)
         return not self.is_online or self.health_age_s > longest_s
 
@@ -167,7 +166,7 @@ class ArmSight:
 
     @property
     def points(self) -> dict[str, Point]:
-        """Points that are shown, by id: of the arm's session, or of an earlier one."""
+        """Points to be shown, by id: of the arm's session, or of an earlier one."""
         return self.sessions.get(self.shown_session or self.session, {})
 
     @property
@@ -202,7 +201,6 @@ class ArmSight:
         return self.label
 
     def take_live(self, live: Live) -> None:
-        """A pose was received."""
         if self.live is not None:
             self._live_intervals_s.append(self.age_s)
         self.live, self._live_s = live, self.now_s()
@@ -214,11 +212,9 @@ class ArmSight:
         self.coverage[np.arange(len(sectors)), sectors] += 1
 
     def take_clock(self, clock: Clock) -> None:
-        """The daemon's clock was received."""
         self._clock_s = self.now_s()
 
     def take_point(self, point: Point) -> None:
-        """A point or a retraction was received."""
         held = self._points_of(point.session)
         is_new = self._is_new(point)
         if point.retracts is not None:
@@ -233,7 +229,6 @@ class ArmSight:
         self._notify(change if is_new else Change("stored", point=point))
 
     def take_event(self, event: Event) -> None:
-        """An event was received."""
         self.events.append(event)
         key = (event.code, event.source)
         if event.active is True:
@@ -271,7 +266,6 @@ class ArmSight:
         self._notify(Change("refused", ". ".join(w[:1].upper() + w[1:] for w in words)))
 
     def take_status(self, status: Status) -> None:
-        """The arm's state was received."""
         was, self.status = self.status, status
         if was is not None and was.session != status.session:
             self.shown_session, self.scan = None, None
@@ -290,13 +284,11 @@ class ArmSight:
         self._notify(Change("status"))
 
     def take_health(self, health: Health) -> None:
-        """Figures were received."""
         if self.health is not None and not self.is_health_stale:
             self._health_period_s = self.health_age_s
         self.health, self._health_s = health, self.now_s()
 
     def take_scan(self, block: Scan) -> None:
-        """A block of a scan was received."""
         self.scan = ScanProgress(
             block.scan,
             not block.last,
@@ -308,12 +300,12 @@ class ArmSight:
             self._notify(Change("scan", f"{self.scan.text}."))
 
     def scan_started(self, scan: str) -> None:
-        """A scan has begun that may have no points yet."""
+        """Take a scan that has begun and may have no points yet."""
         if self.scan is None or self.scan.scan != scan:
             self.scan = ScanProgress(scan, runs=True)
 
     def take_link(self, is_linked: bool, reason: str) -> None:
-        """The connection to the broker was made or lost."""
+        """Take a change of the connection to the broker."""
         if (is_linked, reason) != (self.is_linked, self.link_reason):
             changed = is_linked != self.is_linked
             self.is_linked, self.link_reason = is_linked, reason
@@ -325,7 +317,7 @@ class ArmSight:
                 self._notify(Change("link"))
 
     def take_absence(self, text: str) -> None:
-        """The broker has no status of this arm."""
+        """Note that the broker has no status of this arm."""
         if text and self.status is None and text != self.absence:
             self.absence = text
             self._notify(Change("absent", text))
@@ -337,7 +329,7 @@ class ArmSight:
         return held
 
     def _is_new(self, point: Point) -> bool:
-        """Taken just now, by the arm's own clock."""
+        """Return whether a point is new, by the arm's own clock."""
         if self.live is None or self.is_stale:
             return False
         return self.live.time_ns - point.time_ns < STORED_NS

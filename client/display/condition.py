@@ -1,4 +1,4 @@
-"""How the arm is, in one sentence and with what to do about it."""
+"""Condition of the arm in one sentence, with the remedy."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ REMEDIES = {
     "utc_uncertain": "Set the computer's clock.",
     "skew": "Hold the arm still while you take a point.",
 }
-"""What to do about flags; where none is named the flag's own words have to do."""
+"""Remedies for flags; others are described by their names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,12 +38,12 @@ class Verdict:
     """The banner's text.
 
     Attributes:
-        level: "bad" where measuring is not possible or the values are out of date;
-            "busy" where the arm is well and does something of which people must know.
-        word: for the eye at 2 m.
+        level: "bad" if measuring is impossible or the values are out of date; "busy" if
+            the arm is well and does something that people must know.
+        word: readable at 2 m.
         sentence, remedy: for people.
-        others: how many more conditions there are.
-        activity: what runs besides: a scan.
+        others: number of further conditions.
+        activity: a scan that runs besides.
     """
 
     level: Level
@@ -61,7 +61,7 @@ class Verdict:
 
 
 def verdict(sight: ArmSight) -> Verdict:
-    """The worst current condition."""
+    """Return the worst current condition."""
     conditions = list(_conditions(sight))
     scan = sight.scan
     activity = f"{scan.text}." if scan is not None and scan.runs else ""
@@ -76,7 +76,7 @@ def verdict(sight: ArmSight) -> Verdict:
 
 
 def obstacle(sight: ArmSight, *, needs_pose: bool) -> str:
-    """Why a command cannot be carried out now; empty where it can be tried.
+    """Return why a command cannot be carried out; empty if it can be tried.
 
     Args:
         sight: of the arm.
@@ -89,7 +89,7 @@ def obstacle(sight: ArmSight, *, needs_pose: bool) -> str:
 
 
 def lost_conditions(sight: ArmSight) -> list[ConditionStanding]:
-    """Conditions of good numbers that are not established; none while unknown."""
+    """Return conditions that are not established; none while unknown."""
     status = sight.status
     if status is None or not sight.is_online:
         return []
@@ -97,13 +97,13 @@ def lost_conditions(sight: ArmSight) -> list[ConditionStanding]:
 
 
 def condition_words(lost: ConditionStanding) -> str:
-    """What is in doubt, of what, and why."""
+    """Describe conditions in doubt, with subjects and causes."""
     cause = lost.cause.removeprefix(f"{lost.source}: ")
     return f"{lost.source}: {lost.name.replace('_', ' ')}: {cause}"
 
 
 def wanted_commands(sight: ArmSight) -> dict[str, list[str]]:
-    """Commands by which the operator establishes what is lost, with the causes."""
+    """Return commands by which the operator establishes conditions, with the causes."""
     wanted: dict[str, list[str]] = {}
     for condition in lost_conditions(sight):
         # Encoders that count from where they are can be homed instead.

@@ -1,4 +1,4 @@
-"""Numbers and words as displays show them: unit, system, uncertainty, deviation."""
+"""Numbers and words of displays: unit, system, uncertainty, deviation."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -22,7 +22,7 @@ class Unit:
     """A unit of length.
 
     Attributes:
-        per_mm: so many of it are a millimetre.
+        per_mm: number of units in a millimetre.
         digits: decimals shown.
     """
 
@@ -31,12 +31,12 @@ class Unit:
     digits: int
 
     def text(self, value_mm: float, *, sign: bool = False) -> str:
-        """A length without its unit; what is rounded to zero has no minus."""
+        """Format a length without its unit; zero has no minus."""
         value = value_mm * self.per_mm
         return f"{value:{'+' if sign else ''}z.{self.digits}f}"
 
     def with_name(self, value_mm: float) -> str:
-        """A length with its unit."""
+        """Format a length with its unit."""
         return f"{self.text(value_mm)} {self.name}"
 
 
@@ -45,28 +45,28 @@ INCH = Unit("inch", 1.0 / 25.4, 5)
 
 
 def place_mm(of: Live | Point, system: System) -> Vector | None:
-    """Ball centre in a system; None if unknown there."""
+    """Return the ball centre in a system; None if unknown."""
     return of.xyz_mm if system == "arm" else of.part_xyz_mm
 
 
 def covariance_of(of: Live | Point) -> Covariance | None:
-    """Covariance of the place; None without that of the arm's geometry.
+    """Return the covariance of the place; None without that of the arm's geometry.
 
-    What is published then has the encoders' part alone, which is the smaller one.
+    Otherwise only the smaller part, of the encoders, is published.
     """
     return None if is_geometry_unknown(of) else of.covariance_mm2
 
 
 def is_geometry_unknown(of: Live | Point) -> bool:
-    """Whether the arm was never identified, so that nobody knows how far it is off."""
+    """Return whether the arm was never identified, so that its error is unknown."""
     return "geometry_unknown" in of.quality.flags
 
 
 def expanded_axes_mm(of: Live | Point | None, system: System) -> list[float] | None:
-    """Expanded uncertainty (k = 2) of each coordinate; None where it is not known.
+    """Return the expanded uncertainty (k = 2) of each coordinate, or None.
 
-    How the part's axes lie in the arm's is not published, so there each coordinate has
-    that of the worst direction.
+    The directions of the part's axes are not published, so each of its coordinates has
+    the uncertainty of the worst direction.
     """
     covariance_mm2 = None if of is None else covariance_of(of)
     if covariance_mm2 is None:
@@ -81,7 +81,7 @@ def expanded_axes_mm(of: Live | Point | None, system: System) -> list[float] | N
 
 
 def place_uncertainty(point: Point, unit: Unit) -> str:
-    """Expanded uncertainty (k = 2) of the place as a whole, or why there is none."""
+    """Format the expanded uncertainty (k = 2) of the place, or why there is none."""
     if is_geometry_unknown(point):
         return GEOMETRY_UNKNOWN
     if point.covariance_mm2 is None:

@@ -1,4 +1,4 @@
-"""Follows one arm for all open pages, and carries their commands out."""
+"""Follows one arm for all open pages, and executes their commands."""
 
 import asyncio
 import contextlib
@@ -31,7 +31,7 @@ class Follower:
 
     Args:
         name: of the arm.
-        broker: where it reports to.
+        broker: of the arm.
 
     Attributes:
         sight: last known state of the arm.
@@ -107,7 +107,7 @@ class Follower:
         return False
 
     async def turn_scan(self) -> None:
-        """Stop the scan that runs, or start one."""
+        """Stop the running scan, or start one."""
         runs = self.sight.scan is not None and self.sight.scan.runs
 
         async def turn(arm: Arm) -> None:
@@ -155,7 +155,7 @@ async def _each(feed: AsyncIterable[T], take: Callable[[T], None]) -> None:
 async def _each_change(
     read: Callable[[], Awaitable[T]], take: Callable[[T], None]
 ) -> None:
-    """Read the latest message of a kind again and again, and take the new ones."""
+    """Read the latest message of a kind repeatedly, and take new ones."""
     known: T | None = None
     while True:
         with contextlib.suppress(TimeoutError):

@@ -1,4 +1,4 @@
-"""Guided checks: instructions, progress, results, and verdicts."""
+"""Guided checks: instructions, progress, results, verdicts."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -25,10 +25,10 @@ class GuidedCheck:
     Attributes:
         kind: "articulation": one point, a cone, from many postures; "sphere".
         wanted: number of points to take.
-        limit_mm: permitted: of the largest deviation from the mean, or of the sphere's
-            form and its error of size; None: not set.
+        limit_mm: of the largest deviation from the mean, or of the sphere's form and
+            its error of size; None: not set.
         diameter_mm: of the sphere by its certificate; None: unknown.
-        begun_ns: points of before do not count [UTC].
+        begun_ns: earlier points do not count [UTC].
         points: taken so far.
         suspect: a touch that cannot be of the same seat; not counted.
     """
@@ -48,7 +48,6 @@ class GuidedCheck:
 
     @property
     def instruction(self) -> str:
-        """The next instruction."""
         left = self.wanted - len(self.points)
         if self.suspect is not None:
             what = "seat" if self.kind == "articulation" else "sphere"
@@ -66,7 +65,7 @@ class GuidedCheck:
         return f"Touch the sphere at {where}, another side each time: {left} more."
 
     def take(self, point: Point) -> None:
-        """A point was received during the check, whatever its label."""
+        """Take a point during the check, whatever its label."""
         if self.is_done or point.time_ns < self.begun_ns:
             return
         if self._off_mm(point) > PLAUSIBLE_MM:
@@ -76,29 +75,28 @@ class GuidedCheck:
             self.suspect = None  # the operator has corrected it
 
     def undo(self, point_id: str) -> None:
-        """A point was taken back."""
         self.points = [p for p in self.points if p.id != point_id]
         if self.suspect is not None and self.suspect.id == point_id:
             self.suspect = None
 
     def leave_out(self) -> None:
-        """The suspect was another place."""
+        """Leave the suspect out: it was another place."""
         self.suspect = None
 
     def count_in(self) -> None:
-        """The suspect was the right place: so far off is the arm."""
+        """Count the suspect: the arm is off by that much."""
         if self.suspect is not None:
             self.points.append(self.suspect)
         self.suspect = None
 
     def begin_with_it(self) -> None:
-        """The suspect was the right place, the others were not."""
+        """Begin again with the suspect: the others were at another place."""
         self.points = [] if self.suspect is None else [self.suspect]
         self.suspect = None
 
     @property
     def verdict(self) -> tuple[Level, str]:
-        """Whether it passed; nothing passes without a limit."""
+        """Level and text; nothing passes without a limit."""
         if not self.is_done:
             return "busy", f"{len(self.points)} of {counted(self.wanted, 'point')}"
         doubtful = sum(not point.quality.ok for point in self.points)
@@ -152,7 +150,7 @@ class GuidedCheck:
         ]
 
     def _worst(self) -> tuple[str, float] | None:
-        """Figure that is compared with the limit: its name and value."""
+        """Return name and value of the figure that is compared with the limit."""
         if self.kind == "articulation":
             spread = spread_about_mean(_places(self.points))
             return "largest deviation", spread.max_deviation_mm
@@ -166,7 +164,7 @@ class GuidedCheck:
         return max(values, key=lambda item: item[1])
 
     def _sphere(self) -> tuple[float, float, float] | None:
-        """Diameter, form and rms of the sphere through the points."""
+        """Return diameter, form and rms of the sphere through the points."""
         places_mm = _places(self.points)
         try:
             sphere = fit_sphere(places_mm)
@@ -178,7 +176,7 @@ class GuidedCheck:
         return diameter_mm, float(np.ptp(radii_mm)), sphere.rms_mm
 
     def _off_mm(self, point: Point) -> float:
-        """How far a touch is from where the others say that it must be."""
+        """Return the distance of a touch from the place of the others."""
         place_mm, others_mm = _places([point]), _places(self.points)
         if self.kind == "articulation":
             return float(off_seat(place_mm, others_mm)[0])
@@ -189,7 +187,7 @@ class GuidedCheck:
 
 
 class CheckDesk:
-    """The current guided check, one for all pages; it survives their reloads.
+    """The current guided check, shared by all pages; it survives their reloads.
 
     Args:
         sight: of the arm; its points are taken.
@@ -198,7 +196,7 @@ class CheckDesk:
         check: None while there is none.
         limits_mm: last given, by kind of check.
         diameter_mm: of the sphere, last given.
-        label_before: what points were taken on before the check set its own label.
+        label_before: label before the check set its own.
     """
 
     def __init__(self, sight: ArmSight) -> None:
@@ -218,13 +216,13 @@ class CheckDesk:
         self.set_limits(self.limits_mm.get(kind), self.diameter_mm)
 
     def set_limits(self, limit_mm: float | None, diameter_mm: float | None) -> None:
-        """Limits and diameter of the sphere; stored for the next check."""
+        """Set limits and the sphere's diameter, stored for the next check."""
         if self.check is not None:
             self.limits_mm[self.check.kind] = self.check.limit_mm = limit_mm
             self.diameter_mm = self.check.diameter_mm = diameter_mm
 
     def answer(self, act: Callable[[GuidedCheck], None]) -> None:
-        """The question about the suspect is answered."""
+        """Answer the question about the suspect."""
         if self.check is not None:
             act(self.check)
 

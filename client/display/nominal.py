@@ -1,4 +1,4 @@
-"""How far the probe is from a nominal place, and whether that is within a tolerance."""
+"""Deviation of the probe from a nominal place, and conformity with a tolerance."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,14 @@ from traverse.protocol.messages.fields import Vector
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """From a nominal place.
+    """Deviation from a nominal place.
 
     Attributes:
-        offsets_mm: in x, y, z; None where the nominal place leaves that open.
+        offsets_mm: in x, y, z; None for open coordinates.
         distance_mm: over the coordinates that count.
         expanded_mm: its expanded uncertainty (k = 2); None: unknown.
         tolerance_mm: permitted distance.
-        doubt: why there is no verdict, whatever the distance; empty: there is one.
+        doubt: why there is no verdict; empty: there is one.
     """
 
     offsets_mm: tuple[float | None, ...]
@@ -42,11 +42,11 @@ class Deviation:
 
 @dataclass(frozen=True, slots=True)
 class Nominal:
-    """Where something should be, in the system that is shown.
+    """A nominal place, in the system that is shown.
 
     Attributes:
-        xyz_mm: None where a coordinate does not matter.
-        tolerance_mm: permitted distance from there.
+        xyz_mm: None for open coordinates.
+        tolerance_mm: permitted distance.
     """
 
     xyz_mm: tuple[float | None, ...]
@@ -55,7 +55,7 @@ class Nominal:
     def deviation(
         self, place_mm: Vector, expanded_mm: float | None, doubt: str = ""
     ) -> Deviation:
-        """Of a place, with its expanded uncertainty, and what makes it doubtful."""
+        """Return the deviation of a place, with its expanded uncertainty and doubt."""
         offsets_mm = tuple(
             None if wanted is None else measured - wanted
             for measured, wanted in zip(place_mm, self.xyz_mm, strict=True)

@@ -8,16 +8,16 @@ BUDGET = 1_000_000
 
 
 class Cloud:
-    """Keep every k-th point; k doubles when the budget is full.
+    """Keeps every k-th point; k doubles when the budget is full.
 
     Args:
-        budget: so many points at most are kept and drawn; even.
+        budget: most points stored and drawn; even.
 
     Attributes:
-        version: changes when what was handed out before no longer holds.
+        version: changes when earlier output is invalid.
         n_kept: points to be drawn.
         n_seen: received points.
-        every: one in so many is kept.
+        every: k.
     """
 
     def __init__(self, budget: int = BUDGET) -> None:
@@ -27,14 +27,13 @@ class Cloud:
         self.clear()
 
     def clear(self) -> None:
-        """Begin anew."""
         self.version += 1
         self.n_kept = 0
         self.n_seen = 0
         self.every = 1
 
     def add(self, xyz_mm: Floats) -> None:
-        """Points were received, (n, 3)."""
+        """Add received points, (n, 3)."""
         while len(xyz_mm):
             # Those whose number is a multiple of `every` are kept.
             first = -self.n_seen % self.every
@@ -46,7 +45,7 @@ class Cloud:
                 self._halve()
 
     def bytes_from(self, start: int) -> bytes:
-        """Kept points from a number on: x, y, z as little-endian float32."""
+        """Return stored points from a number on: x, y, z as little-endian float32."""
         kept = self._places_mm[start : self.n_kept]
         return kept.astype("<f4", copy=False).tobytes()
 

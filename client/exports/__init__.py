@@ -1,1 +1,1 @@
-"""Points and scans as files that other software reads."""
+"""Points and scans as files for other software."""

@@ -38,8 +38,8 @@ _IN_MEMORY_BYTES = 64_000_000
 class Ply(Sink):
     """Binary little-endian PLY; lengths in millimetres.
 
-    A vertex has numbers alone: sessions, scans and labels are numbered, and the head
-    says what they are called.
+    A vertex has numbers alone: sessions, scans and labels are numbered, and named in
+    the head.
     """
 
     lacks = "ids and times of points"
@@ -51,7 +51,6 @@ class Ply(Sink):
         self._labels: dict[str, int] = {}
 
     def table(self, table: PointTable) -> None:
-        """Keep rows: their names belong into the head."""
         rows = np.zeros(len(table), PLY_ROW)
         for column, axis in enumerate("xyz"):
             rows[axis] = table.xyz_mm[:, column]
@@ -74,7 +73,6 @@ class Ply(Sink):
         self._count(table)
 
     def end(self) -> None:
-        """Write head and rows."""
         lines = [
             "ply",
             "format binary_little_endian 1.0",
@@ -104,24 +102,22 @@ class Ply(Sink):
 
 
 def _numbered(names: Iterable[str], numbers: dict[str, int]) -> list[int]:
-    """The number of each name; a new one gets the next."""
+    """Return the number of each name; a new one gets the next."""
     return [numbers.setdefault(name, len(numbers)) for name in names]
 
 
 class Numpy(Sink):
-    """A compressed `.npz` of columns; all of them are held in memory until the end."""
+    """A compressed `.npz` of columns, held in memory until the end."""
 
     def __init__(self, file: IO[bytes], coordinates: Coordinates = "centre") -> None:
         super().__init__(file, coordinates)
         self._tables: list[PointTable] = []
 
     def table(self, table: PointTable) -> None:
-        """Keep rows."""
         self._tables.append(table)
         self._count(table)
 
     def end(self) -> None:
-        """Write all columns."""
         columns: dict[str, NDArray[Any]] = {"coordinates": np.array(self._coordinates)}
         tables = self._tables or [table_of([], self._coordinates)]
         for name in PointTable.__slots__:
@@ -160,7 +156,6 @@ class Parquet(Sink):
         self._writer = parquet.ParquetWriter(file, self._schema)
 
     def table(self, table: PointTable) -> None:
-        """Write a row group."""
         columns = [
             self._arrow.array(table.seq),
             self._arrow.array(table.time_ns).cast(self._schema.field("time").type),
@@ -193,7 +188,6 @@ class Parquet(Sink):
         self._count(table)
 
     def end(self) -> None:
-        """Write the foot."""
         self._writer.close()
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:

@@ -20,10 +20,10 @@ _RED, _CROSS = 1, 2
 
 
 class Dxf(Sink):
-    """A drawing in millimetres, DXF of AutoCAD 2010; all of it is held until the end.
+    """A drawing in millimetres, DXF of AutoCAD 2010, held until the end.
 
     A point is a POINT on the layer of its session and label. A scan is a 3D POLYLINE on
-    a layer of its own; numbers that begin again begin the next scan. What is in doubt
+    a layer of its own; numbers that begin again begin the next scan. A point in doubt
     is a POINT on a red layer, and ends a polyline. Session or scan, seq, id, label,
     flags and covariance are extended data (XDATA of TRAVERSE). Needs the extra `lab`.
     """
@@ -45,7 +45,6 @@ class Dxf(Sink):
         self._scans, self._last_seq, self._scan = 0, 0, ""
 
     def points(self, points: Sequence[Point]) -> None:
-        """Add points."""
         self._check(points)
         places_mm = [place_of(point, self._coordinates) for point in points]
         for point, place_mm in zip(points, places_mm, strict=True):
@@ -70,7 +69,6 @@ class Dxf(Sink):
         self._extend(places_mm, len(points))
 
     def table(self, table: PointTable) -> None:
-        """Add rows of a scan."""
         names = ("seq", "xyz_mm", "ok", "flags", "scan")
         columns = (getattr(table, name).tolist() for name in names)
         for seq, xyz_mm, ok, flags, self._scan in zip(*columns, strict=True):
@@ -89,7 +87,6 @@ class Dxf(Sink):
         self.in_doubt += int(np.count_nonzero(~table.ok))
 
     def end(self) -> None:
-        """Write the drawing."""
         self._end_way()
         layers = self._drawing.layers
         for layer in sorted({entity.dxf.layer for entity in self._space}):
@@ -119,7 +116,7 @@ class Dxf(Sink):
         self._way_mm = []
 
     def _extend(self, places_mm: ArrayLike, n: int) -> None:
-        """Note how many there are, and the corners of what they fill."""
+        """Update the number of points and their bounds."""
         if n:
             all_mm = np.vstack([self._ends_mm, np.reshape(places_mm, (-1, 3))])
             self._ends_mm = np.vstack([all_mm.min(axis=0), all_mm.max(axis=0)])
@@ -127,7 +124,7 @@ class Dxf(Sink):
 
 
 def _data(**values: str | int | None) -> list[tuple[int, str]]:
-    """Extended data: a text for each value that there is."""
+    """Return extended data: a text for each known value."""
     return [
         (_TEXT, printable(f"{name}={value}")[:_MAX_TEXT])
         for name, value in values.items()

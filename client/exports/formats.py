@@ -26,7 +26,7 @@ FORMATS: dict[str, type[Sink]] = {
 def points_as(
     kind: str, points: Sequence[Point], coordinates: Coordinates = "centre"
 ) -> tuple[str, bytes]:
-    """Points that are not retracted as a file in memory: its name and content."""
+    """Return name and content of a file with points that are not retracted."""
     file = io.BytesIO()
     with FORMATS[kind](file, coordinates) as sink:
         sink.points(standing(points))

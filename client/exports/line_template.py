@@ -1,4 +1,4 @@
-"""Lines of one's own form: a text with the values of a point in braces."""
+"""Line templates: a text with the values of a point in braces."""
 
 from collections.abc import Mapping
 from string import Formatter
@@ -10,19 +10,19 @@ MAX_TEMPLATE = 1000
 
 
 class LineTemplate:
-    r"""Text with `{name}` or `{name:.3f}`; `\r`, `\n` and `\t` are understood.
+    r"""Text with `{name}` or `{name:.3f}`, and `\r`, `\n` and `\t`.
 
     Args:
         template: the text.
-        specimen: a value of each name that there is.
-        decimal: the sign between whole and fraction of a number.
+        specimen: a value of each known name.
+        decimal: decimal sign.
 
     Attributes:
         names: of the values that the text contains.
 
     Raises:
-        ValueError: it names what a point does not have, contains more than names, has
-            a format that does not fit a value, or the decimal sign between values.
+        ValueError: it has an unknown name, more than names, an unsuitable format, or
+            the decimal sign between values.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class LineTemplate:
         self.filled(specimen)
 
     def filled(self, values: Mapping[str, Any]) -> str:
-        """The text with these values; unknown ones are empty."""
+        """Fill in values; unknown ones are empty."""
         parts = []
         for text, name, spec, _ in self._parts:
             parts.append(text)

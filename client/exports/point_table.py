@@ -92,13 +92,13 @@ def scan_table(
 
 
 def standing(points: Sequence[Point]) -> list[Point]:
-    """Points that are not retracted, without the retractions."""
+    """Return points that are not retracted, without the retractions."""
     gone = {point.retracts for point in points}
     return [p for p in points if p.retracts is None and p.id not in gone]
 
 
 def table_of(points: Sequence[Point], coordinates: Coordinates) -> PointTable:
-    """Points as columns.
+    """Return points as columns.
 
     Args:
         points: any number.
@@ -135,7 +135,7 @@ def table_of(points: Sequence[Point], coordinates: Coordinates) -> PointTable:
 
 
 def place_of(point: Point, coordinates: Coordinates) -> tuple[float, float, float]:
-    """The chosen coordinates of a point [mm].
+    """Return the chosen coordinates of a point [mm].
 
     Raises:
         ValueError: it has none of these.
@@ -158,7 +158,7 @@ def _texts(values: Iterable[str | None]) -> NDArray[np.str_]:
 
 
 def _bits(point: Point) -> int:
-    """Bits of the flags; of a later version's only those that are called by number."""
+    """Return bits of the flags; unknown flags only if they are numbers."""
     return sum(_bit(name) for name in set(point.quality.flags))
 
 
@@ -175,12 +175,12 @@ class Sink(ABC):
 
     Args:
         file: open for writing, seekable.
-        coordinates: which ones of points.
+        coordinates: chosen ones.
 
     Attributes:
-        n: how many were written.
-        in_doubt: how many of them are in doubt.
-        lacks: what the format cannot carry, for people; empty where it carries all.
+        n: number of written points.
+        in_doubt: number of those in doubt.
+        lacks: what the format cannot carry, for people; may be empty.
     """
 
     lacks: ClassVar[str] = ""
@@ -195,12 +195,12 @@ class Sink(ABC):
         """Write points.
 
         Raises:
-            ValueError: they lack what the format requires.
+            ValueError: they lack something that the format requires.
         """
         self.table(table_of(points, self._coordinates))
 
     def _check(self, points: Sequence[Point]) -> None:
-        """See that all have the chosen coordinates, and count what is in doubt.
+        """Check that all have the chosen coordinates, and count those in doubt.
 
         Raises:
             ValueError: one has none.
@@ -219,7 +219,7 @@ class Sink(ABC):
         """Write rows of a scan."""
 
     def end(self) -> None:  # noqa: B027 - most formats need no end
-        """Write the trailer, or the header when the end is known."""
+        """Write the trailer, or the header."""
 
     def __enter__(self) -> Self:
         return self

@@ -30,7 +30,7 @@ _IDENTIFIERS = uuid.uuid5(uuid.NAMESPACE_URL, NAMESPACE)
 
 
 class QifDocument:
-    """A document in the making: header, units, and what is added to its root."""
+    """A document under construction: header, units, and elements of its root."""
 
     def __init__(self) -> None:
         self.root = Element("QIFDocument", xmlns=NAMESPACE, versionQIF="3.0.0")
@@ -97,9 +97,9 @@ class Qif(Sink):
     uncertainties of x, y and z; the full covariance is a user-defined attribute.
 
     Args:
-        file: As of every sink.
-        coordinates: As of every sink.
-        check: Refuses the content before it is written, by raising.
+        file: as of every sink.
+        coordinates: as of every sink.
+        check: called with the content; raises to refuse it.
     """
 
     def __init__(
@@ -113,11 +113,6 @@ class Qif(Sink):
         self._points: list[Point] = []
 
     def points(self, points: Sequence[Point]) -> None:
-        """Add points.
-
-        Raises:
-            ValueError: One is a retraction, or lacks the chosen coordinates.
-        """
         for point in points:
             if point.retracts is not None:
                 raise ValueError("QIF holds no retractions; leave out --retracted")
@@ -134,11 +129,6 @@ class Qif(Sink):
         raise ValueError(f"QIF is written of points, not of {len(table)} rows of scans")
 
     def end(self) -> None:
-        """Write the document.
-
-        Raises:
-            ValueError: There is a text that XML cannot hold.
-        """
         document = QifDocument()
         results = SubElement(document.root, "Results")
         sessions = _sessions(self._points) or [[]]
@@ -152,7 +142,7 @@ class Qif(Sink):
 
 
 def _sessions(points: Iterable[Point]) -> list[list[Point]]:
-    """Group by session, arm and model, since these are stated once."""
+    """Group by session, arm and model, which are stated once."""
     ordered = sorted(points, key=_group)
     return [list(group) for _, group in groupby(ordered, _group)]
 

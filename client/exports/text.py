@@ -1,4 +1,4 @@
-"""Formats of text: CSV, JSON lines, XYZ, and templates of one's own."""
+"""Formats of text: CSV, JSON lines, XYZ, and line templates."""
 
 import csv
 import io
@@ -28,12 +28,12 @@ COLUMNS = (
     *("temperature_c", "probe_radius_mm", "samples", "spread_mm"),
     *("artefact", "feature", "ok", "flags", "model", "angles_rad", "counts"),
 )
-"""Of a point in CSV, and the names of a template."""
+"""Columns of a point in CSV, and the names of a template."""
 SCAN_COLUMNS = (
     *("scan", "seq", "time_ns", "time_utc", "x_mm", "y_mm", "z_mm", "i", "j", "k"),
     *("std_x_mm", "std_y_mm", "std_z_mm", "ok", "flags"),
 )
-"""Of a point of a scan."""
+"""Columns of a point of a scan."""
 WORDS = {
     *("session", "id", "retracts", "time_utc", "trigger", "compensation"),
     *("artefact", "feature", "flags", "model", "angles_rad", "counts"),
@@ -48,7 +48,7 @@ LABEL = slice(COLUMNS.index("artefact"), COLUMNS.index("feature") + 1)
 
 
 def row_of(point: Point) -> list[Any]:
-    """A point in the order of `COLUMNS`; None for unknown values."""
+    """Return a point in the order of `COLUMNS`; None for unknown values."""
     return [
         *(point.session, point.seq, point.id, point.retracts),
         *(point.time_ns, *iso_times([point.time_ns]), point.trigger),
@@ -69,7 +69,7 @@ def row_of(point: Point) -> list[Any]:
 def values_of(
     point: Point, coordinates: Coordinates, unit_mm: float = 1.0
 ) -> dict[str, Any]:
-    """The values of a template's names.
+    """Return the values of a template's names.
 
     Raises:
         ValueError: the point has no such coordinates.
@@ -80,7 +80,7 @@ def values_of(
 
 
 def scan_values(table: PointTable, unit_mm: float = 1.0) -> Iterable[dict[str, Any]]:
-    """The same of each point of a scan, as far as it has them."""
+    """Return a template's values of each point of a scan, as far as known."""
     for row in scan_rows(table):
         values = dict(zip(SCAN_COLUMNS, row, strict=True))
         yield values | _in_unit([values[f"{axis}_mm"] for axis in "xyz"], unit_mm)
@@ -91,7 +91,7 @@ def _in_unit(place_mm: Iterable[float], unit_mm: float) -> dict[str, float]:
 
 
 def scan_rows(table: PointTable) -> Iterable[list[Any]]:
-    """Rows of a scan in the order of `SCAN_COLUMNS`."""
+    """Return rows of a scan in the order of `SCAN_COLUMNS`."""
     columns = zip(
         table.scan.tolist(),
         table.seq.tolist(),
@@ -119,13 +119,12 @@ def iso_times(time_ns: ArrayLike) -> list[str]:
 class Csv(Sink):
     """Comma-separated, a header line first; unknown values are empty.
 
-    A label that a spreadsheet would take for a formula has an apostrophe before it.
+    A label that a spreadsheet would take for a formula begins with an apostrophe.
     """
 
     _has_head = False
 
     def points(self, points: Sequence[Point]) -> None:
-        """Write points with all their fields."""
         self._check(points)
         rows = [row_of(point) for point in points]
         for row in rows:
@@ -133,7 +132,6 @@ class Csv(Sink):
         self._write(COLUMNS, rows)
 
     def table(self, table: PointTable) -> None:
-        """Write rows of a scan."""
         self._write(SCAN_COLUMNS, list(scan_rows(table)))
         self.in_doubt += int(np.count_nonzero(~table.ok))
 
@@ -149,17 +147,15 @@ class Csv(Sink):
 
 
 class JsonLines(Sink):
-    """One object a line: of points the message, of scans an object of its columns."""
+    """One JSON object a line: of points the message, of scans the columns."""
 
     def points(self, points: Sequence[Point]) -> None:
-        """Write messages as they were published, in JSON."""
         self._check(points)
         for point in points:
             self._file.write(encode(point, "json") + b"\n")
         self.n += len(points)
 
     def table(self, table: PointTable) -> None:
-        """Write rows of a scan."""
         for row in scan_rows(table):
             named = dict(zip(SCAN_COLUMNS, row, strict=True))
             self._file.write(json.dumps(named).encode() + b"\n")
@@ -167,7 +163,7 @@ class JsonLines(Sink):
 
 
 class Xyz(Sink):
-    """Three columns of numbers, as most software for point clouds reads them."""
+    """Three columns of numbers, as software for point clouds reads them."""
 
     lacks = (
         "sessions, numbers, ids, labels, times, quality and uncertainty: what is in "
@@ -175,14 +171,13 @@ class Xyz(Sink):
     )
 
     def table(self, table: PointTable) -> None:
-        """Write coordinates, with digits to a nanometre."""
         lines = [f"{x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in table.xyz_mm.tolist()]
         self._file.write("".join(lines).encode())
         self._count(table)
 
 
 class Template(Sink):
-    """Lines of one's own form, as a keyboard wedge would type them.
+    """Lines of a template, as a keyboard wedge would type them.
 
     Args:
         file: open for writing.
@@ -200,13 +195,11 @@ class Template(Sink):
         self._template = LineTemplate(template, SPECIMEN)
 
     def points(self, points: Sequence[Point]) -> None:
-        """Write points by the template."""
         self._check(points)
         for point in points:
             self._write(values_of(point, self._coordinates))
 
     def table(self, table: PointTable) -> None:
-        """Write rows of a scan by the template."""
         for values in scan_values(table):
             self._write(values)
         self.in_doubt += int(np.count_nonzero(~table.ok))

@@ -1,1 +1,1 @@
-"""Points for programs that do not speak MQTT."""
+"""Gateways: points for programs that do not speak MQTT."""

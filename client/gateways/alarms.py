@@ -1,4 +1,4 @@
-"""Whether an arm may be trusted now, by its status."""
+"""Trust in an arm, by its status."""
 
 from collections.abc import Container
 
@@ -6,7 +6,7 @@ from traverse.protocol.messages import Status
 
 
 def alarm_of(status: Status, *, ignored: Container[str] = ()) -> str | None:
-    """Why the arm may not be trusted, for people; None: it may.
+    """Return why the arm cannot be trusted, for people; None if it can.
 
     Args:
         status: of the arm.

@@ -1,7 +1,7 @@
 """An arm as a device of Home Assistant: a retained announcement, and a state.
 
-Home Assistant reads no MessagePack, so the state is written anew, below the topic of
-the announcement: one line of a broker's access list allows all of it.
+Home Assistant reads no MessagePack, so the state is published in JSON, below the topic
+of the announcement: one line of a broker's access list allows all of it.
 """
 
 import asyncio
@@ -72,7 +72,7 @@ def announcement(arm: str, device: str, base: str, keys: set[str]) -> dict[str, 
 def state_of(
     status: Status, health: Health | None, last_check: str | None
 ) -> dict[str, Any]:
-    """Sum up what an arm's daemon says of itself; figures of one that is away are null.
+    """Summarise a daemon's messages; figures of one that is away are null.
 
     Args:
         status: the latest.
@@ -97,13 +97,13 @@ def state_of(
 
 
 class HomeAssistantGateway:
-    """Show an arm in Home Assistant for as long as this runs.
+    """Shows an arm in Home Assistant while this runs.
 
     Args:
         arm: its name.
         address: of the broker.
         prefix: topic of Home Assistant's discovery.
-        report: called with what happens, for people.
+        report: called with messages for people.
         last_check: returns the time of the arm's last daily check; not called on the
             event loop's thread.
     """
@@ -203,7 +203,7 @@ class HomeAssistantGateway:
         await self._send("availability", b"online")
 
     async def _send(self, topic: str, payload: bytes) -> None:
-        """Publish, retained, what is not there already."""
+        """Publish, retained, if changed."""
         if self._sent.get(topic) != payload:
             await self._link.publish(f"{self.base}/{topic}", payload, retain=True)
             self._sent[topic] = payload

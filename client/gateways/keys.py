@@ -1,8 +1,8 @@
-"""Points typed into the program that has the keyboard.
+"""Points typed into the program with the keyboard focus.
 
-Keyboards that are no devices type them: of this desktop, and of this computer's kernel.
-A keyboard types one character at a time, and calls `on_stop` when the stop key of a
-real keyboard is pressed, from whichever thread.
+Two virtual keyboards: of the desktop, and of the kernel. A keyboard types one character
+at a time, and calls `on_stop`, from any thread, when the stop key of a real keyboard is
+pressed.
 """
 
 import asyncio
@@ -25,7 +25,7 @@ CLOSE_S = 2.0
 
 
 class KeyboardGoneError(ValueError):
-    """Nothing can be typed any more; its text says why."""
+    """Nothing can be typed any more; states why."""
 
 
 class Keyboard(Protocol):
@@ -49,13 +49,13 @@ class Keyboard(Protocol):
 
 
 class DesktopKeyboard:
-    """The desktop's own way, by pynput.
+    """The desktop's keyboard, by pynput.
 
     Under X by its extensions XTEST and RECORD; a Wayland desktop lets this type into
     programs of X only.
 
     Args:
-        stop_key: a function key, "f9" say, "pause" or "esc".
+        stop_key: a function key, such as "f9", "pause" or "esc".
         on_stop: called when it is pressed.
 
     Raises:
@@ -106,7 +106,6 @@ class DesktopKeyboard:
         self._listener.wait()
 
     def tap(self, character: str) -> None:
-        """Press and release the key of a character."""
         if not self._listener.is_alive():
             raise KeyboardGoneError("the desktop has gone, and its stop key with it")
         key, needs_shift = self._keys[character]
@@ -118,7 +117,6 @@ class DesktopKeyboard:
             raise KeyboardGoneError(f"the desktop takes no keys: {error!r}") from error
 
     def close(self) -> None:
-        """Stop listening for the stop key, and leave the desktop."""
         with suppress(Exception):  # of a desktop that has gone
             self._listener.stop()
             self._listener.join(CLOSE_S)
@@ -127,7 +125,7 @@ class DesktopKeyboard:
     def _key_of(
         self, character: str, from_keysym: Callable[[int], Any]
     ) -> tuple[Any, bool]:
-        """The key of a character, and whether it needs Shift."""
+        """Return the key of a character, and whether it needs Shift."""
         mapping = getattr(self._controller, "keyboard_mapping", None)
         if mapping is None:  # only that of X has one
             return character, False
@@ -143,20 +141,20 @@ class DesktopKeyboard:
 
 
 def _close_sockets(owner: object, *displays: str) -> None:
-    """Close connections to X that pynput leaves open where the server has gone."""
+    """Close connections to X that pynput leaves open when the server has gone."""
     for name in displays:
         if (display := getattr(owner, name, None)) is not None:
             display.display.socket.close()
 
 
 class UinputKeyboard:
-    """A keyboard of the kernel's (uinput), for consoles, X and Wayland alike.
+    """A keyboard of the kernel (uinput), for consoles, X and Wayland alike.
 
-    The kernel takes keys, not characters: those here give the same character in all
-    layouts whose digits need no Shift. Must be made in a running event loop.
+    The kernel takes keys, not characters: these give the same character in all layouts
+    whose digits need no Shift. Create it in a running event loop.
 
     Args:
-        stop_key: as of `DesktopKeyboard`; looked for on all readable keyboards.
+        stop_key: as of `DesktopKeyboard`; read from all readable keyboards.
         on_stop: called when it is pressed.
         path: of the kernel's interface.
 
@@ -205,7 +203,6 @@ class UinputKeyboard:
             raise ValueError(f"--through uinput: {path}: {error}") from error
 
     def tap(self, character: str) -> None:
-        """Press and release the key of a character."""
         if not self._real:
             raise KeyboardGoneError("the keyboard with the stop key was pulled out")
         try:
@@ -216,7 +213,6 @@ class UinputKeyboard:
             raise KeyboardGoneError(f"{self.name}: {error}") from error
 
     def close(self) -> None:
-        """Take the keyboard away."""
         self._close_real()
         self._device.close()
 
@@ -263,7 +259,7 @@ STATUS_S = 1.0
 
 
 def keys_template(separator: str, after: str) -> str:
-    """Template of what is typed for a point."""
+    """Return the template of typed lines."""
     columns = SEPARATORS[separator].join(("{x:.4f}", "{y:.4f}", "{z:.4f}"))
     return columns + AFTER[after]
 
@@ -278,16 +274,16 @@ def check_typable(through: str, separator: str) -> None:
 
 
 class KeysOutlet(Outlet):
-    """Types lines, and never while the arm is in alarm or somebody has stopped it.
+    """Types lines, but never while the arm is in alarm or typing is stopped.
 
-    What is not typed at its time is not typed later: the cursor would be elsewhere.
+    Skipped lines are not typed later: the cursor would be elsewhere.
 
     Args:
-        arm: looked at before each point; open while this is.
+        arm: checked before each point; open while this is.
         through: "desktop" or "uinput".
-        stop_key: of `DesktopKeyboard`; stops typing, also within a point, and lets it
-            go on when it is pressed again.
-        report: called with what happens.
+        stop_key: of `DesktopKeyboard`; stops typing, also within a point, and
+            resumes it when pressed again.
+        report: called with messages.
     """
 
     promise = "typed where the cursor is, and never later; nothing confirms a key"
@@ -308,7 +304,6 @@ class KeysOutlet(Outlet):
         return self
 
     def close(self) -> None:
-        """Release the keyboard."""
         self._stopped.set()
         if self._keyboard is not None:
             self._keyboard.close()

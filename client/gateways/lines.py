@@ -25,16 +25,15 @@ UNITS_MM = {"mm": 1.0, "inch": 25.4}
 
 
 class LineForm:
-    """How a point becomes a line, of the texts that people type.
+    """Form of lines, from texts of the user.
 
     Args:
         template: of a point's line.
-        undo: of the line for a point that was taken back; None: there is none.
+        undo: of a retraction's line, or None.
         coordinates: those of x, y and z.
         unit: their unit, of `UNITS_MM`.
         decimal: the decimal sign.
-        sends_doubtful: a point whose accuracy is in doubt is sent, even where its line
-            does not say so.
+        sends_doubtful: a point in doubt is sent, even if its line does not say so.
 
     Raises:
         ValueError: a template is refused.
@@ -70,15 +69,15 @@ class LineCounts:
 
 
 class LineGateway:
-    """Send an arm's points, or its scans, to one outlet.
+    """Sends an arm's points, or its scans, to one outlet.
 
     Args:
         form: of the lines.
         outlet: takes them; open while this sends.
-        report: called with what happens, for people.
+        report: called with messages for people.
 
     Attributes:
-        counts: what became of points so far.
+        counts: of points by outcome.
     """
 
     def __init__(self, form: LineForm, outlet: Outlet, report: Report) -> None:
@@ -106,7 +105,7 @@ class LineGateway:
                     self._note_sent(item)
 
     async def send_scans(self, arm: Arm) -> None:
-        """Send the points of all scans from now on, as far as they are received."""
+        """Send the points of all scans from now on, as far as received."""
         scan, next_seq = "", 0
         async for block in await arm.scans():
             n_lost = block.seq - next_seq if block.scan == scan else 0
@@ -119,7 +118,7 @@ class LineGateway:
                 self.counts.sent += len(lines)
 
     def _line(self, point: Point) -> str | None:
-        """The line of a point; None where none is sent, which is reported."""
+        """Return the line of a point; None, with a report, if none is sent."""
         form, template = self._form, self._form.template
         if point.retracts is not None:
             if point.retracts not in self._sent_ids:

@@ -58,12 +58,12 @@ class LiveServer:
         arm: open while this is.
         host: to listen on.
         port: to listen on; 0: any that is free.
-        times: ellipsoids are drawn so many times as large.
-        report: called with what happens, for people.
+        times: magnification of ellipsoids.
+        report: called with messages for people.
 
     Attributes:
         port: that is listened on.
-        points: so many were shown so far.
+        points: shown so far.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class LiveServer:
 
     @property
     def address(self) -> str:
-        """Where it listens, as viewers want it."""
+        """URL for viewers."""
         host = f"[{self._host}]" if ":" in self._host else self._host
         return f"ws://{host}:{self.port}"
 
@@ -192,7 +192,7 @@ class LiveServer:
             await asyncio.sleep(LOOK_S)
 
     async def _repeat(self) -> None:
-        """Give a new viewer what was said before it came; the others get it again."""
+        """Send earlier messages to a new viewer; the others get them again."""
         while True:
             await self._subscribed.wait()
             await asyncio.sleep(LOOK_S)  # a viewer subscribes to its topics one by one

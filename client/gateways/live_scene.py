@@ -32,11 +32,11 @@ _BOX = [
 
 
 def point_entity(point: Point, times: float) -> fox.SceneEntity:
-    """A mark at the ball's centre, and the ellipsoid of its covariance, k = 2.
+    """Return a mark at the ball's centre, and the ellipsoid of its covariance, k = 2.
 
     Args:
         point: a captured one.
-        times: the ellipsoid is drawn so many times as large.
+        times: magnification of the ellipsoid.
     """
     ok = point.quality.ok
     colour = BLUE if ok else ORANGE
@@ -65,7 +65,7 @@ def point_entity(point: Point, times: float) -> fox.SceneEntity:
 
 
 def arm_entity(live: Live, times: float) -> fox.SceneEntity:
-    """Links, joints and the ball in its size; its ellipsoid as of a point.
+    """Return links, joints, the ball in its size, and the ellipsoid.
 
     Without `skeleton_mm` the ball alone.
     """
@@ -91,7 +91,7 @@ def arm_entity(live: Live, times: float) -> fox.SceneEntity:
 
 
 def deletion(entity_id: str, utc_ns: int) -> fox.SceneEntityDeletion:
-    """What takes an entity away."""
+    """Return the deletion of an entity."""
     kind = fox.SceneEntityDeletionType.MatchingId
     return fox.SceneEntityDeletion(timestamp=_time(utc_ns), type=kind, id=entity_id)
 
@@ -103,7 +103,7 @@ def _ellipsoid(
     *,
     ok: bool,
 ) -> list[fox.SpherePrimitive]:
-    """The set of the places within k standard deviations in each direction."""
+    """Return the ellipsoid within k standard deviations in each direction."""
     if covariance_mm2 is None:
         return []
     xx, xy, xz, yy, yz, zz = covariance_mm2

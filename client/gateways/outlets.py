@@ -1,7 +1,7 @@
-"""Where lines go: a growing file, a serial port, datagrams, all TCP clients.
+"""Destinations of lines: a growing file, a serial port, datagrams, TCP clients.
 
-Each waits until the other side has taken what is sent, as far as its protocol says so,
-and tries again for as long as it has to: what is not taken stays with the arm.
+Each waits until the other side has taken a line, as far as its protocol says so, and
+retries without limit: other lines stay with the arm.
 """
 
 import asyncio
@@ -28,18 +28,18 @@ Report = Callable[[str], None]
 
 
 class NotTakenError(Exception):
-    """A line must not be sent now, nor later; its text says why."""
+    """A line must not be sent now, nor later; states why."""
 
 
 class Outlet(ABC):
     """Sends lines; use with `async with`.
 
     Args:
-        report: called with what happens, for people.
+        report: called with messages for people.
 
     Attributes:
         name: of the receiver, for people.
-        promise: what a sent line means here, for people.
+        promise: meaning of a sent line here, for people.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Outlet(ABC):
         """Release what is open."""
 
     async def send(self, data: bytes) -> None:
-        """Send whole lines; returns when they are taken, however long that lasts.
+        """Send whole lines; returns when they are taken.
 
         Raises:
             NotTakenError: they must not be sent.
@@ -84,15 +84,15 @@ class Outlet(ABC):
 
     @abstractmethod
     async def _send(self, data: bytes) -> None:
-        """Send once; raises OSError where that fails."""
+        """Send once; raises OSError on failure."""
 
 
 class FileOutlet(Outlet):
-    """Append to a file, which may be moved away at any time.
+    """Appends to a file, which may be moved away at any time.
 
     Args:
         path: of the file.
-        report: called with what happens.
+        report: called with messages.
     """
 
     promise = "a line is on the disk before the next point is requested"
@@ -125,12 +125,12 @@ class FileOutlet(Outlet):
 
 
 class SerialOutlet(Outlet):
-    """Write to a serial port; it is opened again when it was lost.
+    """Writes to a serial port, which is reopened after a loss.
 
     Args:
         port: path or name of the port.
         baud_rate: of the port.
-        report: called with what happens.
+        report: called with messages.
     """
 
     promise = "a line has left this computer; the cable confirms nothing"
@@ -142,7 +142,6 @@ class SerialOutlet(Outlet):
         self._serial: Serial | None = None
 
     def close(self) -> None:
-        """Close the port."""
         port, self._serial = self._serial, None
         if port is not None:
             port.close()
@@ -182,12 +181,11 @@ class UdpOutlet(Outlet, asyncio.DatagramProtocol):
         self._error: OSError | None = None
 
     def close(self) -> None:
-        """Close the socket."""
         if self._transport is not None:
             self._transport.close()
 
     def error_received(self, exc: Exception) -> None:
-        """The receiver's computer refused an earlier datagram."""
+        """Note that the receiver's computer refused an earlier datagram."""
         self._error = exc if isinstance(exc, OSError) else OSError(str(exc))
 
     async def _send(self, data: bytes) -> None:
@@ -209,15 +207,15 @@ LOOK_S = 0.002
 
 
 class TcpOutlet(Outlet):
-    """A server that sends lines to all who are connected, and keeps them for one.
+    """A server that sends lines to all connected clients, and waits for one.
 
     A line is sent when a receiver's computer has confirmed it. A receiver that takes
-    nothing for `WRITE_S` is disconnected: the others do not wait for it for ever.
+    nothing for `WRITE_S` is disconnected, so that the others do not wait for it.
 
     Args:
         host: to listen on.
         port: to listen on; 0: any that is free.
-        report: called with what happens.
+        report: called with messages.
 
     Attributes:
         port: that is listened on.
@@ -237,7 +235,6 @@ class TcpOutlet(Outlet):
 
     @property
     def name(self) -> str:  # type: ignore[override]  # port assigned on listening
-        """Where it listens."""
         return f"tcp {self._host}:{self.port}"
 
     async def __aenter__(self) -> Self:
@@ -248,7 +245,6 @@ class TcpOutlet(Outlet):
         return self
 
     def close(self) -> None:
-        """Stop listening, and disconnect all."""
         if self._server is not None:
             self._server.close()
         for writer in list(self._receivers.values()):
@@ -257,7 +253,7 @@ class TcpOutlet(Outlet):
     async def _serve(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
-        """Keep a receiver until it disconnects; what it sends is ignored."""
+        """Serve a receiver until it disconnects; its input is ignored."""
         host, port, *_ = writer.get_extra_info("peername")
         name = f"{host}:{port}"
         if len(self._receivers) >= MAX_RECEIVERS:
@@ -285,7 +281,7 @@ class TcpOutlet(Outlet):
                 return
 
     async def _offer(self, name: str, data: bytes) -> bool:
-        """Whether a receiver's computer has confirmed the lines."""
+        """Send lines; return whether a receiver's computer has confirmed them."""
         writer = self._receivers.get(name)
         if writer is None:
             return False  # it has disconnected since it was listed
@@ -314,7 +310,7 @@ class TcpOutlet(Outlet):
 
 
 def _unconfirmed(writer: asyncio.StreamWriter) -> int:
-    """Sent bytes that the receiver's computer has not confirmed (tcp(7), SIOCOUTQ).
+    """Return sent bytes that are not confirmed (tcp(7), SIOCOUTQ).
 
     Raises:
         ConnectionResetError: the connection has ended.

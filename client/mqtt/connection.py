@@ -1,8 +1,8 @@
 """One connection to a broker: messages are handed over as they are read.
 
-Every message is passed to a function at once, and those of quality of service 1 are
-acknowledged only by that function, or by a later caller: a broker stops sending when
-too many wait for that.
+Every message is passed to a function at once; those of quality of service 1 are
+acknowledged by that function, or by a later caller: a broker stops sending when too
+many wait for that.
 """
 
 import asyncio
@@ -75,8 +75,8 @@ class IncomingMessage:
     """A received message.
 
     Attributes:
-        number: to acknowledge it by; 0 where there is nothing to acknowledge.
-        acknowledge: does so, on the connection that it came by.
+        number: for its acknowledgement; 0 if none is needed.
+        acknowledge: acknowledges, on the connection that it came by.
     """
 
     topic: str
@@ -125,7 +125,7 @@ class ManualAckConnection(ConfiguredClient):
 
 
 class ReconnectingConnection:
-    """Keep a connection and its subscriptions.
+    """Maintains a connection and its subscriptions.
 
     Args:
         address: of the broker.
@@ -158,8 +158,8 @@ class ReconnectingConnection:
 
         Args:
             take: called with each message.
-            changed: called when there is a connection with all its subscriptions
-                (True), and when it is lost.
+            changed: called with True when there is a connection with all its
+                subscriptions, and with False when it is lost.
         """
         wait_s = FIRST_WAIT_S
         while True:
@@ -203,11 +203,10 @@ class ReconnectingConnection:
     async def publish(
         self, topic: str, payload: bytes, *, retain: bool = False
     ) -> None:
-        """Send with quality of service 1.
+        """Publish with quality of service 1.
 
         Raises:
-            MqttError: there is no connection, or it broke before the broker
-                has taken it.
+            MqttError: there is no connection, or it broke before the acknowledgement.
         """
         if self._connection is None:
             raise MqttError(self.reason)

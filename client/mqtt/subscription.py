@@ -1,7 +1,7 @@
-"""Messages of arms as they arrive, and which arms there are: for displays.
+"""Messages of arms as they arrive, and discovery of arms, for displays.
 
-Nothing is requested again and nothing is put into order; `traverse.client.Arm` does
-that. Speaks MQTT 3.1.1, which every broker does; nothing in the messages needs more.
+Nothing is requested again or reordered; `traverse.client.Arm` does that. Speaks MQTT
+3.1.1, which every broker does; nothing in the messages needs more.
 """
 
 import asyncio
@@ -33,8 +33,8 @@ class ReceivedMessage:
 
     Attributes:
         kind: a key of `KINDS`.
-        received_ns: when it arrived here, UTC.
-        error: what is wrong with it, where it could not be decoded.
+        received_ns: time of arrival, UTC.
+        error: of a message that could not be decoded.
     """
 
     arm: str
@@ -70,11 +70,11 @@ QUIET_S = 0.3
 
 
 async def find_arms(address: BrokerAddress, patience_s: float) -> list[str]:
-    """Names of the arms that are on line, sorted; of all that were, if none is.
+    """Return names of arms on line, sorted; all that were, if none is.
 
     Args:
         address: of the broker.
-        patience_s: so long the first one is waited for.
+        patience_s: time limit for the first one.
 
     Raises:
         BrokerUnreachableError: there is no broker.
@@ -85,12 +85,12 @@ async def find_arms(address: BrokerAddress, patience_s: float) -> list[str]:
 
 
 async def absence_of(arm: str, address: BrokerAddress, patience_s: float) -> str:
-    """Say that a broker has no status of an arm, and of which it has; else "".
+    """State that a broker has no status of an arm, and which it has; else "".
 
     Args:
         arm: its name; + for any.
         address: of the broker.
-        patience_s: so long the first status is waited for.
+        patience_s: time limit for the first status.
 
     Raises:
         BrokerUnreachableError: there is no broker.
@@ -107,7 +107,7 @@ async def absence_of(arm: str, address: BrokerAddress, patience_s: float) -> str
 async def _statuses(
     address: BrokerAddress, patience_s: float, arm: str = "+"
 ) -> dict[str, bool]:
-    """Which arms a broker has a status of, and whether they are on line."""
+    """Return arms with a status, and whether they are on line."""
     is_online_by_arm: dict[str, bool] = {}
     every = topics.kind_filter("status")
     # An access list may permit this one arm only, and refuse the question for all.
@@ -131,7 +131,7 @@ async def _statuses(
 
 
 def _is_online(payload: bytes) -> bool:
-    """Whether a status is online; one of a later version counts as well."""
+    """Return whether a status is online, even of a later version."""
     try:
         return decode(Status, payload).online
     except MessageError:

@@ -35,10 +35,10 @@ FORM = text_of(Path(__file__).with_name("login.html"))
 
 
 def read_token(path: Path) -> str:
-    """The token that a file holds.
+    """Return the token in a file.
 
     Raises:
-        ValueError: it is too short to be one, or others may read it.
+        ValueError: it is too short, or others may read it.
         OSError: the file cannot be read.
     """
     token = text_of(path).strip()
@@ -56,16 +56,16 @@ def read_token(path: Path) -> str:
 
 
 class Guard:
-    """Pass only requests that may see the page.
+    """Passes only requests that may see the page.
 
-    On the own machine names of hosts are checked, so that no page of the web can
-    speak to this one by a name of its own that leads here. Elsewhere the token is
-    requested once and stored as a cookie, and a page of another origin is refused.
+    On the own machine names of hosts are checked, so that no page of the web can speak
+    to this one by a name of its own that leads here. Elsewhere the token is requested
+    once and stored as a cookie, and a page of another origin is refused.
 
     Args:
-        app: what is guarded.
+        app: guarded application.
         token: None on the own machine.
-        hosts: names under which the page may be requested, without ports.
+        hosts: allowed names of the page's host, without ports.
     """
 
     def __init__(
@@ -79,7 +79,6 @@ class Guard:
         self._wrong_s: dict[str, list[float]] = {}
 
     async def __call__(self, scope: Scope, receive: Receive, plain: Send) -> None:
-        """Deal with a request."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, plain)
             return
@@ -93,7 +92,7 @@ class Guard:
         await answer(scope, receive, send)
 
     async def _answer(self, scope: Scope, receive: Receive) -> ASGIApp:
-        """What answers a request: the page, or a reason why not."""
+        """Return the answer to a request: the page, or a refusal."""
         request = HTTPConnection(scope)
         host = request.headers.get("host", "")
         origin = request.headers.get("origin", "")

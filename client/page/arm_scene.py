@@ -1,4 +1,4 @@
-"""The element that shows the arm in three dimensions; its drawing is in the browser."""
+"""The 3D view of the arm; drawn in the browser."""
 
 from collections.abc import Mapping
 
@@ -19,7 +19,7 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
     """Skeleton, probe, points and cloud.
 
     Args:
-        cloud_url: where the browser fetches scanned points.
+        cloud_url: source of scanned points for the browser.
     """
 
     def __init__(self, cloud_url: str) -> None:
@@ -29,7 +29,7 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
         self._drawn: set[str] = set()  # ids of points
 
     def show_pose(self, live: Live) -> None:
-        """The arm is now like this.
+        """Show a pose.
 
         An arm at rest is not drawn again: a new point need not wait for that.
         """
@@ -47,11 +47,11 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
         self.run_method("pose", places_mm.tolist(), live.probe_radius_mm)
 
     def forget(self) -> None:
-        """The browser has been opened anew, and shows nothing."""
+        """Forget what is shown: the browser was reloaded."""
         self._shown, self._drawn = None, set()
 
     def show_points(self, points: Mapping[str, Point]) -> None:
-        """Show these points, by id, and no others; the browser gets what is new."""
+        """Show these points, by id, and no others; only changes are sent."""
         if gone := self._drawn - points.keys():
             self.run_method("remove_points", sorted(gone))
         if new := [p for p in points.values() if p.id not in self._drawn]:
@@ -61,7 +61,6 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
         self._drawn = set(points)
 
     def show_cloud(self, version: int) -> None:
-        """There is more of the cloud to be fetched."""
         self.run_method("update_cloud", version)
 
     def view(self, name: str) -> None:
@@ -69,9 +68,9 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
         self.run_method("view", name)
 
     def theme(self, *, dark: bool) -> None:
-        """Colours for the light."""
+        """Set the colours."""
         self.run_method("theme", dark)
 
     def show_age(self, *, is_stale: bool) -> None:
-        """Grey the arm while its pose is not of now."""
+        """Grey the arm while its pose is out of date."""
         self.run_method("show_age", is_stale)

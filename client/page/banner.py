@@ -1,4 +1,4 @@
-"""The state of the arm, large, at the top; beneath it what happened last."""
+"""The state of the arm, large, at the top; beneath it the last event."""
 
 import time
 from collections.abc import Callable
@@ -26,12 +26,14 @@ KINDS = {"point", "doubt", "retraction", "refused", "alarm", "cleared"}
 
 
 class Banner:
-    """Built where it is made.
+    """State and last event.
+
+    Created where it is displayed.
 
     Args:
         arm: its name.
         mute: called by the switch of the sound.
-        turn_light: called by that of the colours.
+        turn_light: called by the switch of the colours.
     """
 
     def __init__(
@@ -80,11 +82,11 @@ class Banner:
         self._message.set_text(f"{WORDS.get(kind, '')}{text}")
 
     def turn_sound(self) -> bool:
-        """Name the switch of the sound anew; whether there is none now."""
+        """Update the switch of the sound; return whether it is off."""
         self._is_muted = not self._is_muted
         self._sound.set_text("Unmute" if self._is_muted else "Mute")
         return self._is_muted
 
     def name_light(self, *, is_dark: bool) -> None:
-        """Name the switch of the colours by what it would do."""
+        """Label the switch of the colours by its action."""
         self._light.set_text("Light colours" if is_dark else "Dark colours")

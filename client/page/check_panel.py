@@ -1,4 +1,4 @@
-"""Guided checks; while there is none, where the joints have been."""
+"""Guided checks, or without one the coverage of the joints."""
 
 from collections.abc import Callable
 from functools import partial
@@ -22,13 +22,15 @@ LIMIT, DIAMETER = "Limit in mm", "Sphere's certified diameter in mm"
 
 
 class CheckPanel:
-    """Built where it is made.
+    """Progress and results of a check.
+
+    Created where it is displayed.
 
     Args:
         follower: of the arm; sets the label of the check's points.
         desk: the check itself.
-        dialogs: dialogs that request limits.
-        presses: tells which come too late.
+        dialogs: dialogs for limits.
+        presses: detects late presses.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
-"""Connections to the page's server: so many from one address, and none that is silent.
+"""Connections to the page's server: bounded by address, and never silent.
 
-uvicorn keeps a connection that sends no request for ever. A thousand of them, from one
-browser gone wild or by intention, take all descriptors, and nobody gets in.
+uvicorn keeps a connection without requests for ever. A thousand of them, from one
+browser gone wild or by intention, would take all descriptors.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ class BoundedHttpProtocol(HttpProtocol):
     """uvicorn's protocol with bounds."""
 
     open_transports: ClassVar[dict[str, set[asyncio.Transport]]] = {}
-    """By address, those of websockets included."""
+    """By address, websockets included."""
 
     def connection_made(  # type: ignore[override]  # as uvicorn's
         self, transport: asyncio.Transport

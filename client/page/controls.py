@@ -18,7 +18,7 @@ class Soft:
 
     Attributes:
         key: as the browser names it; shown in capitals, " " as Space.
-        needs_pose: whether it measures, so that a pose must be there.
+        needs_pose: it measures, so that a pose must be there.
     """
 
     name: str
@@ -34,8 +34,8 @@ class Controls:
     Args:
         buttons: of the row.
         keys: more keys, without buttons.
-        is_blocked: whether keys mean something else now.
-        presses: tells which come too late.
+        is_blocked: whether keys belong to a dialog.
+        presses: detects late presses.
     """
 
     def __init__(
@@ -77,13 +77,13 @@ class Controls:
         )
 
     def name(self, key: str, name: str, *, is_on: bool) -> None:
-        """Update what a button does, and whether it is active."""
+        """Set the name of a button, and whether it is active."""
         _, button, label = self._buttons[key]
         label.set_text(name)
         button.classes("on" if is_on else "", remove="on")
 
     def allow(self, is_possible: Callable[[Soft], bool]) -> None:
-        """Disable the buttons of what is not possible now; a key shows the reason."""
+        """Disable impossible buttons; a key shows the reason."""
         for soft, button, _ in self._buttons.values():
             button.set_enabled(is_possible(soft))
 
@@ -114,7 +114,7 @@ class Controls:
 
 @dataclass(slots=True)
 class Dialogs:
-    """Asks one question at a time; keys belong to it as long as it is open."""
+    """Asks one question at a time; keys belong to it while it is open."""
 
     presses: Presses
     is_open: bool = field(default=False, init=False)
@@ -130,12 +130,12 @@ class Dialogs:
 
         Args:
             title: the question.
-            actions: the answers besides "Cancel"; the first is the one of Enter.
-            fields: what is to be filled in, with what is there.
+            actions: the answers besides "Cancel"; the first is that of Enter.
+            fields: to be filled in, with present values.
             more: further text above the buttons.
 
         Returns:
-            The action, empty where there was none, and what was filled in.
+            The action, empty for none, and the fields.
         """
         inputs: dict[str, ui.input] = {}
         dialog = ui.dialog()

@@ -13,7 +13,7 @@ WORDS = {"ready": "good", "connected": "good", "starting": "warning"}
 
 
 def health_table(sight: ArmSight) -> str:
-    """Devices, broker, disk, temperatures and delays."""
+    """Return devices, broker, disk, temperatures and delays."""
     health = sight.health
     if health is None:
         return "<p>No figures yet.</p>"
@@ -70,7 +70,7 @@ def health_table(sight: ArmSight) -> str:
 
 
 def condition_list(sight: ArmSight) -> str:
-    """Conditions of good numbers that are not established, and what to do."""
+    """Return conditions that are not established, with remedies."""
     status = sight.status
     if status is None or not sight.is_online or not status.conditions:
         return ""
@@ -85,7 +85,7 @@ def condition_list(sight: ArmSight) -> str:
 
 
 def alarm_list(sight: ArmSight) -> str:
-    """Active conditions, and the latest past ones."""
+    """Return active conditions, and the latest past ones."""
     items = [
         f'<p class="state {"bad" if e.severity == "error" else "warning"}">'
         f"{escape(e.text)}<br><small>{escape(e.remedy)}</small></p>"
@@ -100,7 +100,6 @@ def alarm_list(sight: ArmSight) -> str:
 
 
 def coverage_bars(sight: ArmSight) -> str:
-    """Where each joint has been: 36 sectors of a turn, and its angle."""
     seen = sight.coverage
     if seen is None or sight.live is None:
         return "<p>No pose yet.</p>"

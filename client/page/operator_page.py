@@ -1,4 +1,4 @@
-"""The page of one browser: panels, what is done with them, and what they show."""
+"""The page of one browser: panels, actions, updates."""
 
 from collections.abc import Callable
 from functools import partial
@@ -37,13 +37,13 @@ AVERAGE_S = 0.5
 
 
 class OperatorPage:
-    """Builds the page for one browser and keeps it up to date.
+    """Builds the page for one browser and updates it.
 
     Args:
         follower: of the arm.
         desk: the guided check.
-        choices: of what is shown.
-        cloud_url: where scanned points are fetched.
+        choices: of display.
+        cloud_url: source of scanned points.
         export: returns the points as a file: name and content.
     """
 
@@ -136,7 +136,7 @@ class OperatorPage:
     # -- what it shows ----------------------------------------------------------
 
     def _changed(self, change: Change) -> None:
-        """Show at once what cannot wait for the timer."""
+        """Show changes that cannot wait for the timer."""
         kind, point = change.kind, change.point
         if kind == "point" and point is not None and not point.quality.ok:
             kind = "doubt"
@@ -214,7 +214,7 @@ class OperatorPage:
         self._points.show(self._sight, newest)
 
     def _points_key(self) -> tuple[object, ...]:
-        """Changes when other points are to be listed, or otherwise."""
+        """Return a key that changes with the list of points or its form."""
         sight, points = self._sight, self._sight.points
         session = sight.shown_session or sight.session
         last = next(reversed(points), "")
@@ -231,7 +231,7 @@ class OperatorPage:
         self._sight.shown_session = session
 
     def _all_anew(self) -> None:
-        """The browser has been opened, or opened anew."""
+        """Refresh everything: the browser was opened or reloaded."""
         self._scene.theme(dark=bool(self._dark.value))
         self._scene.forget()
         self._seen_live, self._seen_cloud, self._was_stale = None, (-1, -1), None

@@ -1,4 +1,4 @@
-"""The list of points, its title, and the buttons that save it or show another."""
+"""The list of points with its title and buttons."""
 
 from collections.abc import Callable
 from functools import partial
@@ -14,13 +14,12 @@ FILES = (("CSV", "csv"), ("JSON", "jsonl"), ("PLY", "ply"))
 
 
 class PointsPanel:
-    """Built where it is made.
+    """Created where it is displayed.
 
     Args:
         choices: unit and system.
         save: saves points as a kind of file.
-        show_session: called with the session whose points are to be shown; None: the
-            arm's.
+        show_session: called with the session to be shown; None: the arm's.
     """
 
     def __init__(
@@ -49,7 +48,7 @@ class PointsPanel:
             self._rows = ui.html("", sanitize=False)
 
     def show(self, sight: ArmSight, newest: str | None) -> None:
-        """Show the last of them, one of them as new."""
+        """Show the last points, one of them as new."""
         points, system = list(sight.points.values()), self._choices.system(sight)
         self._rows.set_content(
             point_rows(
@@ -72,6 +71,6 @@ class PointsPanel:
         self._forth.set_visibility(sight.shown_session is not None)
 
     def show_age(self, sight: ArmSight) -> None:
-        """Disable it where points may be missing here."""
+        """Disable it if points may be missing here."""
         old = not sight.is_online
         self._panel.classes("old" if old else "", remove="old")

@@ -1,10 +1,10 @@
 """Presses of buttons and keys: executed within two seconds, or reported lost.
 
-Strategy: the browser says before each click or key when it was made, by the server's
-time, which it knows from beats (`watch.js`). A server that was stopped finds old clicks
-in its socket when it wakes, and cannot tell them from new ones otherwise. The browser
-gets an answer to each press; without one it reports the press as lost, and after a
-second without a beat it marks the page as out of date.
+Strategy: before each click or key the browser states its time by the server's clock,
+known from beats (`watch.js`). A server that was stopped finds old clicks in its socket
+when it wakes, and could not distinguish them from new ones otherwise. The browser gets
+an answer to each press; without one it reports the press as lost, and after a second
+without a beat it marks the page as out of date.
 """
 
 import time
@@ -24,7 +24,7 @@ VALID_S = 2.0
 
 
 class Presses:
-    """Of one browser; made while its page is built."""
+    """Presses of one browser; created while its page is built."""
 
     def __init__(self) -> None:
         self._client = ui.context.client
@@ -33,9 +33,9 @@ class Presses:
         ui.timer(BEAT_S, self._beat)
 
     def guard(self, act: Handler[P]) -> Handler[P]:
-        """The same act, which does nothing where its press came too late.
+        """Wrap an action, which does nothing if its press came too late.
 
-        It is judged in the call itself: what is awaited could see a later press.
+        It is judged in the call itself: a coroutine could see a later press.
         """
 
         @wraps(act)  # NiceGUI looks whether it takes the event
@@ -58,5 +58,5 @@ class Presses:
 
 
 def _now_ms() -> float:
-    """Time that goes on while the computer is suspended."""
+    """Return a clock that includes suspension of the computer."""
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME) * 1e-6

@@ -28,11 +28,11 @@ OF_LAST_POINT = "± is k = 2, of the last point"
 
 @dataclass(slots=True)
 class Choices:
-    """Operators' choice of display; a newly opened page begins with it.
+    """The operator's choice of display; a newly opened page begins with it.
 
     Attributes:
-        of_part: part coordinates are shown where there is an alignment.
-        nominal: where something should be; None: no deviation is shown.
+        of_part: part coordinates are shown if there is an alignment.
+        nominal: nominal place; None: no deviation is shown.
     """
 
     unit: Unit = MM
@@ -40,11 +40,11 @@ class Choices:
     nominal: Nominal | None = None
 
     def system(self, sight: ArmSight) -> System:
-        """In which coordinates are shown, both now and in the list."""
+        """Return the system of coordinates, both of the read-out and of the list."""
         return "part" if self.of_part and sight.is_aligned else "arm"
 
     def system_words(self, sight: ArmSight) -> str:
-        """Which system that is, the part's with the name of its alignment."""
+        """Return the name of the system, the part's with its alignment."""
         system = self.system(sight)
         named = system == "part" and sight.status and sight.status.alignment
         return f"{SYSTEMS[system]}, {named}" if named else SYSTEMS[system]
@@ -138,7 +138,7 @@ class Figures:
 def _expanded(
     live: Live, point: Point | None, system: System
 ) -> tuple[list[float] | None, str]:
-    """Expanded uncertainty of each coordinate, and of what it is."""
+    """Return the expanded uncertainty of each coordinate, and its subject."""
     if is_geometry_unknown(live):
         return None, f"U: {GEOMETRY_UNKNOWN}"
     if live.covariance_mm2 is not None:
@@ -154,14 +154,14 @@ def point_rows(
     unit: Unit = MM,
     aligned_ns: int = 0,
 ) -> str:
-    """Rows of the table of points, newest first, as HTML.
+    """Return rows of the table of points, newest first, as HTML.
 
     Args:
         points: to be shown, oldest first.
         newest: the one received last.
         system: of the coordinates.
-        unit: likewise.
-        aligned_ns: part coordinates of before are of another system.
+        unit: of the coordinates.
+        aligned_ns: part coordinates before are of another system.
     """
     rows = []
     for point in reversed(points):

@@ -42,7 +42,7 @@ def serve(
         follower: of the arm.
         export: returns points as a file of some kind: name and content.
         host: to listen on.
-        port: likewise.
+        port: to listen on.
         token: grants access to the page; None: access from this machine only.
         certificate: for TLS.
         key: of the certificate.

@@ -1,4 +1,4 @@
-"""What measures what, and how it is shown: each a button that names its setting."""
+"""Settings as buttons that name them: label, probe, alignment, display."""
 
 from collections.abc import Awaitable, Callable
 
@@ -15,13 +15,13 @@ from traverse.client.page.readout import NAMES, Choices
 
 
 class SetupBar:
-    """Built where it is made.
+    """Created where it is displayed.
 
     Args:
         follower: of the arm.
-        choices: what is shown how; changed here.
+        choices: of display; changed here.
         dialogs: shows questions.
-        presses: tells which come too late.
+        presses: detects late presses.
         changed: called when choices have changed.
     """
 
@@ -54,7 +54,6 @@ class SetupBar:
             self._nominal = _button(presses.guard(self._change_nominal))
 
     def show(self, sight: ArmSight) -> None:
-        """Show what is set now."""
         choices, unit = self._choices, self._choices.unit
         wanted = wanted_commands(sight)
         self._confirm.set_visibility("reference" in wanted)
@@ -72,7 +71,7 @@ class SetupBar:
         self._nominal.set_text(f"Nominal: {f'± {tolerance}' if tolerance else 'none'}")
 
     async def change_label(self) -> None:
-        """Ask what the next points are taken on."""
+        """Ask for the label of the next points."""
         label = self._follower.sight.known_label
         action, values = await self._dialogs.ask(
             "What are the next points taken on?",

@@ -1,4 +1,4 @@
-"""A consumer's place, stored in a file: it continues there after a restart."""
+"""A consumer's place in a file, for restarts."""
 
 import json
 import os
@@ -11,7 +11,7 @@ SCHEMA = "traverse/place/1"
 
 
 def read_cursor(path: Path, arm: str) -> dict[str, int] | None:
-    """Next numbers of the sessions, the newest last; None where there is no file.
+    """Read next numbers of sessions, the newest last; None without a file.
 
     Raises:
         MessageError: it is not such a file, or belongs to another arm.

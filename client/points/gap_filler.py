@@ -25,14 +25,14 @@ CANNOT = ("command.not_available", "command.bad_args")
 
 
 class GapFiller:
-    """Determines missing points, and requests them again.
+    """Requests missing points.
 
     Args:
         order: determines what is missing.
         link: the connection.
-        requests: the way to the outbox.
+        requests: sends requests to the outbox.
         room: how many points may be requested now.
-        arrived: signals when points have arrived.
+        arrived: signals arrivals of points.
     """
 
     def __init__(
@@ -52,11 +52,11 @@ class GapFiller:
         self._silences = 0
 
     def wake(self) -> None:
-        """Something may be missing, or there may be room for it now."""
+        """Check again for missing points."""
         self._questions.notify()
 
     async def run(self) -> None:
-        """Request what is missing, until cancelled."""
+        """Request missing points, until cancelled."""
         wait_s = FIRST_WAIT_S
         while True:
             ask = await self._next_request()
@@ -85,7 +85,7 @@ class GapFiller:
             wait_s = min(2 * wait_s, LAST_WAIT_S)
 
     def _count_unanswered(self, before: tuple[int, int], reason: str) -> None:
-        """Points arrive without answers: this client may read, not command."""
+        """Count points without answers: this client may read, not command."""
         n_taken, connections = before
         is_speaking = self._order.n_taken > n_taken
         if (
@@ -127,7 +127,7 @@ class GapFiller:
             await self._arrival(ask.session, last, arrival_s)
 
     async def _arrival(self, session: str, last: int, seconds: float) -> None:
-        """Wait until points up to a number are here, or until a silence that long."""
+        """Wait until points up to a number are here, or for a silence of a length."""
         loop = asyncio.get_running_loop()
         until_s, next_seq = loop.time() + seconds, self._order.next_seq_of(session)
         while (

@@ -1,13 +1,14 @@
-"""Put a broker's points into order, without gap and without repeat.
+"""Order of points from a broker, without gap and without repeat.
 
 A broker delivers points late, twice, or not at all (mosquitto, when it is killed).
-What is missing in (session, seq) is requested again from the arm's outbox; what that
-holds no more is reported as `Lost`. Sessions follow one another in the order of their
-begin. No clock and no connection here: `traverse.client.points.stream` has them.
+Missing numbers in (session, seq) are requested again from the arm's outbox; points that
+it does not have any more are reported as `Lost`. Sessions follow one another in the
+order of their begin. No clock and no connection here: `traverse.client.points.stream`
+has them.
 
-Law: what is handed on is in order of (session, seq), each number of a followed session
-once, as a point or within a `Lost`. Only points of a session that was taken for
-complete may be delivered late, since that is better than never.
+Law: output is in order of (session, seq), each number of a followed session once, as a
+point or within a `Lost`. Only points of a session that was taken for complete may come
+late.
 """
 
 from collections import deque
@@ -25,7 +26,7 @@ from traverse.client.results import Resent, StoredSession
 from traverse.protocol.messages import Point
 
 BATCH = 500
-"""Points requested at once; brokers keep 1000 for a client that is slow."""
+"""Points requested at once; brokers keep 1000 for a slow client."""
 MAX_HELD = 2000
 UNKNOWN = "the arm's outbox does not know this session any more"
 
@@ -47,16 +48,16 @@ class ResendRequest:
 
 
 class ReorderBuffer:
-    """Takes points as they arrive; `ready` holds those whose turn it is.
+    """Takes points as they arrive; `ready` holds those in turn.
 
     Args:
-        since: next numbers of sessions that were followed before; None begins with the
-            points of from now on, an empty map with everything that the outbox holds.
-        is_whole: where it begins now, with all that is held of the arm's session.
+        since: next numbers of sessions that were followed before; None begins with
+            points from now on, an empty map with everything in the outbox.
+        is_whole: begins with all stored points of the arm's session.
 
     Attributes:
         sessions: in their order.
-        needs_session_list: whether the list of sessions has to be requested.
+        needs_session_list: the list of sessions has to be requested.
         ready: points and losses in their order, to be taken from the left.
         n_taken: all received points.
         duplicates: repeated points.
@@ -77,7 +78,7 @@ class ReorderBuffer:
 
     @property
     def can_request(self) -> bool:
-        """Whether the arm sends points again, as far as is known."""
+        """Whether the arm sends points again, as far as known."""
         return self._refusal is None
 
     @property
@@ -94,7 +95,7 @@ class ReorderBuffer:
 
     @property
     def n_held(self) -> int:
-        """Points that arrived before their turn."""
+        """Number of points that arrived before their turn."""
         followed = sum(len(session.held) for session in self.sessions)
         return followed + sum(map(len, self._unknown_sessions.values()))
 
@@ -117,20 +118,20 @@ class ReorderBuffer:
             self._hand_on()
 
     def notice(self, session: str) -> None:
-        """The arm reports that this is its session."""
+        """Take the arm's present session."""
         self.sessions.anchor = self.sessions.anchor or session
         if self.sessions.get(session) is None and self.sessions.past(session) is None:
             self.needs_session_list = True
 
     def connection_restored(self) -> None:
-        """There is a new connection: what was refused may be granted now."""
+        """Note a new connection: refused requests may be granted now."""
         self._refusal = None
         self.needs_session_list = True
 
     def next_request(self, room: int) -> ResendRequest | None:
-        """The next request; None: nothing is known to be missing.
+        """Return the next request; None: nothing is known to be missing.
 
-        It counts as sent; call `unanswered` where no answer arrived.
+        It counts as sent; call `unanswered` if no answer arrived.
         """
         if self._refusal is not None:
             return None
@@ -151,7 +152,7 @@ class ReorderBuffer:
         return self.tail_request() if head.needs_confirmation else None
 
     def tail_request(self) -> ResendRequest:
-        """Request what may follow the last known point."""
+        """Request points after the last known one."""
         head = self.sessions.head
         if head is None:
             return ResendRequest(None)
@@ -159,19 +160,19 @@ class ReorderBuffer:
         return ResendRequest(head.session, first, first + BATCH - 1, is_tail=True)
 
     def next_seq_of(self, session: str) -> int | None:
-        """The number of a session that is handed on next; None: it is complete."""
+        """Return the next number of a session; None: it is complete."""
         followed = self.sessions.get(session)
         return None if followed is None else followed.next_seq
 
     def unanswered(self, ask: ResendRequest) -> None:
-        """No answer arrived."""
+        """Note that no answer arrived."""
         self.needs_session_list = self.needs_session_list or ask.session is None
 
     def resent(self, ask: ResendRequest, answer: Resent) -> int | None:
-        """The outbox has answered.
+        """Take an answer of the outbox.
 
         Returns:
-            The last number that it will send; None where it sends none.
+            The last number that it will send, or None.
         """
         self.asked += answer.points
         head = self.sessions.head
@@ -197,7 +198,7 @@ class ReorderBuffer:
         return min(last, ask.to_seq)
 
     def refuse(self, reason: str) -> None:
-        """The arm cannot send points again: continue with new ones, and report gaps."""
+        """Continue with new points, and report gaps: the arm cannot resend."""
         self._refusal = reason
         self.needs_session_list = False
         first_time = not self.sessions.has_begun
@@ -209,14 +210,14 @@ class ReorderBuffer:
         self._hand_on()
 
     def listed(self, sessions: Sequence[StoredSession]) -> None:
-        """The outbox has reported which sessions it holds, oldest first."""
+        """Take the outbox's list of sessions, oldest first."""
         lowest = {name: min(held) for name, held in self._unknown_sessions.items()}
         self.sessions.list(sessions, lowest, is_old=self.needs_session_list)
         self._adopt_unknown_sessions()
         self._hand_on()
 
     def _buffer_unknown(self, point: Point) -> None:
-        """Keep a point of a session that is not known yet."""
+        """Keep a point of an unknown session."""
         past = self.sessions.past(point.session)
         held = self._unknown_sessions.get(point.session, {})
         is_past = past is not None and (past == NEVER_FOLLOWED or point.seq < past)
@@ -231,7 +232,7 @@ class ReorderBuffer:
             self.refuse(self._refusal)
 
     def _adopt_unknown_sessions(self, *, from_lowest: bool = False) -> None:
-        """Sort in the points that waited for the list of sessions."""
+        """Sort in points that waited for the list of sessions."""
         unknown_sessions, self._unknown_sessions = self._unknown_sessions, {}
         for session, held in unknown_sessions.items():
             lowest = min(held)
@@ -256,7 +257,7 @@ class ReorderBuffer:
                     followed.held[seq] = point
 
     def _hand_on(self) -> None:
-        """Make ready what can be, session by session."""
+        """Move points in turn to `ready`, session by session."""
         while (head := self.sessions.head) is not None:
             self.ready.extend(head.run())
             if self._refusal is not None:

@@ -10,11 +10,11 @@ from traverse.protocol.messages import Point
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """Points that cannot be had any more.
+    """Unavailable points.
 
     Attributes:
-        from_seq, to_seq: the first and the last of them; ``to_seq`` None: unknown
-            how many there were, if any.
+        from_seq, to_seq: the first and the last; ``to_seq`` None: unknown number, if
+            any.
         reason: why, for people.
     """
 
@@ -33,12 +33,12 @@ class SessionPoints:
 
     Attributes:
         session: its name.
-        begun_ns: when it began [UTC].
-        next_seq: the number that is handed on next.
-        known: the highest number that is known to exist; -1 before the first.
-        has_ended: whether no number above `known` will follow.
-        needs_confirmation: whether the outbox has to confirm this session.
-        cut: why it is unknown what followed `known`; empty where it is known.
+        begun_ns: its beginning [UTC].
+        next_seq: the next number in turn.
+        known: the highest number known to exist; -1 before the first.
+        has_ended: no number above `known` will follow.
+        needs_confirmation: the outbox has to confirm this session.
+        cut: why it is unknown what followed `known`; else empty.
         held: points that arrived before their turn, by number.
     """
 
@@ -54,20 +54,20 @@ class SessionPoints:
 
     @property
     def is_complete(self) -> bool:
-        """Whether it has ended and everything of it has been handed on."""
+        """Whether it has ended and everything of it was passed on."""
         return self.has_ended and self.next_seq > self.known
 
     def missing(self) -> tuple[int, int] | None:
-        """The first known gap: its first and last number."""
+        """Return the first and last number of the first known gap."""
         end = min(self.held) - 1 if self.held else self.known
         return None if end < self.next_seq else (self.next_seq, end)
 
     def see(self, seq: int) -> None:
-        """A point of this number exists."""
+        """Note that a point of this number exists."""
         self.known = max(self.known, seq)
 
     def run(self) -> list[Point]:
-        """Points whose turn it is; they count as handed on."""
+        """Return points in turn; they count as passed on."""
         points = []
         while (point := self.held.pop(self.next_seq, None)) is not None:
             points.append(point)
@@ -75,10 +75,10 @@ class SessionPoints:
         return points
 
     def give_up(self, to_seq: int, reason: str) -> list[Point | Lost]:
-        """Continue after gaps that cannot be filled: all up to a number.
+        """Continue after gaps that cannot be filled, up to a number.
 
         Returns:
-            What is handed on: the gaps, and the points that are here.
+            The gaps, and the points that are here.
         """
         self.see(to_seq)
         points_and_gaps: list[Point | Lost] = [*self.run()]
@@ -101,12 +101,12 @@ class SessionSequence:
 
     Args:
         since: next numbers of sessions that were followed before; None begins now.
-        is_whole: where it begins now, with all that is held of the session.
+        is_whole: begins with all stored points of the session.
 
     Attributes:
-        anchor: the arm's session when following began, where `since` is None.
-        has_begun: whether it is known which sessions there are.
-        start: next numbers where following began.
+        anchor: the arm's session when following began, if `since` is None.
+        has_begun: the list of sessions is known.
+        start: next numbers at the beginning.
     """
 
     def __init__(
@@ -128,24 +128,24 @@ class SessionSequence:
 
     @property
     def head(self) -> SessionPoints | None:
-        """The session whose points are handed on now."""
+        """The session whose points are in turn."""
         return next(iter(self._sessions.values()), None)
 
     @property
     def begins_now(self) -> bool:
-        """Whether nothing is followed that was before."""
+        """Whether nothing earlier is followed."""
         return self._since is None
 
     def get(self, session: str) -> SessionPoints | None:
-        """A session that is followed and not complete."""
+        """Return a session that is followed and not complete."""
         return self._sessions.get(session)
 
     def past(self, session: str) -> int | None:
-        """The next number of a session that is past; None where it is not."""
+        """Return the next number of a past session; None if it is not past."""
         return self._past.get(session)
 
     def begin_without_list(self) -> None:
-        """Begin without knowing which sessions there are."""
+        """Begin without the list of sessions."""
         self.has_begun = True
         for session, next_seq in (self._since or {}).items():
             self._sessions[session] = SessionPoints(session, 0, next_seq)
@@ -153,10 +153,10 @@ class SessionSequence:
     def list(
         self, held: Sequence[StoredSession], lowest: Mapping[str, int], *, is_old: bool
     ) -> None:
-        """The outbox has reported which sessions it holds, oldest first.
+        """Take the outbox's list of sessions, oldest first.
 
         Args:
-            held: those.
+            held: sessions in the outbox.
             lowest: the lowest numbers received so far, by session.
             is_old: others may have begun since the request.
         """
@@ -180,7 +180,7 @@ class SessionSequence:
                 followed.needs_confirmation = True
 
     def adopt(self, session: str, first: int, begun_ns: int) -> SessionPoints:
-        """Follow a session that is in no list, where it belongs by its time."""
+        """Follow an unlisted session, inserted by its time."""
         followed = SessionPoints(session, begun_ns, first)
         sessions = list(self._sessions.values())
         position = len(sessions)
@@ -191,12 +191,12 @@ class SessionSequence:
         return followed
 
     def leave(self, head: SessionPoints) -> None:
-        """The head is complete: continue with the next."""
+        """Continue with the next session: the head is complete."""
         self._pass(head.session, head.next_seq)
         del self._sessions[head.session]
 
     def _begin(self, held: Sequence[StoredSession], lowest: Mapping[str, int]) -> None:
-        """Set where following begins: earlier points are past."""
+        """Set the beginning: earlier points are past."""
         names = [stored.session for stored in held]
         if self._since is None:
             start = names.index(self.anchor) if self.anchor in names else len(names) - 1

@@ -1,9 +1,9 @@
-"""Follow an arm's points: request missing ones again, hold the broker back.
+"""Stream of an arm's points: requests missing ones, and holds the broker back.
 
 At most `limit` points wait for the reader. From then on nothing is acknowledged, so
-that the broker sends no more; what it then drops, and what arrives nevertheless, is
-requested again when there is room. Without a reader, all is acknowledged and what there
-is no room for is left in the arm's outbox, so that events and answers continue.
+that the broker sends no more; dropped points are requested again when there is room.
+Without a reader all is acknowledged, and points without room are left in the arm's
+outbox, so that events and answers continue.
 """
 
 import asyncio
@@ -30,12 +30,12 @@ class PointStream:
     Args:
         order: puts them into order.
         link: the connection; points are acknowledged on it.
-        requests: the way to the outbox.
-        limit: so many may wait for the reader.
+        requests: sends requests to the outbox.
+        limit: most points waiting for the reader.
 
     Attributes:
-        follow: requests what is missing, until cancelled.
-        lost: points that could not be had any more, as far as they could be counted.
+        follow: requests missing points, until cancelled.
+        lost: unavailable points, as far as counted.
     """
 
     def __init__(
@@ -64,24 +64,24 @@ class PointStream:
 
     @property
     def room(self) -> int:
-        """So many more points may wait."""
+        """Number of points that may still wait."""
         return self._limit - len(self._order.ready)
 
     @property
     def waiting(self) -> int:
-        """So many can be had without waiting."""
+        """Number of points available without waiting."""
         return len(self._order.ready)
 
     @property
     def cursor(self) -> dict[str, int]:
-        """Next numbers of the sessions: what the reader is done with does not count.
+        """Next numbers of the sessions after the reader's last point.
 
-        A reader is done with a point when it requests the next one.
+        A point is done when the next one is requested.
         """
         return dict(self._next_seqs or self._order.sessions.start)
 
     def take(self, point: Point, number: int) -> None:
-        """A point was received, with the number for its acknowledgement."""
+        """Take a point, with the number for its acknowledgement."""
         room = self.room
         self._order.take(point, room=room > 0)
         if room > 0 or not self._has_reader:
@@ -91,12 +91,12 @@ class PointStream:
         self._notify_all()
 
     def notice(self, session: str) -> None:
-        """The arm reports that this is its session."""
+        """Take the arm's present session."""
         self._order.notice(session)
         self._notify_all()
 
     def link_changed(self, is_connected: bool) -> None:
-        """There is a connection, and something may have been missed; or none."""
+        """Take a change of the connection, over which points may have been missed."""
         if is_connected:
             self._order.connection_restored()
             self._notify_all()
@@ -104,7 +104,7 @@ class PointStream:
             self._unacknowledged.clear()
 
     def close(self, error: BaseException | None = None) -> None:
-        """No more messages will follow."""
+        """End the iteration."""
         self._is_closed, self._error = True, error
         self._unacknowledged.clear()
         self._arrived.notify()
@@ -142,12 +142,12 @@ class PointStream:
         return item
 
     async def begun(self) -> None:
-        """Wait until it is known from which point on they are followed."""
+        """Wait until the first point to be followed is known."""
         while not self._order.sessions.has_begun:
             await self._arrived.wait()
 
     def _room_for_more(self) -> int:
-        """So many points may be requested: none while many wait."""
+        """Return how many points may be requested: none while many wait."""
         return self.room if self.room >= self._limit // 2 else 0
 
     def _notify_all(self) -> None:
@@ -156,7 +156,7 @@ class PointStream:
             self._gap_filler.wake()
 
     def _defer_ack(self, number: int) -> None:
-        """Make the broker wait, but not for ever for a reader that has left."""
+        """Delay acknowledgements, but not for ever for a reader that has left."""
         if not self._unacknowledged:
             loop = asyncio.get_running_loop()
             loop.call_later(READER_S, self._check_reader)
@@ -173,7 +173,7 @@ class PointStream:
             loop.call_later(READER_S, self._check_reader)
 
     def _flush_acks(self) -> None:
-        """Have the broker send on."""
+        """Acknowledge all, so that the broker continues."""
         waiting, self._unacknowledged = self._unacknowledged, []
         for number in waiting:
             self._link.acknowledge(number)
@@ -189,7 +189,7 @@ class PointStream:
 
 
 class PointIterator:
-    """The points of a stream; what is lost is logged and counted."""
+    """The points of a stream; losses are logged and counted."""
 
     def __init__(self, stream: PointStream) -> None:
         self._stream = stream

@@ -14,10 +14,10 @@ _OVERFLOW, _PASSIVE, _ACTIVE = 0x01 | 0x02, 0x10 | 0x20, 0x40
 
 @dataclass(frozen=True, slots=True)
 class BusCondition:
-    """The contents of one error frame; several can be true at once.
+    """Contents of one error frame; several can be true at once.
 
     Attributes:
-        bus_off: the controller has taken itself off the bus.
+        bus_off: the controller has left the bus.
         restarted: it is back on it.
         passive: error passive: many errors lately.
         active: error active again.

@@ -83,7 +83,7 @@ Message = Sync | NodeMessage
 
 
 def decode(can_id: int, data: bytes | bytearray) -> Message | None:
-    """The value of an encoder's frame; None for any other, or another length."""
+    """Decode an encoder's frame; None for any other, or another length."""
     if can_id == SYNC:
         return Sync(data[0] if data else None) if len(data) <= 1 else None
     node, n = can_id & 0x7F, len(data)
@@ -101,18 +101,18 @@ def decode(can_id: int, data: bytes | bytearray) -> Message | None:
 
 
 def identifiers(nodes: Iterable[int]) -> list[int]:
-    """All that these nodes, and the source of SYNC, put on the bus."""
+    """Return all identifiers of these nodes, and of the source of SYNC."""
     services = (EMCY, TPDO1, SDO_ANSWER, HEARTBEAT)
     return [SYNC, *(service + node for node in nodes for service in services)]
 
 
 def nmt_command(command: int, node: int) -> bytes:
-    """The two bytes of an NMT frame; node 0 are all."""
+    """Encode an NMT frame; node 0 means all."""
     return bytes((command, node))
 
 
 def frame_bits(n_bytes: int) -> int:
-    """The longest time on the bus of a frame with ``n_bytes``, in bits.
+    """Return the longest time on the bus of a frame with ``n_bytes``, in bits.
 
     44 bits of frame, eight for each byte, 3 between frames; of the 34 + 8 n bits that
     are stuffed, one more after each four in the worst case.
@@ -122,5 +122,5 @@ def frame_bits(n_bytes: int) -> int:
 
 
 def largest_sync_rate_hz(n_nodes: int, bit_rate: int) -> float:
-    """How often a bus can carry a SYNC and the position of every node."""
+    """Return the greatest rate of a SYNC with the positions of all nodes."""
     return bit_rate / (frame_bits(0) + n_nodes * frame_bits(POSITION.size))

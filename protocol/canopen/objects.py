@@ -1,8 +1,8 @@
-"""Objects of an encoder after CiA 301 and CiA 406, and what their bits mean.
+"""Objects of an encoder after CiA 301 and CiA 406, and the meaning of their bits.
 
-Certain from makers' manuals: alarm bits 0 and 1, warning bits 0 to 4, emergency codes
-up to 8140. General knowledge, to be checked against the manual of the encoder: warning
-bit 5, and that bits 12 to 15 of alarms and warnings are the maker's own.
+From makers' manuals: alarm bits 0 and 1, warning bits 0 to 4, emergency codes up to
+8140. General knowledge, to be checked against the manual of the encoder: warning bit 5,
+and that bits 12 to 15 of alarms and warnings are the maker's own.
 """
 
 DEVICE_TYPE = 0x1000
@@ -80,17 +80,14 @@ ABORTS = {
 
 
 def alarm_text(bits: int) -> str:
-    """Object 6503 in words."""
     return _named(bits, ALARM_BITS)
 
 
 def warning_text(bits: int) -> str:
-    """Object 6505 in words."""
     return _named(bits, WARNING_BITS)
 
 
 def emergency_text(code: int) -> str:
-    """An emergency code in words."""
     for known, mask, text in EMERGENCIES:
         if code & mask == known:
             return text

@@ -143,11 +143,11 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """Sign of life, with what the next sample and edge will be numbered.
+    """Sign of life, with the next numbers of samples and edges.
 
     Attributes:
-        edges_back: so many numbers before ``next_edge_seq`` is the oldest edge that
-            waits to be acknowledged; 0 where none waits.
+        edges_back: ``next_edge_seq`` minus the number of the oldest unacknowledged
+            edge; 0 for none.
     """
 
     streaming: bool
@@ -185,7 +185,7 @@ _SAMPLE_DTYPES = {n: _sample_dtype(n) for n in range(1, 48)}
 
 
 def sample_block(bodies: list[bytes]) -> SampleBlock:
-    """Bodies of one stream and one length as a block."""
+    """Decode bodies of one stream and one length as a block."""
     rows = np.frombuffer(b"".join(bodies), _SAMPLE_DTYPES[(len(bodies[0]) - 12) // 5])
     return SampleBlock(
         bodies[0][2],
@@ -295,7 +295,7 @@ PARSERS: dict[int, Callable[[bytes], Message | None]] = {
 
 
 class Decoder:
-    """Bytes of a board in, messages out; faults are counted, never raised."""
+    """Decodes bytes of a board; faults are counted, never raised."""
 
     def __init__(self) -> None:
         self._splitter = FrameSplitter()
@@ -312,11 +312,10 @@ class Decoder:
 
     @property
     def pending(self) -> int:
-        """Bytes kept for the next call."""
         return self._splitter.pending
 
     def feed(self, data: bytes) -> list[Message]:
-        """Messages completed by ``data``, in the order of the bytes."""
+        """Return messages completed by ``data``, in the order of the bytes."""
         messages: list[Message] = []
         run: list[bytes] = []
         for body in self._splitter.feed(data):
@@ -368,12 +367,10 @@ def configure_request(
 
 
 def start_request(request: int, rate_millihz: int) -> bytes:
-    """Start a timed stream."""
     return encode_frame(struct.pack("<BBI", START, request, rate_millihz))
 
 
 def stop_request(request: int) -> bytes:
-    """Stop the timed stream."""
     return encode_frame(bytes((STOP, request)))
 
 

@@ -58,11 +58,11 @@ class IppError(Exception):
 
     Args:
         number: of the error.
-        why: for people; `GetXtdErrStatus` tells it.
+        why: for people, sent by `GetXtdErrStatus`.
         severity: other than the number's own.
 
     Attributes:
-        tag: of the refused line, as far as that could be read.
+        tag: of the refused line, as far as readable.
     """
 
     tag = SERVER_TAG
@@ -121,13 +121,13 @@ _WORD = re.compile(rf"{_NAME}(?:\.{_NAME})*+")
 
 
 class LineBuffer:
-    """Cuts what is received into lines."""
+    """Cuts bytes into lines."""
 
     def __init__(self) -> None:
         self._rest = b""
 
     def lines(self, data: bytes) -> Iterable[bytes]:
-        """Whole lines with their ends, and with them one that is too long already."""
+        """Yield whole lines with their ends, and one that is already too long."""
         *whole, self._rest = (self._rest + data).split(b"\n")
         yield from (line + b"\n" for line in whole)
         if len(self._rest) > MAX_LINE + 2:
@@ -135,11 +135,6 @@ class LineBuffer:
 
 
 def parse(line: bytes) -> Command:
-    """The command of a line, which ends in CR LF.
-
-    Raises:
-        IppError: 0001, 0002, 0007, 0008 or 0509, with the line's tag.
-    """
     match = _TAG.match(line)
     try:
         if len(line) > MAX_LINE + 2:
@@ -185,7 +180,7 @@ def _argument(text: str, place: int) -> tuple[Argument, int]:
 def _list(
     text: str, place: int, read: Callable[[str, int], tuple[T, int]]
 ) -> tuple[tuple[T, ...], int]:
-    """Parse the arguments between parentheses; also the place after them."""
+    """Parse the arguments between parentheses; return also the place after them."""
     items: list[T] = []
     end = _CLOSE.match(text, place)
     while end is None:
@@ -225,7 +220,7 @@ def property_text(name: str, *values: float | str) -> str:
 
 
 def quoted(text: str) -> str:
-    """Write a text; what the protocol cannot carry becomes `?`."""
+    """Write a text; unsupported characters become `?`."""
     kept = "".join(c if " " <= c <= "~" and c != '"' else "?" for c in text[:1000])
     return f'"{kept or " "}"'
 

@@ -1,4 +1,4 @@
-"""The arm as I++ DME sees it: poses, coordinate systems, tools and their properties."""
+"""The arm in terms of I++ DME: poses, coordinate systems, tools, properties."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -27,17 +27,17 @@ AXES = ("X", "Y", "Z")
 
 
 class Machine:
-    """What commands read and set that concerns no session.
+    """State that outlives sessions.
 
     Args:
-        radii_mm: radii of balls by tool, as far as they are known.
+        radii_mm: radii of balls by tool, as far as known.
         clock: monotonic time [s].
 
     Attributes:
         live: the latest pose.
-        live_s: when it arrived, by the clock.
-        is_reachable: whether the arm and the broker are there.
-        alarm: why the arm may not be trusted; None: it may.
+        live_s: time of its arrival.
+        is_reachable: the arm and the broker are there.
+        alarm: why the arm cannot be trusted, or None.
     """
 
     def __init__(
@@ -52,11 +52,11 @@ class Machine:
         self._clock = clock
 
     def take_live(self, live: Live) -> None:
-        """The arm's latest pose."""
+        """Take the arm's latest pose."""
         self.live, self.live_s = live, self._clock()
 
     def pose(self) -> Live:
-        """The present pose; raises IppError."""
+        """Return the present pose; raises IppError."""
         if (
             self.live is None
             or not self.is_reachable
@@ -66,7 +66,7 @@ class Machine:
         return self.live
 
     def require_good(self, measured: Point | Live, what: str) -> None:
-        """Nothing in doubt leaves as if it were good; raises IppError."""
+        """Refuse measurements in doubt; raises IppError."""
         is_point = isinstance(measured, Point)
         if not measured.quality.ok:
             flags = ", ".join(measured.quality.flags)
@@ -77,12 +77,12 @@ class Machine:
             self.require_probe()
 
     def require_probe(self) -> None:
-        """The active tool measures; raises IppError."""
+        """Check that the active tool measures; raises IppError."""
         if self.tools.active == tools.NONE:
             raise IppError(2002, f"{tools.NONE} does not measure")
 
     def values(self, names: Sequence[str], measured: Point | Live | None) -> str:
-        """`X(1),Y(2)` for names that `enumerated` has returned; raises IppError."""
+        """Format `X(1),Y(2)` for names of `enumerated`; raises IppError."""
         return ",".join(self._value(name, measured) for name in names)
 
     def _value(self, name: str, measured: Point | Live | None) -> str:
@@ -108,7 +108,7 @@ class Machine:
     def enumerated(
         self, args: Args, *, of_point: bool = False, axes: bool = True
     ) -> tuple[str, ...]:
-        """The names of an enumeration, each once, all known; raises IppError."""
+        """Return the names of an enumeration, each once, all known; raises IppError."""
         names: list[str] = []
         for arg in args:
             if not isinstance(arg, Property) or arg.values or arg.name in names:
@@ -196,7 +196,7 @@ class Machine:
         "GetCsyTransformation": (_get_transformation, 1),
         "SetCsyTransformation": (_set_transformation, 7),
     }
-    """What each does, and how many arguments it takes; None: several."""
+    """Method, and number of arguments; None: several."""
 
 
 def shown(arg: Argument) -> str:
@@ -212,14 +212,14 @@ def shown(arg: Argument) -> str:
 
 
 def word(arg: Argument) -> str:
-    """A name without quotes; raises IppError."""
+    """Return a name without quotes; raises IppError."""
     if not isinstance(arg, Word):
         raise IppError(509, f"{shown(arg)}: expected a name without quotes")
     return arg.name
 
 
 def _out_of_material(point: Point) -> tuple[float, float, float]:
-    """The direction from the material to the ball; zeros: it is not known."""
+    """Return the direction from the material to the ball; zeros if unknown."""
     if point.surface_mm is None:
         return (0.0, 0.0, 0.0)
     outwards = np.subtract(point.xyz_mm, point.surface_mm)
@@ -229,13 +229,13 @@ def _out_of_material(point: Point) -> tuple[float, float, float]:
 
 
 CHAIN = ("MachineCsy", "MoveableMachineCsy", "MultipleArmCsy", "PartCsy")
-"""What can be selected, from the machine to the part."""
+"""Systems that can be selected, from the machine to the part."""
 STORED = ("JogDisplayCsy", "JogMoveCsy", "SensorCsy", *CHAIN[1:])
-"""What can be set; the first three have no effect on points."""
+"""Transformations that can be set; the first three have no effect on points."""
 
 
 class Systems:
-    """Transformations, and which system coordinates are given in.
+    """Transformations, and the selected system.
 
     Attributes:
         selected: one of `CHAIN`.
@@ -252,7 +252,7 @@ class Systems:
         self.selected = name
 
     def values(self, name: str) -> tuple[float, ...]:
-        """X0, Y0, Z0 [mm], theta, psi, phi [degrees]; raises IppError."""
+        """Return X0, Y0, Z0 [mm], theta, psi, phi [degrees]; raises IppError."""
         if name not in STORED:
             raise IppError(509, f"{name}: expected one of {', '.join(STORED)}")
         return self._values[name]
@@ -266,7 +266,7 @@ class Systems:
         self._values[name] = (x, y, z, theta, psi % 360.0, phi % 360.0)
 
     def point(self, xyz_mm: tuple[float, ...]) -> Floats:
-        """Ball centre [mm] (3,) in the selected system, from the arm's.
+        """Transform the ball centre [mm] (3,) from the arm's to the selected system.
 
         X0, Y0 and Z0 are the zero of the system before in this one (6.3.3.4).
         """
@@ -276,7 +276,7 @@ class Systems:
         return place
 
     def direction(self, ijk: tuple[float, ...]) -> Floats:
-        """A direction (3,) in the selected system, from the arm's."""
+        """Transform a direction (3,) from the arm's to the selected system."""
         turned = np.array(ijk)
         for name in self._steps():
             turned = _rotation(*self._values[name][3:]) @ turned

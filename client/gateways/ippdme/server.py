@@ -23,20 +23,20 @@ from traverse.protocol.messages import Event, Live, Point
 LOOK_S = 0.2  # how often the arm's state is looked at
 MAX_WAITING = 1 << 20  # bytes that a client may leave unread
 KEEPALIVE = {"TCP_KEEPIDLE": 10, "TCP_KEEPINTVL": 5, "TCP_KEEPCNT": 3}
-"""A client whose computer has gone is disconnected after 25 s without an answer."""
+"""A client that does not answer for 25 s is disconnected."""
 
 T = TypeVar("T")
 
 
 class IppServer:
-    """Serve an arm.
+    """Serves an arm.
 
     Args:
-        arm: open as long as this is.
+        arm: open while this is.
         host: to listen on.
         port: to listen on; 0: any that is free.
-        report: called with what happens, for people.
-        options: what the user has chosen.
+        report: called with messages for people.
+        options: the user's choices.
 
     Attributes:
         port: that is listened on.
@@ -59,11 +59,10 @@ class IppServer:
 
     @property
     def address(self) -> str:
-        """Where it listens, for people."""
         return f"tcp {self._host}:{self.port}"
 
     async def serve(self, on_ready: Callable[[], None]) -> None:
-        """Serve until cancelled; raises OSError where the port cannot be had."""
+        """Serve until cancelled; raises OSError if the port is unavailable."""
         server = await asyncio.start_server(self._serve, self._host, self.port)
         self.port = server.sockets[0].getsockname()[1]
         on_ready()
@@ -114,7 +113,7 @@ class IppServer:
     async def _serve(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
-        """Serve one client; a second one gets the reason why it is refused."""
+        """Serve one client; a second one is refused with the reason."""
         peer = "{}:{}".format(*writer.get_extra_info("peername"))
         if self._writer is not None:
             self._report(f"{peer} is refused: {self._peer} is connected")

@@ -1,4 +1,4 @@
-"""What a client of I++ DME may do, and what it is answered: no sockets, no tasks.
+"""A client's session of I++ DME: no sockets, no tasks.
 
 Numbers in parentheses are sections of the specification, version 1.4.3.
 """
@@ -50,7 +50,7 @@ N_NUMBERS = {"X": 1, "Y": 1, "Z": 1, "IJK": 3}
 
 Lines = Sequence[str]
 WAITS: Lines = ("",)
-"""What a command returns that ends later, with `_complete`."""
+"""Returned by commands that end later, with `_complete`."""
 
 
 Work = Callable[["Session", Command], Lines | None]
@@ -74,7 +74,7 @@ class MoveReport:
     in_doubt: bool = False
 
     def is_wanted(self, place_mm: Floats, now_s: float) -> bool:
-        """Whether this pose is reported."""
+        """Return whether this pose is reported."""
         since_s = now_s - self.at_s
         far = self.distance_mm is not None and (
             self.place_mm is None
@@ -86,14 +86,14 @@ class MoveReport:
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What the user has chosen.
+    """The user's choices.
 
     Attributes:
-        near_mm: so far from its target a touch may be that answers `PtMeas`; the
-            ball's radius is added.
-        radii_mm: radii of balls by tool, as far as they are known.
+        near_mm: greatest distance of a touch from its target for `PtMeas`; the ball's
+            radius is added.
+        radii_mm: radii of balls by tool, as far as known.
         keys: names of keys by input, such as "base/1".
-        machine_class: as it is sent.
+        machine_class: as sent.
     """
 
     near_mm: float = 10.0
@@ -106,9 +106,9 @@ class Session:
     """A client's session; transformations and tool outlive it (6.3.1.2).
 
     Args:
-        options: what the user has chosen.
+        options: the user's choices.
         send: takes lines for the client, without their ends.
-        report: takes what people should know.
+        report: takes messages for people.
         change_probe: begins to change the probe; `tool_changed` or `tool_refused`
             ends it.
         clock: monotonic time [s].
@@ -143,7 +143,7 @@ class Session:
     # What arrives from the client
 
     def take_line(self, line: bytes) -> None:
-        """A line with its end was received."""
+        """Take a line with its end."""
         try:
             command = parse(line)
         except IppError as error:
@@ -166,7 +166,7 @@ class Session:
             self._proceed()
 
     def disconnected(self) -> None:
-        """The client has gone: its session ends, and what it has requested."""
+        """End the session and its requests: the client has gone."""
         self._pending.clear()
         self._current = self._target = None
         self._end()
@@ -174,7 +174,7 @@ class Session:
     # What arrives from the arm
 
     def take_status(self, status: Status, *, is_connected: bool) -> None:
-        """The arm's state, whenever it may have changed; any number of times."""
+        """Take the arm's state; any number of times."""
         machine, reachable = self.machine, status.online and is_connected
         if machine.is_reachable and not reachable and self._in_session:
             why = (
@@ -198,7 +198,7 @@ class Session:
             )
 
     def take_live(self, live: Live) -> None:
-        """The arm's latest pose."""
+        """Take the arm's latest pose."""
         self.machine.take_live(live)
         if self._new_tool and live.model == self._new_model:
             self._activate(self._new_tool)
@@ -211,7 +211,7 @@ class Session:
             self._report_move(self._moves, live)
 
     def take_point(self, point: Point) -> None:
-        """A point, or the retraction of one."""
+        """Take a point, or a retraction."""
         what, command = f"point {point.seq}", self._current
         if point.retracts is not None:
             self._take_back(point.retracts)
@@ -241,29 +241,29 @@ class Session:
             self._note_sent(point)
 
     def take_loss(self, lost: Lost) -> None:
-        """Points cannot be had any more."""
+        """Take the loss of points."""
         error = IppError(511, f"points {lost.from_seq} to {lost.to_seq} are lost", 1)
         if self._in_session:
             self._unsolicited("PtMeas", error)
 
     def press(self, source: str) -> None:
-        """An input became active."""
+        """Take an input that became active."""
         if source in self._options.keys:
             self._event(property_text("KeyPress", self._options.keys[source]))
 
     def tool_changed(self, model: str) -> None:
-        """The arm has changed its probe: poses count from the first of this model."""
+        """Take a change of probe: poses count from the first of this model."""
         self._new_model = model
 
     def tool_refused(self, error: IppError) -> None:
-        """The arm has not changed its probe."""
+        """Take a refused change of probe."""
         self._new_tool = ""
         self._end_tool_change(error)
 
     # Transactions
 
     def _unfinished(self) -> list[Command]:
-        """Commands of the slow queue that have no end yet."""
+        """Return unfinished commands of the slow queue."""
         return [*([] if self._current is None else [self._current]), *self._pending]
 
     def _proceed(self) -> None:
@@ -281,7 +281,7 @@ class Session:
                 self._done(command, data or ())
 
     def _result(self, command: Command) -> Lines | None:
-        """Lines of data, if it has any, or `WAITS`."""
+        """Return lines of data, if any, or `WAITS`."""
         name = command.name
         if not self._in_session and name not in WITHOUT_SESSION:
             raise IppError(8, "StartSession comes first")
@@ -312,9 +312,9 @@ class Session:
             self._current = self._target = None
 
     def _fail(self, command: Command, error: IppError) -> None:
-        """Answer with an error; from severity 2 on all that is pending is aborted.
+        """Answer with an error; from severity 2 on pending commands are aborted.
 
-        What is older in the slow queue is answered first (6.2.3).
+        Older commands of the slow queue are answered first (6.2.3).
         """
         aborts = error.severity > 1 and self._in_session
         if aborts and not command.is_fast and command is not self._current:
@@ -333,7 +333,7 @@ class Session:
             self._close(command)
 
     def _complete(self, result: IppError | str) -> None:
-        """End the command that waits, and go on with the next."""
+        """End the waiting command, and continue with the next."""
         if self._current is not None:
             if isinstance(result, IppError):
                 self._fail(self._current, result)
@@ -360,7 +360,7 @@ class Session:
         return is_sent
 
     def _end(self, _: Command | None = None) -> None:
-        """There is no session: nothing is requested, locked or enabled."""
+        """Reset the session: nothing is requested, locked or enabled."""
         self._in_session = self._is_locked = self._user = False
         self._reported: tuple[str, ...] = AXES
         self._moves: MoveReport | None = None
@@ -380,7 +380,7 @@ class Session:
         self._is_radius_new = False
 
     def _measured(self, point: Point) -> str | IppError:
-        """What is sent of a point; nothing that is in doubt."""
+        """Return the data of a point, or an error if it is in doubt."""
         self._note_radius(point.probe_radius_mm)
         try:
             self.machine.require_good(point, f"point {point.seq}")
@@ -590,4 +590,4 @@ class Session:
             for name, (work, takes) in Machine.COMMANDS.items()
         },
     }
-    """What each does, and how many arguments it takes; None: several."""
+    """Method, and number of arguments; None: several."""

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from traverse.client.gateways.ippdme.grammar import IppError
 
 OWN = "RefTool"
-"""The probe of the arm file."""
+"""Name of the arm file's probe."""
 NONE = "NoTool"
-"""Moves, and does not measure."""
+"""Name of the tool that does not measure."""
 UNDEFINED = "UnDefTool"
 PARAMETERS = {
     "GoToPar.Speed": (0.0, 1000.0, 100.0),
@@ -31,12 +31,12 @@ _TYPES = {
 
 
 class Tools:
-    """Which tools there are, and which is active.
+    """Known tools, and the active one.
 
     Attributes:
-        active: the name of the active tool.
-        found_tool: what `FindTool` has found.
-        radii_mm: radii of balls by tool, as far as they are known.
+        active: name of the active tool.
+        found_tool: result of `FindTool`.
+        radii_mm: radii of balls by tool, as far as known.
         library: names of the probes of the library.
     """
 
@@ -53,13 +53,12 @@ class Tools:
         return (OWN, NONE, *self.library)
 
     def activate(self, name: str) -> None:
-        """Another tool is active; its parameters begin with their defaults."""
         if name != self.active:
             self.active = name
             self._actual.clear()
 
     def require(self, name: object) -> str:
-        """The name of a tool that is there; raises IppError."""
+        """Return the name of an existing tool; raises IppError."""
         if not isinstance(name, str):
             raise IppError(509, "the name of a tool is in quotes")
         if name not in self.names:
@@ -67,7 +66,7 @@ class Tools:
         return name
 
     def split(self, path: str) -> tuple[str, str]:
-        """The tool and the property of `Tool.Name`, `FoundTool.Name` or `GoToPar.x`."""
+        """Return tool and property of `Tool.Name`, `FoundTool.Name` or `GoToPar.x`."""
         first, _, rest = path.partition(".")
         if first == "FoundTool":
             # Asked for its name, it says that there is none.
@@ -77,7 +76,7 @@ class Tools:
         return self.active, rest if first == "Tool" else path
 
     def parameter(self, tool: str, path: str) -> float:
-        """The value of a number among the properties; raises IppError."""
+        """Return a number among the properties; raises IppError."""
         if path == "AvrRadius":
             if tool not in self.radii_mm:
                 raise IppError(1503, f"the radius of {tool} is not known here")
@@ -92,7 +91,7 @@ class Tools:
         return {"Min": least, "Max": greatest, "Act": actual, "Def": default}[sub]
 
     def set_parameter(self, tool: str, path: str, value: float) -> bool:
-        """Set a parameter; whether it is within its range. Raises IppError."""
+        """Set a parameter; return whether it is within its range. Raises IppError."""
         name = path.removesuffix(".Act")
         if name not in PARAMETERS or tool != self.active:
             raise IppError(510, f"{path} of {tool} cannot be set")
@@ -102,7 +101,7 @@ class Tools:
 
 
 def children(path: str, *, deep: bool) -> list[tuple[str, str]]:
-    """Names and types of an object's properties; raises IppError."""
+    """Return names and types of an object's properties; raises IppError."""
     prefix = f"{path}." if path else ""
     below = {
         k.removeprefix(prefix): v for k, v in _TYPES.items() if k.startswith(prefix)
