@@ -100,8 +100,9 @@ format: venv  ## put the code into its form
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-schemas: venv  ## write the message reference and JSON Schemas from protocol/messages.py
+schemas: venv  ## write the message reference and JSON Schemas of messages and files
 	$(BIN)/python docs/generate_messages.py
+	$(BIN)/python docs/file_schemas.py
 
 # It sees the packages of .venv behind its own.
 $(PEERS)/.ready: benchmarks/peers.txt requirements.lock $(STAMP)

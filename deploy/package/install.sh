@@ -76,6 +76,7 @@ for file in examples/traverse.toml examples/simulator.toml; do
 done
 install -m 644 "$checkout/cli/demo_data/arm.toml" "$destdir/usr/share/doc/traverse/examples/arm.toml"
 (cd "$checkout" && find docs -name '*.md' -exec install -D -m 644 {} "$destdir/usr/share/doc/traverse/{}" \;)
+install -D -m 644 -t "$destdir/usr/share/doc/traverse/file-schemas" "$checkout"/docs/reference/file-schemas/*.json
 install -m 644 "$checkout/LICENSE" "$checkout/CHANGELOG.md" "$destdir/usr/share/doc/traverse/"
 
 # What the command line says of itself.
