@@ -13,9 +13,10 @@ from tempfile import TemporaryDirectory
 
 from traverse.fleet.workers import WorkerDiedError, Workers, drained
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.adjustment.prepare import IdentificationError
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
-from traverse.lab.identification.identify import IdentificationError, Options
+from traverse.lab.identification.identify import Options
 from traverse.lab.identification.results.evidence import outcome_of
 from traverse.lab.outcomes.base import State
 from traverse.lab.report.provenance import ReportProvenance

@@ -131,11 +131,24 @@ PLANTED = {
         ("lab/acceptance/planted.py", "traverse.lab.diagnosis.diagnose"),
         ("lab/artefacts/planted.py", "traverse.lab.campaign.campaign"),
     ],
+    "modules of the adjustment": [
+        ("lab/adjustment/equations.py", "traverse.lab.adjustment.linearise"),
+        ("lab/adjustment/noise.py", "traverse.lab.adjustment.problem"),
+    ],
+    "the diagnosis needs no": [
+        (
+            "lab/diagnosis/model/planted.py",
+            "traverse.lab.identification.results.result",
+        ),
+    ],
     "folders of the diagnosis": [
         ("lab/diagnosis/model/planted.py", "traverse.lab.diagnosis.diagnose"),
     ],
     "folders of the identification": [
-        ("lab/identification/solve/planted.py", "traverse.lab.identification.results"),
+        (
+            "lab/identification/certificates.py",
+            "traverse.lab.identification.results.files",
+        ),
     ],
     "folders of the daemon": [
         ("daemon/pose/pipeline.py", "traverse.daemon.acquisition.interpolation"),

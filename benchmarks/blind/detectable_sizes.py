@@ -15,6 +15,11 @@ from benchmarks.blind.score import Identity
 from benchmarks.tools.handover import campaign_from_simulation
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.adjustment.noise import a_priori_noise
+from traverse.lab.adjustment.prepare import Options, prepared
+from traverse.lab.adjustment.problem import Network, stations
+from traverse.lab.adjustment.solve import adjust
+from traverse.lab.adjustment.starting_values import start_state
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.prior import Prior
 from traverse.lab.diagnosis.candidates.library import library_bank
@@ -24,15 +29,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
 )
-from traverse.lab.identification.equations.network import (
-    Network,
-    a_priori_noise,
-    start_state,
-    stations,
-)
-from traverse.lab.identification.identify import prepared
-from traverse.lab.identification.solve.adjustment import adjust
-from traverse.lab.identification.solve.iterative_adjustment import Options
 from traverse.simulator.campaigns import Campaign as Columns
 from traverse.simulator.campaigns import NoiseTable, PoseSet, draw_noise
 

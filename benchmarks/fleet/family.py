@@ -37,6 +37,7 @@ from benchmarks.trials.program import Program, Verdict
 from benchmarks.trials.series import Series, executed
 from traverse.fleet.workers import Workers
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.adjustment.prepare import IdentificationError
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.holdout import split
 from traverse.lab.campaign.prior import Prior
@@ -44,7 +45,7 @@ from traverse.lab.diagnosis.advice.minimal_detectable import planned
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.identification.family import LEVEL, population_of
-from traverse.lab.identification.identify import IdentificationError, identify
+from traverse.lab.identification.identify import identify
 from traverse.simulator.arm.truth import Deviations, true_arm
 from traverse.simulator.campaigns import (
     BallBar,

@@ -29,9 +29,9 @@ from benchmarks.proofs.conditions import demo_arm
 from benchmarks.tools.sizes import sized
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry
+from traverse.lab.adjustment.solve import adjust
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.identify import identify
-from traverse.lab.identification.solve.adjustment import adjust
 
 SIZES = sized((500, 5_000, 50_000, 500_000), (500,))
 # Beyond these a peer takes more minutes or memory than it is worth.

@@ -16,20 +16,15 @@ from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.derivatives import derivative_chunks
 from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.lab.adjustment.datum import with_datum
+from traverse.lab.adjustment.equations import misclosures_mm
+from traverse.lab.adjustment.linearise import linearise
+from traverse.lab.adjustment.noise import a_priori_noise
+from traverse.lab.adjustment.parameters import ArmValues, arm_parameters
+from traverse.lab.adjustment.problem import Network, State, Station, stations
+from traverse.lab.adjustment.starting_values import start_state
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.poses import Poses
-from traverse.lab.identification.equations.datum import with_datum
-from traverse.lab.identification.equations.network import (
-    Network,
-    State,
-    Station,
-    a_priori_noise,
-    misclosures_mm,
-    start_state,
-    stations,
-)
-from traverse.lab.identification.equations.parameters import ArmValues, arm_parameters
-from traverse.lab.identification.solve.adjustment import linearise
 from traverse.simulator.campaigns import CampaignSpec, draw_noise, make_poses
 
 _MOST_DIFFERENT = 5000

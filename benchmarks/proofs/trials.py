@@ -18,16 +18,13 @@ from benchmarks.tools.handover import campaign_from_simulation
 from benchmarks.trials.lines import Line
 from traverse.arrays import Floats
 from traverse.kinematics.model.forward import probe_centre
+from traverse.lab.adjustment.equations import WhiteRows, white_rows
+from traverse.lab.adjustment.linearise import certified
+from traverse.lab.adjustment.parameters import ArmValues
+from traverse.lab.adjustment.problem import Station
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.network import (
-    Station,
-    WhiteRows,
-    white_rows,
-)
-from traverse.lab.identification.equations.parameters import ArmValues
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.results.result import Identification
-from traverse.lab.identification.solve.adjustment import certified
 from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.campaigns import PoseSet, SimulatedCampaign, draw_noise
 from traverse.simulator.campaigns.spec import NoiseTable

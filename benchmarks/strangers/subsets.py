@@ -19,12 +19,9 @@ from benchmarks.trials.series import Series
 from tests.lab.identification.test_strangers import DESIGN, tracked
 from tests.lab.simulated import Noise, arm_value
 from traverse.kinematics.arm_file.arm import Arm, read_arm
+from traverse.lab.adjustment.prepare import IdentificationError
 from traverse.lab.campaign.campaign import Campaign, read_campaign
-from traverse.lab.identification.identify import (
-    IdentificationError,
-    Options,
-    identify,
-)
+from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.results.evidence import outcome_of as judge
 
 N_EACH, SEED = 125, 1

@@ -25,11 +25,12 @@ from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.lab.adjustment.prepare import IdentificationError
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.diagnosis.report.files import arm_with_provenance
-from traverse.lab.identification.identify import IdentificationError, identify
+from traverse.lab.identification.identify import identify
 
 HEAD = (
     "| set | poses used | kept aside | tool alone | scipy | pybotics | Traverse "

@@ -24,11 +24,11 @@ from traverse.lab.acceptance.certificate.check import (
     certificate_problems,
 )
 from traverse.lab.acceptance.certificate.values import administration_of
+from traverse.lab.adjustment.prepare import IdentificationError
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.certificates.laboratory import Laboratory
-from traverse.lab.identification.identify import IdentificationError, Options, identify
+from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.results.files import (
-    COVARIANCE_FILE,
     IDENTIFICATION,
     IDENTIFICATION_FILES,
     SCHEMA,
@@ -37,6 +37,7 @@ from traverse.lab.identification.results.files import (
 )
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.measured_points.reading import files_read, measured_campaign
+from traverse.lab.outcomes.covariance import COVARIANCE_FILE
 from traverse.lab.report.checksums import sums_of
 from traverse.lab.report.plain_values import differences
 from traverse.lab.report.provenance import digest_of_files

@@ -7,6 +7,8 @@ import numpy as np
 
 from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Effect
+from traverse.lab.adjustment.clusters import with_clusters_back
+from traverse.lab.adjustment.iterate import IteratedAdjustment
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.holdout.comparison import is_better
 from traverse.lab.diagnosis.model.fit import Fit, fitted, has_epoch
@@ -18,8 +20,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
 from traverse.lab.diagnosis.model.result import DiagnosisOptions, HoldoutComparison
 from traverse.lab.diagnosis.search.decision import Decision, NamedTerm
 from traverse.lab.diagnosis.search.forward_search import SearchState, refitted
-from traverse.lab.identification.solve.contradictions import with_clusters_back
-from traverse.lab.identification.solve.iterative_adjustment import IteratedAdjustment
 
 # Compares a fit with the one without terms, on the poses kept aside.
 Compared = Callable[[Fit], HoldoutComparison]

@@ -8,6 +8,8 @@ import numpy as np
 
 from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.adjustment.prepare import IdentificationError
+from traverse.lab.adjustment.snooping import contradicted_expectation
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.holdout import SPLITS, at_most
 from traverse.lab.diagnosis.adaptation import adaptation, final_estimates
@@ -46,8 +48,6 @@ from traverse.lab.diagnosis.search.forward_search import (
     refitted,
 )
 from traverse.lab.diagnosis.terms import terms_of, verdict_of
-from traverse.lab.identification.identify import IdentificationError
-from traverse.lab.identification.solve.contradictions import contradicted_expectation
 
 __all__ = ["DiagnosisOptions", "diagnose"]
 

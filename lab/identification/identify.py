@@ -8,26 +8,39 @@ from pydantic import Field
 
 from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.kinematics.model.geometry import geometry_from_arm
-from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.campaign.prior import Prior
-from traverse.lab.identification.equations.datum import with_datum
-from traverse.lab.identification.equations.effect_model import effect_model
-from traverse.lab.identification.equations.first_moments import with_first_moments
-from traverse.lab.identification.equations.network import (
-    Network,
-    Noise,
-    State,
-    network_of,
-    rms_mm,
-    start_state,
+from traverse.lab.adjustment.clusters import ExcludedCluster, with_clusters_back
+from traverse.lab.adjustment.equations import rms_mm
+from traverse.lab.adjustment.estimates import (
+    arm_of_adjustment,
+    cartesian_covariance,
+    deviations_of_design,
+    global_test,
+    variance_factor,
 )
-from traverse.lab.identification.equations.parameters import (
+from traverse.lab.adjustment.iterate import IteratedAdjustment, iterate
+from traverse.lab.adjustment.noise import Noise, VarianceModel
+from traverse.lab.adjustment.parameters import (
     ArmValues,
     Parameters,
-    arm_parameters,
-    expected_by,
-    masked,
+)
+from traverse.lab.adjustment.prepare import IdentificationError, Options, prepared
+from traverse.lab.adjustment.problem import Network, State, network_of
+from traverse.lab.adjustment.snooping import contradicted_expectation
+from traverse.lab.adjustment.solve import MOST_ITERATIONS, Adjustment, adjust
+from traverse.lab.adjustment.starting_values import (
+    CoarseStart,
+    coarse_start,
+    start_state,
+    with_tools_fitted,
+)
+from traverse.lab.adjustment.wrong_orientations import excluded_part
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.first_moments import with_first_moments
+from traverse.lab.identification.certificates import (
+    ContactShift,
+    Contradiction,
+    lost_poses,
+    without_wrong_certificates,
 )
 from traverse.lab.identification.optimal_design import (
     joint_coverage,
@@ -35,57 +48,22 @@ from traverse.lab.identification.optimal_design import (
 )
 from traverse.lab.identification.results.orientations import orientation_result
 from traverse.lab.identification.results.postprocessing import (
-    arm_of_adjustment,
     artefact_results,
-    cartesian_covariance,
     condition_number,
-    deviations_of_design,
-    global_test,
     parameter_estimates,
-    variance_factor,
 )
 from traverse.lab.identification.results.result import ExcludedPose, Identification
 from traverse.lab.identification.results.undetermined import (
     undetermined_directions,
     weak_directions,
 )
-from traverse.lab.identification.solve.adjustment import (
-    MOST_ITERATIONS,
-    Adjustment,
-    Iteration,
-    Progress,
-    adjust,
-)
-from traverse.lab.identification.solve.contradictions import (
-    ContactShift,
-    Contradiction,
-    ExcludedCluster,
-    contradicted_expectation,
-    lost_poses,
-    with_clusters_back,
-    without_wrong_certificates,
-)
-from traverse.lab.identification.solve.iterative_adjustment import (
-    IteratedAdjustment,
-    Options,
-    iterate,
-)
-from traverse.lab.identification.solve.noise import (
-    SerialNoise,
-    VarianceModel,
-    serial_noise,
-)
-from traverse.lab.identification.solve.starting_values import (
-    CoarseStart,
-    coarse_start,
-    with_tools_fitted,
-)
-from traverse.lab.identification.solve.wrong_orientations import (
+from traverse.lab.identification.stream_noise import SerialNoise, serial_noise
+from traverse.lab.identification.wrong_orientations import (
     WrongOrientation,
     are_inverse,
-    excluded_part,
     without_wrong_orientations,
 )
+from traverse.lab.outcomes.progress import Iteration, Progress
 from traverse.strict_toml.reader import StrictModel
 
 __all__ = ["IdentificationError", "Options", "identify"]
@@ -93,6 +71,8 @@ __all__ = ["IdentificationError", "Options", "identify"]
 
 # Of a hypothesis: a wrong one creeps, a right one is there by then.
 _MOST_OF_A_TRIAL = 25
+
+
 # Other zeros must make the median misclosure smaller than this part of it.
 _WORTH_IT = 0.95
 
@@ -110,10 +90,6 @@ class Masks(StrictModel):
     schema_: Literal["traverse/identification-masks/1"] = Field(alias="schema")
     hold: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
-
-
-class IdentificationError(ValueError):
-    """The arm, the campaign and the wishes do not fit together."""
 
 
 def identify(
@@ -465,86 +441,3 @@ def _fits_better(
     if medians_mm[0] * _WORTH_IT < medians_mm[1] and changes[0] < changes[1] / 2.0:
         return True
     return bool(medians_mm[0] < _WORTH_IT * medians_mm[1])
-
-
-def prepared(
-    campaign: Campaign, arm: Arm, options: Options
-) -> tuple[ArmValues, Parameters]:
-    """Make the design's values, and choose what is free.
-
-    Raises:
-        IdentificationError: A pattern fits no parameter, or effects do not fit.
-    """
-    geometry, prior = geometry_from_arm(arm), campaign.prior
-    # Directions of components, and which are held, decide what others mean to a family.
-    of_design = geometry if prior is None else geometry_from_arm(prior.design)
-    try:
-        effects = effect_model(arm, arm.effects, campaign) if arm.effects else None
-    except ValueError as error:
-        raise IdentificationError(str(error)) from error
-    names = [tool.name for tool in campaign.tools]
-    mounted = campaign.poses.mounted
-    parameters = arm_parameters(
-        of_design, campaign.joint_names, effects, names, mounted
-    )
-    in_the_arms_system = any(artefact.fixes_datum for artefact in campaign.artefacts)
-    wishes = (*(("origin.*",) if in_the_arms_system else ()), *options.free)
-    tools_mm = np.array(
-        [tool.vector_mm or geometry.probe_vector_mm for tool in campaign.tools]
-    ).reshape(-1, 3)
-    try:
-        held = [f"tool.{name}.?" for name in _held_tools(campaign)]
-        parameters = parameters.with_free(masked(parameters, held, ()))
-        parameters = parameters.with_free(masked(parameters, options.hold, wishes))
-        if effects is not None:
-            # Where no mass is known, what yields is estimated with what it yields to.
-            wishes = (*wishes, *effects.moments_with(parameters.free_names))
-            parameters = parameters.with_free(masked(parameters, options.hold, wishes))
-    except ValueError as error:
-        raise IdentificationError(str(error)) from error
-    if not in_the_arms_system:
-        parameters = with_datum(parameters, of_design, tools_mm=tools_mm)
-    values = np.empty(0) if effects is None else effects.effects.values
-    if prior is not None:
-        _check_same_datum(prior, parameters)
-        expected = expected_by(prior, of_design, campaign)
-        parameters = replace(parameters, expected=expected)
-    unturned = np.tile([1.0, 0.0, 0.0, 0.0], (len(mounted), 1))
-    return ArmValues(geometry, values, tools_mm, unturned), parameters
-
-
-_OF_DATUM = (".axis.", ".link.", "origin.")
-
-
-def _check_same_datum(prior: Prior, parameters: Parameters) -> None:
-    """Refuse a family whose parameters mean something else, as others were held.
-
-    Raises:
-        IdentificationError: Other axes, links or origins are free than in the family.
-    """
-    theirs, ours = (
-        {name for name in names if any(part in name for part in _OF_DATUM)}
-        for names in (prior.estimated, parameters.free_names)
-    )
-    if theirs != ours:
-        raise IdentificationError(
-            f"{prior.family}: its arms were identified with other parameters free: "
-            f"{', '.join(sorted(theirs ^ ours))}; identify all with the "
-            "same --hold and --free, on artefacts of the same kind of place"
-        )
-
-
-def _held_tools(campaign: Campaign) -> list[str]:
-    """Name the tools that are held.
-
-    Where no pose has the arm's own, the first one is: what its vector is off is in
-    the last link, as that of the probe is otherwise.
-    """
-    if campaign.poses.tools is None:
-        return []
-    used = np.unique(campaign.poses.tools)
-    return [
-        tool.name
-        for number, tool in enumerate(campaign.tools, start=1)
-        if tool.held or number not in used or number == used[0]
-    ]

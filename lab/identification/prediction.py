@@ -15,19 +15,22 @@ from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.kinematics.effects.pose import pose_flags
-from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.effect_model import effect_model
-from traverse.lab.identification.equations.network import (
+from traverse.lab.adjustment.effect_model import effect_model
+from traverse.lab.adjustment.equations import (
+    fitted_mountings,
+    misclosures_mm,
+    orientation_errors,
+)
+from traverse.lab.adjustment.noise import (
     DEFAULT_CONTACT_MM,
     DEFAULT_ENCODER_RAD,
     DEFAULT_ORIENTATION_RAD,
-    fitted_mountings,
-    misclosures_mm,
-    network_of,
-    orientation_errors,
 )
-from traverse.lab.identification.identify import Options, identify, prepared
-from traverse.lab.identification.results.files import texts, write_poses
+from traverse.lab.adjustment.prepare import prepared
+from traverse.lab.adjustment.problem import network_of
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.pose_cells import texts, write_poses
+from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.results.orientations import (
     Mounting,
     orientation_sizes,

@@ -24,8 +24,8 @@ from traverse.arrays import Booleans, Floats, Integers
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry, across
+from traverse.lab.adjustment.parameters import ArmValues, Parameters
 from traverse.lab.campaign.poses import Poses
-from traverse.lab.identification.equations.parameters import ArmValues, Parameters
 
 _N_SAMPLES = 4000
 _SEED = 20_170_112

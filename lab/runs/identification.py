@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.adjustment.prepare import IdentificationError
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.holdout import SPLITS
-from traverse.lab.identification.identify import IdentificationError, Options, identify
+from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.prediction import holdout_figures
 from traverse.lab.identification.report.page import (
     report_page,
@@ -25,7 +26,7 @@ from traverse.lab.identification.results.files import (
     write_result,
 )
 from traverse.lab.identification.results.result import Identification
-from traverse.lab.identification.solve.adjustment import Progress
+from traverse.lab.outcomes.progress import Progress
 from traverse.lab.report.checksums import SUMS, sums_of, write_sums
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.runs.inputs import BreakdownError, broken_down, date_of

@@ -29,6 +29,10 @@ from traverse.kinematics.effect_table import EFFECT_KINDS, Family, key_unit
 from traverse.kinematics.helmert.transformation import N_RIGID, motions
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
+from traverse.lab.adjustment.prepare import Options, prepared
+from traverse.lab.adjustment.problem import network_of
+from traverse.lab.adjustment.solve import adjust
+from traverse.lab.adjustment.starting_values import start_state
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.library import absent_candidates, library_bank
 from traverse.lab.diagnosis.candidates.scoring import (
@@ -44,10 +48,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
     equations_of,
 )
 from traverse.lab.diagnosis.model.result import Detectable
-from traverse.lab.identification.equations.network import network_of, start_state
-from traverse.lab.identification.identify import prepared
-from traverse.lab.identification.solve.adjustment import adjust
-from traverse.lab.identification.solve.iterative_adjustment import Options
 
 # An axis within that of the direction of gravity is vertical.
 _VERTICAL = 0.02

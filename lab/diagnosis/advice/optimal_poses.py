@@ -19,6 +19,10 @@ from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.adjustment.equations import station_centres
+from traverse.lab.adjustment.problem import State, stations
+from traverse.lab.adjustment.solve import Adjustment, adjust
+from traverse.lab.artefacts.touching import postures_touching
 from traverse.lab.campaign.poses import Poses
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.steps import step_columns
@@ -30,13 +34,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
     equations_of,
     rows_by_pose,
 )
-from traverse.lab.identification.equations.network import (
-    State,
-    station_centres,
-    stations,
-)
-from traverse.lab.identification.optimal_design import postures_touching
-from traverse.lab.identification.solve.adjustment import Adjustment, adjust
 
 
 def further_contacts(

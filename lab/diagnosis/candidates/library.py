@@ -19,6 +19,7 @@ from traverse.kinematics.effects.base.bodies import bodies_from_arm
 from traverse.kinematics.effects.base.context import context_from_arm
 from traverse.kinematics.effects.base.correction import ContactCorrection, Correction
 from traverse.kinematics.effects.mechanics.deformations import Compliance
+from traverse.lab.campaign.plausible_sizes import plausible_values
 from traverse.lab.diagnosis.model.candidate import (
     Bank,
     BankName,
@@ -29,12 +30,7 @@ from traverse.lab.diagnosis.model.candidate import (
 from traverse.lab.diagnosis.model.covariates import covariate_values, varies
 from traverse.lab.diagnosis.model.fit import effect_columns
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-from traverse.lab.identification.equations.effect_model import plausible_values
-from traverse.lab.identification.equations.first_moments import (
-    assumed_moments,
-    first_moments,
-    states_no_mass,
-)
+from traverse.lab.first_moments import assumed_moments, first_moments, states_no_mass
 
 # Higher orders of the encoders are found by the bank of harmonics.
 HIGHEST_ORDER = 4

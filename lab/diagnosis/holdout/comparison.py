@@ -25,31 +25,21 @@ from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 from scipy.spatial import cKDTree  # type: ignore[import-untyped] # ships no types
 
 from traverse.arrays import Booleans, Floats, Integers
+from traverse.lab.adjustment.datum import undetermined_scale
+from traverse.lab.adjustment.equations import station_centres, white_rows
+from traverse.lab.adjustment.linearise import certified, linearise
+from traverse.lab.adjustment.noise import Noise
+from traverse.lab.adjustment.prepare import Options
+from traverse.lab.adjustment.problem import Station, stations
+from traverse.lab.adjustment.rank import decide_rank
+from traverse.lab.adjustment.snooping import PoseStatistics, pose_statistics
+from traverse.lab.adjustment.solve import Adjustment
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import (
     HoldoutComparison,
     HoldoutMisfit,
     HoldoutResult,
 )
-from traverse.lab.identification.equations.datum import undetermined_scale
-from traverse.lab.identification.equations.network import (
-    Noise,
-    Station,
-    station_centres,
-    stations,
-    white_rows,
-)
-from traverse.lab.identification.solve.adjustment import (
-    Adjustment,
-    certified,
-    linearise,
-)
-from traverse.lab.identification.solve.iterative_adjustment import Options
-from traverse.lab.identification.solve.reliability import (
-    PoseStatistics,
-    pose_statistics,
-)
-from traverse.lab.identification.solve.sequential_qr import decide_rank
 from traverse.lab.statistics.distributions import (
     equivalent_normal,
     excess_p_value,

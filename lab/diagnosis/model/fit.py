@@ -13,6 +13,14 @@ from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.correction import Correction
 from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.mechanics.deformations import Compliance
+from traverse.lab.adjustment.effect_model import EffectModel, effect_model
+from traverse.lab.adjustment.estimates import arm_of_adjustment
+from traverse.lab.adjustment.iterate import IteratedAdjustment, iterate
+from traverse.lab.adjustment.noise import Noise, a_priori_noise
+from traverse.lab.adjustment.parameters import Parameters
+from traverse.lab.adjustment.prepare import Options, prepared
+from traverse.lab.adjustment.problem import network_of
+from traverse.lab.adjustment.starting_values import with_tools_fitted
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
@@ -22,22 +30,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     orthonormal_basis,
 )
 from traverse.lab.diagnosis.model.result import Diagnosis, Estimate, Term
-from traverse.lab.identification.equations.effect_model import EffectModel, effect_model
-from traverse.lab.identification.equations.first_moments import with_first_moments
-from traverse.lab.identification.equations.network import (
-    Noise,
-    a_priori_noise,
-    network_of,
-)
-from traverse.lab.identification.equations.parameters import Parameters
-from traverse.lab.identification.identify import prepared
-from traverse.lab.identification.results.postprocessing import arm_of_adjustment
-from traverse.lab.identification.solve.iterative_adjustment import (
-    IteratedAdjustment,
-    Options,
-    iterate,
-)
-from traverse.lab.identification.solve.starting_values import with_tools_fitted
+from traverse.lab.first_moments import with_first_moments
 
 # Moments of weight that the poses do not bear out wander; what is sound takes up to 51.
 _MOST_ITERATIONS = 60

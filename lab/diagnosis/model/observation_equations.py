@@ -30,13 +30,12 @@ from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import angle_corrections
 from traverse.kinematics.model.derivatives import probe_derivatives, turn_derivatives
 from traverse.kinematics.model.geometry import Geometry
-from traverse.lab.identification.equations.datum import undetermined_scale
-from traverse.lab.identification.equations.network import (
-    Noise,
-    each_tool,
-    white_rows,
-)
-from traverse.lab.identification.solve.adjustment import Adjustment, certified
+from traverse.lab.adjustment.datum import undetermined_scale
+from traverse.lab.adjustment.equations import white_rows
+from traverse.lab.adjustment.linearise import certified
+from traverse.lab.adjustment.noise import Noise
+from traverse.lab.adjustment.problem import each_tool
+from traverse.lab.adjustment.solve import Adjustment
 
 # Combinations of unknowns, in units of what is plausible, that move the data by less
 # than this part of their noise do not count as estimated.

@@ -16,16 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
+from traverse.lab.adjustment.equations import station_centres, white_rows
+from traverse.lab.adjustment.noise import Noise
+from traverse.lab.adjustment.problem import Station, stations
+from traverse.lab.adjustment.solve import Adjustment
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.network import (
-    Noise,
-    Station,
-    station_centres,
-    stations,
-    white_rows,
-)
-from traverse.lab.identification.results.files import texts, write_poses
-from traverse.lab.identification.solve.adjustment import Adjustment
+from traverse.lab.campaign.pose_cells import texts, write_poses
 
 
 @dataclass(frozen=True, slots=True, eq=False)

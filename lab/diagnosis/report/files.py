@@ -12,6 +12,13 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, parse_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
+from traverse.lab.adjustment.estimates import (
+    cartesian_covariance,
+    global_test,
+    mass_distribution,
+    variance_factor,
+)
+from traverse.lab.adjustment.iterate import IteratedAdjustment
 from traverse.lab.campaign.prior import family_json
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.fit import has_epoch, terms_without_epoch
@@ -27,19 +34,12 @@ from traverse.lab.diagnosis.model.result import (
 from traverse.lab.diagnosis.report.discrepancies import write_discrepancies
 from traverse.lab.diagnosis.report.page import report_page
 from traverse.lab.diagnosis.report.pictures import plots_of
-from traverse.lab.identification.results.files import (
+from traverse.lab.outcomes.base import outcome_json
+from traverse.lab.outcomes.covariance import (
     COVARIANCE_FILE,
+    CartesianCovariance,
     write_covariance,
 )
-from traverse.lab.identification.results.postprocessing import (
-    cartesian_covariance,
-    global_test,
-    variance_factor,
-)
-from traverse.lab.identification.results.result import CartesianCovariance
-from traverse.lab.identification.results.undetermined import mass_distribution
-from traverse.lab.identification.solve.iterative_adjustment import IteratedAdjustment
-from traverse.lab.outcomes.base import outcome_json
 from traverse.lab.report.plain_values import picked, plain_values
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.strict_toml.arm_text import arm_text

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from traverse.lab.adjustment.estimates import mass_distribution
 from traverse.lab.diagnosis.model.fit import terms_without_epoch
 from traverse.lab.diagnosis.model.outcome import outcome_of
 from traverse.lab.diagnosis.model.result import Diagnosis, Estimate
@@ -18,7 +19,6 @@ from traverse.lab.diagnosis.report.names import (
     term_size_text,
 )
 from traverse.lab.diagnosis.report.pictures import Plots
-from traverse.lab.identification.results.undetermined import mass_distribution
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.report.templates import Filters, Words, page
 

@@ -16,15 +16,12 @@ from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
+from traverse.lab.adjustment.parameters import ArmValues
+from traverse.lab.adjustment.problem import each_tool
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import Diagnosis, Term
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies
-from traverse.lab.identification.equations.first_moments import (
-    first_moments,
-    states_no_mass,
-)
-from traverse.lab.identification.equations.network import each_tool
-from traverse.lab.identification.equations.parameters import ArmValues
+from traverse.lab.first_moments import first_moments, states_no_mass
 from traverse.plurals import counted
 
 # Waves that repeat more often are drawn one upon the other.

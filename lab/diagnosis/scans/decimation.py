@@ -13,19 +13,13 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.adjustment.equations import misclosures_mm, station_centres
+from traverse.lab.adjustment.problem import Network, State, evenly, known_stations
+from traverse.lab.adjustment.solve import Adjustment
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.campaign.campaign import Campaign, touching_stretches
 from traverse.lab.diagnosis.model.fit import fitted
-from traverse.lab.identification.equations.network import (
-    Network,
-    State,
-    evenly,
-    known_stations,
-    misclosures_mm,
-    station_centres,
-)
-from traverse.lab.identification.solve.adjustment import Adjustment
 
 
 def with_surface_directions(

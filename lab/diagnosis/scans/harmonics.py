@@ -19,6 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.lab.adjustment.equations import WhiteRows, white_rows
+from traverse.lab.adjustment.linearise import certified
+from traverse.lab.adjustment.problem import Network, State, Station
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.library import HIGHEST_ORDER
 from traverse.lab.diagnosis.candidates.waves import HIGHEST_HARMONIC, harmonic_bank
@@ -28,14 +31,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
 )
 from traverse.lab.diagnosis.scans.decimation import undecimated_network
-from traverse.lab.identification.equations.network import (
-    Network,
-    State,
-    Station,
-    WhiteRows,
-    white_rows,
-)
-from traverse.lab.identification.solve.adjustment import certified
 
 # What unknowns leave of a harmonic, of its square, below which it is undetectable.
 _LEAST_LEFT = 1e-6

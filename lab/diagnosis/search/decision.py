@@ -8,6 +8,11 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
+from traverse.lab.adjustment.prepare import IdentificationError
+from traverse.lab.adjustment.wrong_orientations import (
+    contradict_by_orientation,
+    without_orientations,
+)
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.candidate_scores import (
     CandidateScores,
@@ -50,11 +55,6 @@ from traverse.lab.diagnosis.search.forward_search import (
     ranked,
     refitted,
     scores_at,
-)
-from traverse.lab.identification.identify import IdentificationError
-from traverse.lab.identification.solve.wrong_orientations import (
-    contradict_by_orientation,
-    without_orientations,
 )
 
 # Whoever is within this of the best belongs to the printed set.

@@ -41,7 +41,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
 )
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.diagnosis.search.outlier_recovery import recover_outliers
-from traverse.lab.identification.equations.first_moments import own_effects
+from traverse.lab.first_moments import own_effects
 
 # Takes draws (n_rows, n_draws); returns per draw the largest T and its degrees.
 Scan = Callable[[Floats], tuple[Floats, int]]

@@ -24,6 +24,9 @@ import numpy as np
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Booleans, Floats, Integers
+from traverse.lab.adjustment.prepare import Options
+from traverse.lab.adjustment.problem import State, known_stations
+from traverse.lab.adjustment.snooping import robust_scale
 from traverse.lab.diagnosis.candidates.curves import generic_bank
 from traverse.lab.diagnosis.candidates.scoring import (
     ProjectedCandidate,
@@ -36,9 +39,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
 )
-from traverse.lab.identification.equations.network import State, known_stations
-from traverse.lab.identification.solve.iterative_adjustment import Options
-from traverse.lab.identification.solve.reliability import robust_scale
 
 _MOST_ROUNDS = 12
 # Poses leave together when their statistic is above this part of the worst one's.

@@ -5,14 +5,12 @@ from typing import Any
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.lab.identification.equations.datum import probe_effects_mm
+from traverse.lab.adjustment.datum import probe_effects_mm
+from traverse.lab.adjustment.estimates import mass_distribution
 from traverse.lab.identification.report.pictures import pictures_of
 from traverse.lab.identification.results.evidence import outcome_of
 from traverse.lab.identification.results.result import Identification
-from traverse.lab.identification.results.undetermined import (
-    combination,
-    mass_distribution,
-)
+from traverse.lab.identification.results.undetermined import combination
 from traverse.lab.identification.uncertainty_map import (
     UncertaintyMap,
     arm_uncertainty,

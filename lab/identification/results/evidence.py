@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from traverse.lab.adjustment.clusters import ExcludedCluster
 from traverse.lab.artefacts.artefact import Artefact
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.results.undetermined import combination
-from traverse.lab.identification.solve.contradictions import ExcludedCluster
 from traverse.lab.outcomes.identification import (
     ContradictedCertificate,
     Direction,

@@ -1,36 +1,31 @@
 """Files of an identification: arm, covariance, identification.json, residuals.csv."""
 
-import csv
-import hashlib
 import json
-from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, write_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
-from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.adjustment.estimates import mass_distribution
+from traverse.lab.campaign.pose_cells import texts, write_poses
 from traverse.lab.campaign.prior import family_json
 from traverse.lab.identification.results.evidence import outcome_of
-from traverse.lab.identification.results.result import (
-    ArtefactResult,
-    CartesianCovariance,
-    Identification,
-)
-from traverse.lab.identification.results.undetermined import mass_distribution
+from traverse.lab.identification.results.result import ArtefactResult, Identification
 from traverse.lab.outcomes.base import outcome_json
+from traverse.lab.outcomes.covariance import COVARIANCE_FILE, write_covariance
 from traverse.lab.report.plain_values import picked, plain_values
 from traverse.lab.report.provenance import ReportProvenance
-from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.writing import write_atomically
 
 SCHEMA = "traverse/identification/1"
+
+
 IDENTIFICATION = "identification.json"
-COVARIANCE_FILE = "arm.cov.npz"
+
+
 IDENTIFICATION_FILES = (
     "arm.toml",
     COVARIANCE_FILE,
@@ -180,17 +175,6 @@ def _artefact(entry: ArtefactResult) -> dict[str, Any]:
     return values
 
 
-def write_covariance(cartesian: CartesianCovariance, path: Path) -> str:
-    """Write names, values and covariance; return the file's SHA-256."""
-    np.savez(
-        path,
-        names=np.array(cartesian.names),
-        values=cartesian.values,
-        covariance=cartesian.covariance,
-    )
-    return hashlib.sha256(bytes_of(path)).hexdigest()
-
-
 def _write_residuals(result: Identification, path: Path) -> None:
     """Write one line a pose: misclosures, tests, corrections of the readings."""
     campaign, found = result.campaign, result.statistics
@@ -216,24 +200,3 @@ def _write_residuals(result: Identification, path: Path) -> None:
         header,
         lambda at: [*texts(numbers[at]), str(excluded[at]), *texts(rest[at])],
     )
-
-
-def write_poses(
-    path: Path,
-    campaign: Campaign,
-    header: Sequence[str],
-    cells: Callable[[int], list[str]],
-) -> None:
-    """Write a CSV table of a campaign's poses: what was touched, and further cells."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["line", "artefact", "feature", *header])
-        writer.writerows(
-            [line, *campaign.touched_cells(at), *cells(at)]
-            for at, line in enumerate(campaign.poses.lines.tolist())
-        )
-
-
-def texts(numbers: Floats) -> list[str]:
-    """Write numbers as cells, empty for NaN."""
-    return ["" if np.isnan(number) else f"{number:.6g}" for number in numbers]

@@ -7,17 +7,13 @@ from typing import Any
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
+from traverse.lab.adjustment.equations import orientation_errors
+from traverse.lab.adjustment.noise import VarianceSums
+from traverse.lab.adjustment.parameters import tool_key
+from traverse.lab.adjustment.problem import Network, State, known_stations
+from traverse.lab.adjustment.solve import Adjustment
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.network import (
-    Network,
-    State,
-    known_stations,
-    orientation_errors,
-)
-from traverse.lab.identification.equations.parameters import tool_key
-from traverse.lab.identification.solve.adjustment import Adjustment
-from traverse.lab.identification.solve.reliability import VarianceSums
-from traverse.lab.identification.solve.wrong_orientations import WrongOrientation
+from traverse.lab.identification.wrong_orientations import WrongOrientation
 from traverse.lab.report.plain_values import picked, plain_values
 
 

@@ -8,22 +8,25 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.adjustment.clusters import ExcludedCluster
+from traverse.lab.adjustment.datum import probe_effects_mm
+from traverse.lab.adjustment.estimates import named
+from traverse.lab.adjustment.noise import Noise
+from traverse.lab.adjustment.prepare import Options
+from traverse.lab.adjustment.snooping import PoseStatistics
+from traverse.lab.adjustment.solve import Adjustment
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.datum import probe_effects_mm
-from traverse.lab.identification.equations.network import Noise
-from traverse.lab.identification.optimal_design import JointCoverage, Suggestion
-from traverse.lab.identification.results.orientations import OrientationResult
-from traverse.lab.identification.results.undetermined import Undetermined, Weak, named
-from traverse.lab.identification.solve.adjustment import Adjustment, Iteration
-from traverse.lab.identification.solve.contradictions import (
+from traverse.lab.identification.certificates import (
     ContactShift,
     Contradiction,
-    ExcludedCluster,
     LostPoses,
 )
-from traverse.lab.identification.solve.iterative_adjustment import Options
-from traverse.lab.identification.solve.noise import SerialNoise
-from traverse.lab.identification.solve.reliability import PoseStatistics
+from traverse.lab.identification.optimal_design import JointCoverage, Suggestion
+from traverse.lab.identification.results.orientations import OrientationResult
+from traverse.lab.identification.results.undetermined import Undetermined, Weak
+from traverse.lab.identification.stream_noise import SerialNoise
+from traverse.lab.outcomes.covariance import CartesianCovariance
+from traverse.lab.outcomes.progress import Iteration
 from traverse.lab.statistics.distributions import GlobalTest
 
 
@@ -100,22 +103,6 @@ class ExcludedPose:
     line: int
     w: float
     part: str = "position"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CartesianCovariance:
-    """Covariance free of any basis, for `arm.cov.npz`.
-
-    Attributes:
-        names: `J1.axis.x`, ..., `J1.link.x`, ..., `probe.vector.x`, ..., the effects',
-            `origin.x`, ...
-        values: As estimated, (n_names,).
-        covariance: Singular where something is held, (n_names, n_names).
-    """
-
-    names: tuple[str, ...]
-    values: Floats
-    covariance: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

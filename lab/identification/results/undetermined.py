@@ -6,31 +6,31 @@ probe on the last axis; else the poses as a whole are to blame.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.model.geometry import Geometry
-from traverse.lab.identification.equations.datum import (
-    probe_effects_mm,
-    undetermined_scale,
-)
-from traverse.lab.identification.equations.network import Network
-from traverse.lab.identification.equations.parameters import Parameters
+from traverse.lab.adjustment.datum import probe_effects_mm, undetermined_scale
+from traverse.lab.adjustment.estimates import named
+from traverse.lab.adjustment.problem import Network
+from traverse.lab.adjustment.solve import Adjustment
 from traverse.lab.identification.optimal_design import (
     JointCoverage,
     joint_coverage,
 )
-from traverse.lab.identification.solve.adjustment import Adjustment
 
-# Components smaller than this part of the largest are not named.
-_NAMED = 0.1
 # Uncertainty beyond this part of its tolerance: the direction is called weak, and so is
 # one that moves the probe by more than ten contacts' noise.
 _WEAK = 0.2
+
+
 _WEAK_IN_CONTACTS = 10.0
+
+
 _ON_THE_AXIS_MM = 2.0
+
+
 _NO_LENGTH = (
     "no length in this campaign: the scale of the whole arm is not determined; add a "
     "ball bar or another known length"
@@ -138,16 +138,6 @@ def _sparse(rows: Floats) -> Floats:
     return sparse
 
 
-def named(parameters: Parameters, direction: Floats) -> dict[str, float]:
-    """Name the larger components of a direction of the free ones, largest first."""
-    least = _NAMED * float(np.max(np.abs(direction)))
-    order = np.argsort(-np.abs(direction))
-    names = parameters.free_names
-    return {
-        names[at]: float(direction[at]) for at in order if abs(direction[at]) >= least
-    }
-
-
 # Parameters that are written of a combination.
 _MOST_NAMES = 6
 
@@ -194,43 +184,3 @@ def _reason(
         f"{least.joint}, {np.degrees(least.travel_rad):.0f} degrees); measure more "
         "and more varied postures"
     )
-
-
-# Part of what is assumed up to which a combination counts as determined.
-_DETERMINED = 0.5
-
-
-def mass_distribution(adjustment: Adjustment) -> dict[str, Any]:
-    """Say what was estimated of masses, as reports and JSON files have it.
-
-    Combinations are those of the covariance over the assumed variances, their `std` a
-    part of the assumed one; empty where no first moment was estimated for want of
-    masses.
-    """
-    parameters = adjustment.network.parameters
-    model = parameters.effects
-    if model is None or model.assumed is None:
-        return {}
-    is_moment = np.zeros(len(parameters.names), dtype=np.bool_)
-    is_moment[parameters.n_geometric :][model.moments] = True
-    is_free = parameters.free[is_moment]
-    if not np.any(is_free):
-        return {}
-    joints = model.effects.joint_names
-    moments = model.at(adjustment.state.arm.amplitudes).first_moments
-    stds_kg_m = model.assumed.stds_of(moments)[is_free]
-    own = is_moment[parameters.free]
-    white = adjustment.split.inverse[own] / stds_kg_m[:, np.newaxis]
-    squares, directions = np.linalg.eigh(white @ white.T)
-    combinations = np.zeros((len(squares), parameters.n_free))
-    combinations[:, own] = directions.T
-    return {
-        "assumed_mass_kg": model.assumed.mass_kg,
-        "first_moments_kg_m": {joints[m.joints.start]: m.values for m in moments},
-        "determined": [
-            {"direction": named(parameters, combination), "std": float(np.sqrt(square))}
-            for square, combination in zip(squares, combinations, strict=True)
-            if square < _DETERMINED**2
-        ],
-        "combinations": len(squares),
-    }

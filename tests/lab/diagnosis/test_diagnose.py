@@ -22,13 +22,13 @@ from tests.lab.diagnosis.engine_campaigns import (
 from tests.lab.diagnosis.fitted_rows import measured
 from tests.lab.simulated import arm_value, disturbed, seen_places, seven_joints
 from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.lab.adjustment.prepare import IdentificationError
 from traverse.lab.campaign.holdout import split
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
 from traverse.lab.diagnosis.model.fit import with_effects
 from traverse.lab.diagnosis.report.files import diagnosis_json
 from traverse.lab.diagnosis.report.page import WORDS, summary_lines
-from traverse.lab.identification.identify import IdentificationError
 
 
 def decided(campaign, options=DECISION):

@@ -8,14 +8,15 @@ import pytest
 from benchmarks.tools.handover import campaign_from_simulation
 from tests.simulator.effects.examples import heavy_arm, spec_of
 from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.lab.adjustment.equations import all_misclosures
+from traverse.lab.adjustment.prepare import prepared
 from traverse.lab.diagnosis.advice.minimal_detectable import planned_equations
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.model.fit import with_effects as with_other_effects
 from traverse.lab.diagnosis.report.files import diagnosis_json
 from traverse.lab.diagnosis.report.page import summary_lines
-from traverse.lab.identification.equations.network import all_misclosures
-from traverse.lab.identification.identify import Options, prepared
+from traverse.lab.identification.identify import Options
 from traverse.simulator.campaigns import (
     NoiseTable,
     Points,

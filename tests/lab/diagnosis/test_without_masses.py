@@ -19,16 +19,13 @@ from traverse.kinematics.arm_file.arm import parse_arm, read_arm
 from traverse.kinematics.effects.arm_effects import effects_from_arm
 from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.lab.adjustment.estimates import mass_distribution
 from traverse.lab.diagnosis.advice.minimal_detectable import planned
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.report.files import write_diagnosis
 from traverse.lab.diagnosis.report.page import summary_lines
-from traverse.lab.identification.equations.first_moments import (
-    assumed_moments,
-    with_first_moments,
-)
+from traverse.lab.first_moments import assumed_moments, with_first_moments
 from traverse.lab.identification.prediction import placed, places_of, predict
-from traverse.lab.identification.results.undetermined import mass_distribution
 from traverse.strict_toml.arm_text import arm_text
 
 BARE = without_masses(weighed(demo_arm()))

@@ -16,8 +16,8 @@ from tests.lab.simulated import (
     simulate,
 )
 from traverse.kinematics.model.derivatives import probe_derivatives
+from traverse.lab.adjustment.noise import VarianceModel
 from traverse.lab.identification.identify import Options, identify
-from traverse.lab.identification.solve.noise import VarianceModel
 
 TABLES = [*cones(3), bar()]
 

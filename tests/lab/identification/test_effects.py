@@ -10,21 +10,14 @@ from benchmarks.tools.handover import campaign_from_simulation
 from tests.simulator.effects.examples import START, TABLES, example, heavy_arm, spec_of
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.kinematics.effects.base.context import utc_ns
-from traverse.lab.identification.equations.effect_model import effect_model
-from traverse.lab.identification.equations.network import (
-    Network,
-    a_priori_noise,
-    rms_mm,
-    start_state,
-    stations,
-)
-from traverse.lab.identification.identify import (
-    IdentificationError,
-    Options,
-    identify,
-    prepared,
-)
-from traverse.lab.identification.solve.adjustment import certified
+from traverse.lab.adjustment.effect_model import effect_model
+from traverse.lab.adjustment.equations import rms_mm
+from traverse.lab.adjustment.linearise import certified
+from traverse.lab.adjustment.noise import a_priori_noise
+from traverse.lab.adjustment.prepare import IdentificationError, prepared
+from traverse.lab.adjustment.problem import Network, stations
+from traverse.lab.adjustment.starting_values import start_state
+from traverse.lab.identification.identify import Options, identify
 from traverse.simulator.campaigns import (
     BallBar,
     Cone,

@@ -9,10 +9,7 @@ from benchmarks.blind.hidden.poses import without_masses
 from tests.lab.diagnosis.engine_campaigns import hidden, measured_with, poses
 from traverse.kinematics.arm_file.arm import effect_from_table, read_arm
 from traverse.kinematics.effects.arm_effects import effects_from_arm
-from traverse.lab.identification.equations.first_moments import (
-    assumed_moments,
-    with_first_moments,
-)
+from traverse.lab.first_moments import assumed_moments, with_first_moments
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.report.page import result_map, summary_lines
 from traverse.lab.identification.results.files import (

@@ -23,20 +23,13 @@ from traverse.kinematics.model.quaternion import (
     multiply,
     rotation_vectors,
 )
+from traverse.lab.adjustment.effect_model import effect_model
+from traverse.lab.adjustment.equations import all_misclosures, white_rows
+from traverse.lab.adjustment.prepare import IdentificationError, prepared
+from traverse.lab.adjustment.problem import network_of
+from traverse.lab.adjustment.starting_values import start_state
 from traverse.lab.campaign.campaign_file import Tool
-from traverse.lab.identification.equations.effect_model import effect_model
-from traverse.lab.identification.equations.network import (
-    all_misclosures,
-    network_of,
-    start_state,
-    white_rows,
-)
-from traverse.lab.identification.identify import (
-    IdentificationError,
-    Options,
-    identify,
-    prepared,
-)
+from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.prediction import (
     mountings_of,
     places_of,

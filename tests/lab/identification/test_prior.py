@@ -11,15 +11,12 @@ from benchmarks.proofs.conditions import demo_arm
 from benchmarks.tools.handover import campaign_from_simulation
 from tests.running import invoke
 from traverse.kinematics.arm_file.arm import arm_digest, read_arm, write_arm
+from traverse.lab.adjustment.prepare import IdentificationError
 from traverse.lab.campaign.prior import Prior, read_prior
 from traverse.lab.certificates.evidence import add_data, evidence_problems
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.identification.family import population_of
-from traverse.lab.identification.identify import (
-    IdentificationError,
-    Options,
-    identify,
-)
+from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.results.arm_comparison import compare_arms
 from traverse.simulator.arm.truth import Deviations, true_arm
 from traverse.simulator.campaigns import (

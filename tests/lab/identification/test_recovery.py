@@ -21,7 +21,7 @@ from tests.lab.simulated import (
 )
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
-from traverse.lab.identification.equations.datum import rigid_motions, with_datum
+from traverse.lab.adjustment.datum import rigid_motions, with_datum
 from traverse.lab.identification.identify import Options, identify
 
 PLAIN = Options(snooping=False, coarse_start=False, n_suggestions=0)

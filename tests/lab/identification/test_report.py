@@ -14,7 +14,7 @@ import pytest
 from tests.lab.identification.words import said
 from tests.lab.report.pages import Page
 from tests.lab.simulated import DESIGN, DESIGN_ARM, bar, built, cones, simulate
-from traverse.lab.identification.equations.datum import posture_columns
+from traverse.lab.adjustment.datum import posture_columns
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.report.page import (
     WORDS,

@@ -13,7 +13,7 @@ from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.report.page import WORDS, result_map, summary_lines
 from traverse.lab.identification.results.files import identification_json
-from traverse.lab.identification.solve.noise import correlations
+from traverse.lab.identification.stream_noise import correlations
 
 PHI = 0.6
 ENCODER_RAD = 5e-6

@@ -9,16 +9,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from tests.lab.simulated import DESIGN, DESIGN_ARM, bar, built, cones, simulate
-from traverse.lab.identification.equations.network import (
-    white_rows,
-    whiteners,
-)
+from traverse.lab.adjustment.equations import white_rows, whiteners
+from traverse.lab.adjustment.rank import decide_rank, eliminate_unknowns, sequential_qr
 from traverse.lab.identification.identify import Options, identify
-from traverse.lab.identification.solve.sequential_qr import (
-    decide_rank,
-    eliminate_unknowns,
-    sequential_qr,
-)
 from traverse.lab.statistics.distributions import (
     chi_square_log_tail,
     equivalent_normal,

@@ -23,19 +23,16 @@ from tests.lab.simulated import (
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry
-from traverse.lab.identification.equations.datum import with_datum
-from traverse.lab.identification.equations.network import (
-    Network,
-    a_priori_noise,
-    start_state,
-    stations,
-)
-from traverse.lab.identification.equations.parameters import ArmValues, arm_parameters
+from traverse.lab.adjustment.datum import with_datum
+from traverse.lab.adjustment.noise import a_priori_noise
+from traverse.lab.adjustment.parameters import ArmValues, arm_parameters
+from traverse.lab.adjustment.problem import Network, stations
+from traverse.lab.adjustment.solve import Adjustment, adjust
+from traverse.lab.adjustment.starting_values import start_state
 from traverse.lab.identification.results.arm_comparison import (
     ComparisonError,
     compare_arms,
 )
-from traverse.lab.identification.solve.adjustment import Adjustment, adjust
 from traverse.lab.identification.uncertainty_map import (
     ArmUncertainty,
     arm_uncertainty,

@@ -17,7 +17,8 @@ from tests.lab.simulated import (
     cones,
     simulate,
 )
-from traverse.lab.identification.identify import IdentificationError, Options, identify
+from traverse.lab.adjustment.prepare import IdentificationError
+from traverse.lab.identification.identify import Options, identify
 
 TABLES = [*cones(3), bar()]
 EVERYWHERE = np.full(7, np.pi)

@@ -9,6 +9,7 @@ from scipy import stats
 
 from tests.lab.diagnosis.fitted_rows import measured, measured_rows
 from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.lab.adjustment.equations import station_centres
 from traverse.lab.diagnosis.advice.experiments import (
     gain_needed,
     known_pair,
@@ -26,7 +27,6 @@ from traverse.lab.diagnosis.candidates.scoring import (
 )
 from traverse.lab.diagnosis.model.result import Alternative, DiagnosisOptions
 from traverse.lab.diagnosis.search.decision import decide
-from traverse.lab.identification.equations.network import station_centres
 
 
 @cache

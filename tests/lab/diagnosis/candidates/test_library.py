@@ -16,7 +16,7 @@ from traverse.lab.diagnosis.candidates.library import absent_candidates, library
 from traverse.lab.diagnosis.candidates.scoring import project
 from traverse.lab.diagnosis.model.candidate import Bank, effect_of_candidate
 from traverse.lab.diagnosis.model.observation_equations import equations_of
-from traverse.lab.identification.equations.first_moments import first_moments
+from traverse.lab.first_moments import first_moments
 
 NOT_LISTED = {
     "empirical",

@@ -6,6 +6,7 @@ import pytest
 from tests.lab.diagnosis.fitted_rows import measured, measured_rows, serial_rows
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.pose import corrected_pose
+from traverse.lab.campaign.plausible_sizes import plausible_values
 from traverse.lab.diagnosis.candidates.scoring import judge, log_evidences, project
 from traverse.lab.diagnosis.candidates.steps import (
     scan_steps,
@@ -15,7 +16,6 @@ from traverse.lab.diagnosis.candidates.steps import (
 )
 from traverse.lab.diagnosis.model.candidate import Bank, effect_of_candidate
 from traverse.lab.diagnosis.model.observation_equations import equations_of
-from traverse.lab.identification.equations.effect_model import plausible_values
 
 SOME_GAPS = (0, 1, 57, 120, 238)
 ROWS = pytest.mark.parametrize("rows_are", [measured_rows, serial_rows])

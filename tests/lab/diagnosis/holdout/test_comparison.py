@@ -9,6 +9,9 @@ import pytest
 from tests.lab.diagnosis.fitted_rows import measured
 from tests.lab.simulated import PROBE_RADIUS_MM
 from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.lab.adjustment.equations import white_rows
+from traverse.lab.adjustment.noise import Noise
+from traverse.lab.adjustment.problem import stations
 from traverse.lab.campaign.holdout import split
 from traverse.lab.diagnosis.holdout.comparison import (
     compare_on_holdout,
@@ -21,7 +24,6 @@ from traverse.lab.diagnosis.holdout.comparison import (
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.diagnosis.model.result import closed
-from traverse.lab.identification.equations.network import Noise, stations, white_rows
 
 ECCENTRIC = effect_from_table(
     {"kind": "encoder_eccentricity", "joint": "J3", "cos_rad": 4e-5, "sin_rad": -2e-5}

@@ -11,6 +11,7 @@ from benchmarks.tools.handover import campaign_from_simulation
 from tests.lab.diagnosis.fitted_rows import measured
 from tests.simulator.effects.examples import heavy_arm, spec_of
 from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.lab.adjustment.problem import has_length
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import judge, project
 from traverse.lab.diagnosis.model.candidate import BankName
@@ -25,7 +26,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
     equations_of,
     without_serial_noise,
 )
-from traverse.lab.identification.equations.network import has_length
 from traverse.simulator.campaigns import (
     BallBar,
     Cone,

@@ -1,4 +1,8 @@
-"""A coarse start: which zeros of the arm file are wrong, if the design fits badly.
+"""Where an adjustment begins: artefacts and mountings, signs and zeros, blunders.
+
+Artefacts and mountings follow in closed form from an arm.
+
+A coarse start: which zeros of the arm file are wrong, if the design fits badly.
 
 The tool, where it is free, is fitted before a design counts as bad. Then the zeros
 that are not held by wish are adjusted with it to a few hundred poses, from many
@@ -22,32 +26,61 @@ from itertools import combinations
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
-from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.network import (
-    Network,
-    Noise,
-    State,
-    evenly,
+from traverse.lab.adjustment.equations import (
+    fitted_mountings,
     misclosures_mm,
-    network_of,
-    start_state,
+    station_centres,
     white_rows,
 )
-from traverse.lab.identification.equations.parameters import (
-    ArmValues,
-    Parameters,
-    masked,
-)
-from traverse.lab.identification.solve.adjustment import adjust
+from traverse.lab.adjustment.noise import Noise
+from traverse.lab.adjustment.parameters import ArmValues, Parameters, masked
+from traverse.lab.adjustment.problem import Network, State, evenly, network_of
+from traverse.lab.adjustment.solve import adjust
+from traverse.lab.campaign.campaign import Campaign
+
+_START_POSES = 2000
+
+
+def start_state(network: Network, arm: ArmValues) -> State:
+    """Find every station's unknowns, and mountings, in closed form from an arm.
+
+    A few thousand poses, spread evenly, are enough for that.
+    """
+    unknowns: list[Floats] = []
+    for station in network.stations:
+        few = station.part(evenly(np.arange(len(station.poses)), _START_POSES))
+        centres_mm = station_centres(network, few, arm)
+        unknowns.append(station.artefact.start(centres_mm, few.touches))
+    n_joints = network.parameters.n_joints
+    nothing = tuple(
+        np.zeros((len(one.poses), n_joints + max(one.most_rows, 3)))
+        for one in network.stations
+    )
+    if network.parameters.mounted:
+        arm = replace(arm, mountings=fitted_mountings(network, arm, unknowns))
+    return State(arm, tuple(unknowns), nothing)
+
 
 # A design that fits better than this needs no search.
 _GOOD_ENOUGH_MM = 20.0
+
+
 # A new start must fit this much better than the design.
 _GAIN = 3.0
+
+
 _MOST_POSES = 240
+
+
 _LARGEST_OFFSET_RAD = 1.2
+
+
 _COARSE_MM = 10.0
+
+
 _COARSE_RAD = 0.05
+
+
 _SEED = 1
 
 
@@ -67,15 +100,21 @@ def with_tools_fitted(
 
 # Signs are tried where the design fits worse than this; at most so many are wrong.
 _LEAST_WRONG_MM = 2.0
+
+
 _MOST_SIGNS = 3
 # An arm near its design: iterations to find it, what is left of its misfit, and how
 # many plausible deviations a parameter may be off.
 _FEW_ITERATIONS = 6
 _EXPLAINED = 0.1
 _PLAUSIBLE = 8.0
+
+
 # Random starts of other zeros, and the best of them that are adjusted: of a design, and
 # of one with a sign reversed.
 _STARTS = (60, 20)
+
+
 _STARTS_OF_A_SIGN = (20, 3)
 
 
@@ -250,9 +289,15 @@ def _median_mm(network: Network, state: State) -> float:
 
 
 _ROUNDS = 8
+
+
 _STEPS_A_ROUND = 2
+
+
 # Robust standard deviations at which the weight has fallen to a quarter.
 _BEND = 2.5
+
+
 # Poses this many robust standard deviations away begin outside.
 _FAR = 5.0
 

@@ -15,8 +15,8 @@ from traverse.arrays import Booleans, Floats
 from traverse.kinematics.helmert.transformation import N_RIGID, motions
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.geometry import Geometry
-from traverse.lab.identification.equations.network import Network, has_length
-from traverse.lab.identification.equations.parameters import ArmValues, Parameters
+from traverse.lab.adjustment.parameters import ArmValues, Parameters
+from traverse.lab.adjustment.problem import Network, has_length
 
 _NULL = 1e-9
 

@@ -19,12 +19,9 @@ from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.contacts.touching import ArtefactLength
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.plausible_sizes import plausible_values
 from traverse.lab.campaign.poses import Poses
-from traverse.lab.identification.equations.first_moments import (
-    AssumedMoments,
-    assumed_moments,
-    states_no_mass,
-)
+from traverse.lab.first_moments import AssumedMoments, assumed_moments, states_no_mass
 
 # A direction with a larger standard deviation (in plausible sizes) is held.
 _HOPELESS = 50.0
@@ -169,19 +166,6 @@ def effect_model(
             "or take the effects out of the arm file:\n" + "\n".join(lacks)
         )
     return model
-
-
-def plausible_values(correction: Correction, campaign: Campaign) -> tuple[float, ...]:
-    """Return a plausible standard deviation for each parameter, in its unit.
-
-    Orders of magnitude of arms of a metre or two. They decide what a campaign cannot
-    say anything about, and never how large an effect is estimated.
-    """
-    kind = EFFECT_KINDS[correction.kind]
-    size = kind.plausible_size(getattr(correction, "order", None))
-    if kind.is_size_of_campaign:
-        size /= max(float(np.ptp(campaign.poses.time_s)), 1.0)
-    return tuple(1.0 if key == kind.phase else size for key in correction.parameters)
 
 
 def _coordinate_names(correction: Correction) -> tuple[str, ...]:

@@ -12,198 +12,79 @@ that would raise the weighted sum of squares is damped as by Levenberg and Marqu
 weak directions first. Damping only chooses the way: at the end there is none.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.lab.identification.equations.datum import undetermined_scale
-from traverse.lab.identification.equations.network import (
-    Network,
-    State,
-    Station,
-    all_misclosures,
-    white_rows,
+from traverse.lab.adjustment.datum import undetermined_scale
+from traverse.lab.adjustment.linearise import (
+    System,
+    certified,
+    linearise,
+    sum_of_squares,
 )
-from traverse.lab.identification.equations.parameters import ArmValues
-from traverse.lab.identification.solve.sequential_qr import (
-    Elimination,
-    RankDecision,
-    decide_rank,
-    eliminate_unknowns,
-    sequential_qr,
-)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class System:
-    """The linearised, whitened, reduced system at some state.
-
-    Attributes:
-        upper: Of the arm's free parameters and the right side.
-        whiteners: Of every station, (n_poses, most_rows, most_rows), zero in rows that
-            a pose does not have.
-        offsets: B v of every station, (n_poses, most_rows), likewise.
-        corrections: v that follows, of every station, (n_poses, n_joints + 3 or 6).
-        sum_of_squares: Weighted misclosures and certificates.
-        rms_mm: Root mean square of the scalar misclosures as they are, without those of
-            orientations.
-    """
-
-    eliminations: tuple[Elimination, ...]
-    upper: Floats
-    whiteners: tuple[Floats, ...]
-    offsets: tuple[Floats, ...]
-    corrections: tuple[Floats, ...]
-    sum_of_squares: float
-    rms_mm: float
-
-
-def linearise(network: Network, state: State) -> System:
-    """Set up, whiten and reduce all equations at a state."""
-    n_free = network.parameters.n_free
-    eliminations = []
-    kept = []
-    total, squares_mm2, n_mm = 0.0, 0.0, 0
-    for station, unknowns, corrections in zip(
-        network.stations, state.unknowns, state.corrections, strict=True
-    ):
-        n_unknowns = len(station.scales)
-        n_columns = n_unknowns + n_free + 1
-        blocks = [certified(network, station, state.arm, unknowns)]
-        seen = []
-        upper = np.empty((0, n_columns))
-        total += float(np.sum(blocks[0][:, -1] ** 2))
-        for rows in white_rows(network, station, state.arm, unknowns, corrections):
-            total += float(np.sum(rows.misclosures**2))
-            squares_mm2 += float(np.sum(rows.misclosures_mm**2))
-            n_mm += rows.misclosures_mm.size
-            whitener, offsets = rows.whiteners, rows.offsets
-            if lacking := station.most_rows - rows.misclosures.shape[1]:
-                whitener = np.pad(whitener, ((0, 0), (0, lacking), (0, lacking)))
-                offsets = np.pad(offsets, ((0, 0), (0, lacking)))
-            seen.append((whitener, offsets, rows.corrections))
-            joined = np.concatenate(
-                [
-                    rows.by_unknowns,
-                    rows.by_parameters,
-                    -rows.misclosures[:, :, np.newaxis],
-                ],
-                axis=2,
-            )
-            blocks.append(joined.reshape(-1, n_columns))
-            if len(blocks) >= 4:
-                upper = sequential_qr([upper, *blocks], n_columns)
-                blocks = []
-        upper = sequential_qr([upper, *blocks], n_columns)
-        eliminations.append(eliminate_unknowns(upper, station.scales))
-        kept.append([np.concatenate(parts) for parts in zip(*seen, strict=True)])
-    expected = network.parameters.expectations(state.arm)
-    total += float(np.sum(expected[:, -1] ** 2))
-    reduced = sequential_qr(
-        [*(found.reduced for found in eliminations), expected], n_free + 1
-    )
-    whiteners, all_offsets, following = (
-        tuple(of_station[at] for of_station in kept) for at in range(3)
-    )
-    rms_mm = float(np.sqrt(squares_mm2 / max(n_mm, 1)))
-    return System(
-        tuple(eliminations), reduced, whiteners, all_offsets, following, total, rms_mm
-    )
-
-
-def sum_of_squares(network: Network, state: State, system: System) -> float:
-    """Weigh the misclosures of a state with the weights of a system."""
-    total = float(np.sum(network.parameters.expectations(state.arm)[:, -1] ** 2))
-    for at, station in enumerate(network.stations):
-        unknowns, corrections = state.unknowns[at], state.corrections[at]
-        found = all_misclosures(network, station, state.arm, unknowns, corrections)
-        found = found - system.offsets[at]
-        white = system.whiteners[at] @ found[:, :, np.newaxis]
-        certificates = certified(network, station, state.arm, unknowns)[:, -1]
-        total += float(np.sum(white**2) + np.sum(certificates**2))
-    return total
-
-
-def certified(
-    network: Network, station: Station, arm: ArmValues, unknowns: Floats
-) -> Floats:
-    """Whiten a station's certificate: unknowns, parameters, right side.
-
-    A standard whose certificate is off by some ppm is as long as it says and that
-    much more.
-    """
-    certificate = station.artefact.certificate(unknowns, station.touches)
-    misclosures_mm = certificate.misclosures_mm.copy()
-    by_parameters = np.zeros((len(misclosures_mm), network.parameters.n_free))
-    for length in station.artefact.lengths(unknowns):
-        row = length.certificate_row
-        if row is not None:
-            certified_mm = length.value_mm - float(certificate.misclosures_mm[row])
-            errors = network.parameters.length_errors(arm, station.artefact.id)
-            misclosures_mm[row] -= 1e-6 * errors[0] * certified_mm
-            by_parameters[row] -= 1e-6 * errors[1] * certified_mm
-    rows = np.hstack(
-        [certificate.by_unknowns, by_parameters, -misclosures_mm[:, np.newaxis]]
-    )
-    # One that was left out has an infinite standard deviation.
-    known = np.isfinite(certificate.std_mm)
-    return rows[known] / certificate.std_mm[known, np.newaxis]
-
+from traverse.lab.adjustment.parameters import ArmValues
+from traverse.lab.adjustment.problem import Network, State
+from traverse.lab.adjustment.rank import RankDecision, decide_rank
+from traverse.lab.outcomes.progress import Iteration, Progress
 
 MOST_ITERATIONS = 200
+
+
 # Of a step: more and more damped up to a square of singular values, then halved.
 _MOST_TRIALS = 24
+
+
 _MOST_DAMPING = 1e7
+
+
 # Of a whitened step. It is taken, and what is left after it is a thousandth of it or
 # less: far below a picometre. Where convergence is slow a hundredth of a standard
 # deviation is enough.
 _CONVERGED = 1e-5
+
+
 _SLOW_AFTER = 50
+
+
 _CONVERGED_SLOWLY = 1e-2
+
+
 # A sum of squares may rise by this much of itself from rounding.
 _ROUNDING = 1e-9
+
+
 # And by what columns of effects leave out, this part of them: at deflections of some
 # milliradians the sum of squares is lowest a little beside where they point.
 _LEFT_OUT = 1e-3
+
+
 # Mean square of whitened misclosures below which observations are corrected.
 _GOOD_START = 100.0
+
+
 # After a step this small the rank stays. After this many it changes only where a
 # singular value is this much above or below the limit: it does not alternate.
 _NEAR = 1.0
+
+
 _RANK_SETTLES_AT = 12
+
+
 _CLEARLY = 2.0
+
+
 # Determined directions that tell how far an arm is from its design.
 _LEAST_KNOWN = 6
+
+
 # Of the absolute values of a normal distribution with deviation 1.
 _MEDIAN_OF_NORMAL = 0.6745
+
+
 # Mean square of residuals above which they determine the uncertainty, not the noise.
 _LARGE = 2.25
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Iteration:
-    """Progress of an adjustment.
-
-    Attributes:
-        number: From 1.
-        sum_of_squares: Weighted, before the step.
-        rms_mm: Root mean square of all scalar misclosures, before the step.
-        step: Length of the whitened step, in standard deviations.
-        fraction: Of the step that was taken.
-        n_determined: Directions of the arm's parameters that count.
-    """
-
-    number: int
-    sum_of_squares: float
-    rms_mm: float
-    step: float
-    fraction: float
-    n_determined: int
-
-
-Progress = Callable[[Iteration], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

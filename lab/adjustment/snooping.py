@@ -25,15 +25,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
-from traverse.lab.identification.equations.network import (
-    Network,
-    Station,
-    WhiteRows,
-    stations,
-    white_rows,
-)
-from traverse.lab.identification.solve.adjustment import Adjustment
-from traverse.lab.identification.solve.sequential_qr import Elimination
+from traverse.lab.adjustment.equations import WhiteRows, white_rows
+from traverse.lab.adjustment.noise import VarianceSums
+from traverse.lab.adjustment.problem import Network, Station, stations
+from traverse.lab.adjustment.rank import Elimination
+from traverse.lab.adjustment.solve import Adjustment
 from traverse.lab.statistics.distributions import (
     equivalent_normal,
     median_of_chi_square,
@@ -44,6 +40,8 @@ from traverse.lab.statistics.distributions import (
 
 # Non-centrality for a level of 0.1 % and a power of 80 %.
 DETECTABLE = 4.13
+
+
 _UNCONTROLLED = 1e-6
 
 
@@ -82,26 +80,6 @@ class PoseStatistics:
             if field.name != "variances":
                 entries = getattr(self, field.name)
                 entries[poses] = getattr(others, field.name)[poses]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class VarianceSums:
-    """Squares of residuals and redundancies by source of noise.
-
-    Attributes:
-        squares: In units of the noise, joints first, then contacts with artefacts,
-            orientations last, (n_joints + n_artefacts + 1,).
-        redundancies: Likewise.
-        information: How sources share the residuals: sums of tr(M C_i M C_j),
-            (n_joints + n_artefacts + 1,) * 2.
-        of_parts: Sums of squares of positions, and of orientations beyond what the
-            positions say, and below them their redundancies, (2, 2).
-    """
-
-    squares: Floats
-    redundancies: Floats
-    information: Floats
-    of_parts: Floats
 
 
 def pose_statistics(
@@ -246,6 +224,8 @@ def _empty(network: Network) -> PoseStatistics:
 
 # Poses leave together when their |w| is above this part of the worst one's.
 _NEAR_THE_WORST = 0.4
+
+
 # An artefact keeps at least this part of its poses: else the artefact is wrong.
 _LEAST_PART = 0.5
 
@@ -316,3 +296,31 @@ def _not_too_many(adjustment: Adjustment, w: Floats, leaving: Booleans) -> Boole
             order = mine[np.argsort(w[mine])]
             may_leave[order[: len(mine) - max(spare, 0)]] = False
     return may_leave
+
+
+# Part of an expectation's variance in its residual, below which poses do not test it:
+# what is left of the last step would pass for a contradiction.
+_UNTESTABLE = 0.01
+
+
+# Probability that an arm of the family contradicts it in any parameter.
+_FAMILY_LEVEL = 0.01
+
+
+def contradicted_expectation(adjustment: Adjustment) -> tuple[str, float] | None:
+    """Name the parameter that contradicts the arm's family most, if one does.
+
+    And by how many standard deviations, as in Baarda's test of single observations.
+    """
+    parameters = adjustment.network.parameters
+    expected = parameters.family_expectations(adjustment.state.arm)
+    if len(expected) == 0:
+        return None
+    inverse = expected[:, :-1] @ adjustment.split.inverse
+    left = 1.0 - np.sum(inverse**2, axis=1)
+    sizes = np.abs(expected[:, -1]) / np.sqrt(np.maximum(left, _UNTESTABLE))
+    w = np.where(left > _UNTESTABLE, sizes, 0.0)
+    at = int(np.argmax(w))
+    if w[at] < -normal_quantile(0.5 * _FAMILY_LEVEL / len(w)):
+        return None
+    return parameters.free_names[int(np.argmax(expected[at, :-1]))], float(w[at])

@@ -5,56 +5,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from traverse.arrays import Booleans
-from traverse.lab.identification.equations.network import (
-    Network,
+from traverse.lab.adjustment.noise import (
     Noise,
     a_priori_noise,
-    start_state,
-    stations,
-)
-from traverse.lab.identification.equations.parameters import ArmValues
-from traverse.lab.identification.solve.adjustment import (
-    MOST_ITERATIONS,
-    Adjustment,
-    Iteration,
-    Progress,
-    adjust,
-)
-from traverse.lab.identification.solve.noise import (
-    VarianceModel,
     better_noise,
     variance_model,
 )
-from traverse.lab.identification.solve.reliability import (
+from traverse.lab.adjustment.parameters import ArmValues
+from traverse.lab.adjustment.prepare import Options
+from traverse.lab.adjustment.problem import Network, stations
+from traverse.lab.adjustment.snooping import (
     PoseStatistics,
     pose_statistics,
     robust_scale,
     snoop,
 )
-from traverse.lab.identification.solve.starting_values import robust_state
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """Wishes.
-
-    Attributes:
-        hold: Patterns of parameters to hold at their design values.
-        free: Patterns of parameters to free; `hold` has the last word.
-        snooping: Whether contradicting poses are excluded.
-        family_level: Probability that a campaign without blunders loses any pose.
-        variances: Which noise is estimated; None: what the campaign does not give.
-        coarse_start: Whether wrong zeros are looked for where the design fits badly.
-    """
-
-    hold: tuple[str, ...] = ()
-    free: tuple[str, ...] = ()
-    snooping: bool = True
-    family_level: float = 0.01
-    variances: VarianceModel | None = None
-    coarse_start: bool = True
-    n_suggestions: int = 8
-
+from traverse.lab.adjustment.solve import MOST_ITERATIONS, Adjustment, adjust
+from traverse.lab.adjustment.starting_values import robust_state, start_state
+from traverse.lab.outcomes.progress import Iteration, Progress
 
 _MOST_ROUNDS = 40
 # Poses that take part the same for this many times go round in a circle.

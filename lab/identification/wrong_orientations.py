@@ -9,19 +9,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from traverse.arrays import Booleans
-from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.network import (
-    Network,
-    State,
-    fitted_mountings,
-    orientation_errors,
+from traverse.lab.adjustment.equations import fitted_mountings, orientation_errors
+from traverse.lab.adjustment.iterate import IteratedAdjustment
+from traverse.lab.adjustment.problem import Network, State
+from traverse.lab.adjustment.wrong_orientations import (
+    contradict_by_orientation,
+    without_orientations,
 )
-from traverse.lab.identification.solve.iterative_adjustment import IteratedAdjustment
+from traverse.lab.campaign.campaign import Campaign
 
 _MOST_ROUNDS = 6
+
+
 # No arm is so far from its file, in the median, and an inverse rotation agrees better.
 _LARGE_RAD = 0.3
+
+
 _BETTER = 0.3
 
 
@@ -52,33 +55,6 @@ def without_wrong_orientations(
         campaign = without_orientations(campaign, wrong)
         run = adjusted(campaign)
     return campaign, run, tuple(sorted(found, key=lambda one: one.line))
-
-
-def contradict_by_orientation(run: IteratedAdjustment) -> Booleans:
-    """Find poses that were excluded, but whose position alone agrees, (n_poses,).
-
-    None of an adjustment that excluded nobody.
-    """
-    alone = run.statistics.w_position < run.critical  # NaN: has no orientation
-    found: Booleans = alone & ~run.included & ~run.alternating
-    return found if np.isfinite(run.critical) else np.zeros_like(found)
-
-
-def without_orientations(campaign: Campaign, which: Booleans) -> Campaign:
-    """Forget the orientations of some poses, (n_poses,)."""
-    orientations = campaign.poses.orientations
-    if orientations is None:
-        return campaign
-    kept = np.where(which[:, np.newaxis], np.nan, orientations)
-    return replace(campaign, poses=replace(campaign.poses, orientations=kept))
-
-
-def excluded_part(run: IteratedAdjustment, at: int) -> str:
-    """Say which part of an excluded pose contradicts the others."""
-    position, orientation = run.statistics.w_position, run.statistics.w_orientation
-    if np.isnan(position[at]) or orientation[at] < run.critical:
-        return "position"
-    return "position and orientation"
 
 
 def are_inverse(network: Network, state: State) -> bool:

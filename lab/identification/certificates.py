@@ -1,4 +1,4 @@
-"""What contradicts the rest and is no blunder: certificates, and excluded clusters.
+"""Certificates that contradict the rest, and what all radii have in common.
 
 Artefacts are tested before their poses.
 
@@ -17,55 +17,64 @@ that a loss that is smaller by 30 is 5.5 standard deviations of evidence.
 What shifts every contact along its normal, a wrong radius of the probe, pretravel, or
 a stylus that bends, makes all certified radii look wrong by as much. It is tried before
 any certificate is accused: one shift for all, which frees one value as well.
-
-A blunder may be anywhere. Where excluded poses gather in a range of a joint's angle,
-the arm does something there that its model lacks: they tell more about it than all
-others, and without them the arm would be fitted to where it is easy. They take part
-again. Those that gather on one artefact or in time may tell of a socket that moved:
-they stay out. So do the few that chance brings together: taking blunders back costs
-more than leaving such poses out. Either is reported.
 """
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from traverse.arrays import Booleans
+from traverse.lab.adjustment.equations import rms_mm
+from traverse.lab.adjustment.iterate import IteratedAdjustment
+from traverse.lab.adjustment.noise import Noise
+from traverse.lab.adjustment.parameters import ArmValues
+from traverse.lab.adjustment.problem import has_length
+from traverse.lab.adjustment.snooping import robust_scale
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.network import Noise, has_length, rms_mm
-from traverse.lab.identification.equations.parameters import ArmValues
-from traverse.lab.identification.solve.adjustment import Adjustment
-from traverse.lab.identification.solve.iterative_adjustment import IteratedAdjustment
-from traverse.lab.identification.solve.reliability import robust_scale
-from traverse.lab.statistics.distributions import normal_quantile
-from traverse.lab.statistics.outlier_clusters import Cluster, Line, find_outlier_cluster
 
 # An artefact that lost more of its poses than this is suspect.
 LARGE_PART = 0.2
+
+
 _FEW_POSES = 3
+
+
 # Standard deviations between a certificate and what the others say.
 _FAR = 5.0
+
+
 # How many times one artefact's contacts are as noisy as another's.
 _NOISY = 5.0
+
+
 _BLUNDER = 16.0
+
+
 _EVIDENCE = 30.0
+
+
 # sigma0 up to which the rest agrees with itself.
 _AGREEING = 2.0
+
+
 # What a wrong model does to a length is less than so many root mean squares of the
 # misclosures that are left; and no arm is wrong by this part of a length.
 _BY_MODEL = 10.0
+
+
 _GROSS = 0.1
-# Part of an expectation's variance in its residual, below which poses do not test it:
-# what is left of the last step would pass for a contradiction.
-_UNTESTABLE = 0.01
+
+
 # Hypotheses whose losses differ by less explain the campaign equally well.
 _SAME = 10.0
+
+
 _MOST_WRONG = 3
+
 
 # Root mean square change of the arm, in plausible deviations, that no design explains.
 _FAR_FROM_DESIGN = 5.0
+
 
 # Adjusts a campaign, with a noise or with what it estimates.
 Adjust = Callable[[Campaign, Noise | None], IteratedAdjustment]
@@ -111,29 +120,6 @@ class LostPoses:
     artefact: str
     n_lost: int
     n_poses: int
-
-
-# Probability that an arm of the family contradicts it in any parameter.
-_FAMILY_LEVEL = 0.01
-
-
-def contradicted_expectation(adjustment: Adjustment) -> tuple[str, float] | None:
-    """Name the parameter that contradicts the arm's family most, if one does.
-
-    And by how many standard deviations, as in Baarda's test of single observations.
-    """
-    parameters = adjustment.network.parameters
-    expected = parameters.family_expectations(adjustment.state.arm)
-    if len(expected) == 0:
-        return None
-    inverse = expected[:, :-1] @ adjustment.split.inverse
-    left = 1.0 - np.sum(inverse**2, axis=1)
-    sizes = np.abs(expected[:, -1]) / np.sqrt(np.maximum(left, _UNTESTABLE))
-    w = np.where(left > _UNTESTABLE, sizes, 0.0)
-    at = int(np.argmax(w))
-    if w[at] < -normal_quantile(0.5 * _FAMILY_LEVEL / len(w)):
-        return None
-    return parameters.free_names[int(np.argmax(expected[at, :-1]))], float(w[at])
 
 
 def lost_poses(campaign: Campaign, run: IteratedAdjustment) -> tuple[LostPoses, ...]:
@@ -225,6 +211,8 @@ def without_wrong_certificates(
 
 # A rival of the only certified radius, which the measurements cannot tell from it.
 OF_CONTACTS = "the probe's radius, its pretravel or the bending of the stylus"
+
+
 # A shift by which a radius is compared with that of its artefact [mm].
 _UNIT_MM = 1e-3
 
@@ -397,68 +385,3 @@ def _loss(run: IteratedAdjustment, variance: float, design: ArmValues) -> float:
     statistics = np.nan_to_num(run.statistics.statistics, nan=np.inf) / variance
     changes = run.adjustment.changes(design)
     return float(np.sum(np.minimum(statistics, _BLUNDER)) + np.sum(changes**2))
-
-
-_N_DRAWS = 300
-_MOST_CLUSTERS = 3
-# A blunder may be there as well: so many times the median of the others' |w|.
-_MUCH_WORSE = 4.0
-# Probability of a cluster by chance, below which it is a finding about the arm: one
-# that is reported at 0.001 would bring back blunders of one campaign in hundreds.
-_BY_CHANCE = 1e-6
-
-# Adjusts a campaign again, with a noise or as it is found, and poses that stay.
-Again = Callable[[Campaign, None, Booleans], IteratedAdjustment]
-
-
-@dataclass(frozen=True, slots=True)
-class ExcludedCluster:
-    """Where excluded poses lay together, and whether they take part again."""
-
-    cluster: Cluster
-    taken_back: bool
-
-
-def with_clusters_back(
-    campaign: Campaign, run: IteratedAdjustment, again: Again
-) -> tuple[IteratedAdjustment, tuple[ExcludedCluster, ...]]:
-    """Take excluded poses back that lie together in the range of a joint.
-
-    Returns the last adjustment, and the clusters found.
-    """
-    poses = campaign.poses
-    lines: list[Line] = [
-        (f"{name}_rad", name, poses.angles_rad[:, joint])
-        for joint, name in enumerate(campaign.joint_names)
-    ]
-    lines.append(("time_s", None, poses.time_s))
-    names = [artefact.id for artefact in campaign.artefacts]
-    staying = np.zeros(len(poses), dtype=np.bool_)
-    found: list[ExcludedCluster] = []
-    # Neighbouring samples of a stream are out together because they are alike.
-    while len(found) < _MOST_CLUSTERS and not campaign.is_stream:
-        place = find_outlier_cluster(
-            lines, poses.artefacts, names, run.included, n_draws=_N_DRAWS, seed=1
-        )
-        if place is None:
-            break
-        there = np.zeros(len(poses), dtype=np.bool_)
-        if place.joint is not None:
-            read_rad = poses.angles_rad[:, campaign.joint_names.index(place.joint)]
-            there = (read_rad >= place.low) & (read_rad <= place.high)
-        there &= ~run.included
-        if np.any(there):
-            w = run.statistics.w
-            there &= ~(w > _MUCH_WORSE * np.nanmedian(w[there]))
-        artefacts = np.unique(poses.artefacts[there])
-        of_joint = (
-            place.joint is not None
-            and (len(artefacts) > 1 or len(np.unique(poses.artefacts)) == 1)
-            and place.log_p < math.log(_BY_CHANCE)
-        )
-        found.append(ExcludedCluster(place, of_joint))
-        if not of_joint:
-            break
-        staying |= there
-        run = again(campaign, None, staying)
-    return run, tuple(found)

@@ -20,13 +20,10 @@ from traverse.kinematics.model.quaternion import (
     rotation_vectors,
     small_turn,
 )
+from traverse.lab.adjustment.effect_model import EffectModel, effect_model
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.poses import Poses
 from traverse.lab.campaign.prior import Prior
-from traverse.lab.identification.equations.effect_model import (
-    EffectModel,
-    effect_model,
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

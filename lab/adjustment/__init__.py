@@ -1,0 +1,1 @@
+"""The least-squares adjustment of an arm's parameters: problem, solution, tests."""

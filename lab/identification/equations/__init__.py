@@ -1,1 +1,0 @@
-"""The observation equations: parameters, noise, the network of stations."""

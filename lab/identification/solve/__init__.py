@@ -1,1 +1,0 @@
-"""The least-squares solution: iterations, rank, outliers, variance components."""
