@@ -39,7 +39,7 @@ def predict(
     """
     check_inputs(campaign, arm, fit_on)
     from traverse.kinematics.arm_file.arm import read_arm
-    from traverse.lab.adjustment.prepare import IdentificationError
+    from traverse.lab.adjustment import IdentificationError
     from traverse.lab.campaign.campaign import read_campaign
     from traverse.lab.identification import prediction
 

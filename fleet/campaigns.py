@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 
 from traverse.fleet.workers import WorkerDiedError, Workers, drained
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.lab.adjustment.prepare import IdentificationError
+from traverse.lab.adjustment import IdentificationError
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.identification.identify import Options

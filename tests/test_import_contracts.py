@@ -133,7 +133,11 @@ PLANTED = {
     ],
     "modules of the adjustment": [
         ("lab/adjustment/equations.py", "traverse.lab.adjustment.linearise"),
-        ("lab/adjustment/noise.py", "traverse.lab.adjustment.problem"),
+        ("lab/adjustment/noise.py", "traverse.lab.adjustment.parameters"),
+    ],
+    "the adjustment is used": [
+        ("lab/diagnosis/model/planted.py", "traverse.lab.adjustment.solve"),
+        ("lab/identification/collect.py", "traverse.lab.adjustment.rank"),
     ],
     "the diagnosis needs no": [
         (

@@ -15,11 +15,7 @@ from benchmarks.blind.score import Identity
 from benchmarks.tools.handover import campaign_from_simulation
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.lab.adjustment.noise import a_priori_noise
-from traverse.lab.adjustment.prepare import Options, prepared
-from traverse.lab.adjustment.problem import Network, stations
-from traverse.lab.adjustment.solve import adjust
-from traverse.lab.adjustment.starting_values import start_state
+from traverse.lab.adjustment import Options, Problem, adjust
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.prior import Prior
 from traverse.lab.diagnosis.candidates.library import library_bank
@@ -122,16 +118,10 @@ def ruler(
         prior: What the arm's family says.
     """
     campaign = replace(noise_free_campaign(poses), prior=prior)
-    design, parameters = prepared(campaign, arm, Options(coarse_start=False))
-    network = Network(
-        campaign,
-        stations(campaign, arm.probe.radius_mm, choosing),
-        parameters,
-        a_priori_noise(campaign),
-        np.ones(len(campaign.poses)),
-    )
+    problem = Problem.of(campaign, arm, Options(coarse_start=False))
+    network, design = problem.network(choosing), problem.design
     # No tests: nothing contradicts anything where there is no noise.
-    rows = equations_of(adjust(network, start_state(network, design), design))
+    rows = equations_of(adjust(network, network.start(design), design))
     banks = (library_bank(rows, arm), harmonic_bank(rows))
     library = tuple(one for bank in banks for one in project(rows, bank))
     return SizeScale(poses, exact_columns(poses), rows, library)

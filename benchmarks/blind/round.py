@@ -168,11 +168,9 @@ def gap_of(case: Case, diagnosis: Diagnosis) -> tuple[float, float, float] | Non
         return None
     arm = with_effects(case.arm, tuple(entries))
     adjustment = fitted(case.campaign, arm, diagnosis.choosing).adjustment
-    radius_mm, noise = arm.probe.radius_mm, diagnosis.all_terms.network.noise
+    noise = diagnosis.all_terms.network.noise
     compared = diagnosis.held_out & ~diagnosis.blunders
-    oracle = compare_on_holdout(
-        adjustment, adjustment, compared, radius_mm, noise=noise
-    ).after
+    oracle = compare_on_holdout(adjustment, adjustment, compared, noise=noise).after
     first, last = (
         one.without_blunders or one
         for one in (diagnosis.ledger[0].held_out, diagnosis.ledger[-1].held_out)

@@ -16,13 +16,13 @@ from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.derivatives import derivative_chunks
 from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.lab.adjustment import ArmValues, Network
+from traverse.lab.adjustment import Problem as Posed
 from traverse.lab.adjustment.datum import with_datum
-from traverse.lab.adjustment.equations import misclosures_mm
 from traverse.lab.adjustment.linearise import linearise
-from traverse.lab.adjustment.noise import a_priori_noise
-from traverse.lab.adjustment.parameters import ArmValues, arm_parameters
-from traverse.lab.adjustment.problem import Network, State, Station, stations
-from traverse.lab.adjustment.starting_values import start_state
+from traverse.lab.adjustment.parameters import arm_parameters
+from traverse.lab.adjustment.problem import State
+from traverse.lab.adjustment.station import Station
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.poses import Poses
 from traverse.simulator.campaigns import CampaignSpec, draw_noise, make_poses
@@ -86,15 +86,10 @@ def problem(campaign: Campaign, arm: Arm) -> Problem:
     """Set up what `identify` adjusts first, with the noise that the campaign states."""
     geometry = geometry_from_arm(arm)
     parameters = arm_parameters(geometry, campaign.joint_names)
-    n_poses = len(campaign.poses)
-    network = Network(
-        campaign,
-        stations(campaign, arm.probe.radius_mm, np.ones(n_poses, dtype=np.bool_)),
-        with_datum(parameters, geometry),
-        a_priori_noise(campaign),
-        np.ones(n_poses),
-    )
-    return Problem(network, start_state(network, ArmValues(geometry, np.empty(0))))
+    design = ArmValues(geometry, np.empty(0))
+    parameters = with_datum(parameters, geometry)
+    network = Posed(campaign, design, parameters, arm.probe.radius_mm).network()
+    return Problem(network, network.start(design))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,7 +149,7 @@ class DensePeer:
         for station, unknowns, whiteners in zip(
             self._network.stations, state.unknowns, self._whiteners, strict=True
         ):
-            rows_mm = misclosures_mm(self._network, station, state.arm, unknowns)
+            rows_mm = self._network.misclosures_mm(station, state.arm, unknowns)
             found.append((whiteners @ rows_mm[:, :, np.newaxis]).ravel())
             certificate = station.artefact.certificate(unknowns, station.touches)
             found.append(certificate.misclosures_mm / certificate.std_mm)

@@ -18,10 +18,9 @@ from benchmarks.tools.handover import campaign_from_simulation
 from benchmarks.trials.lines import Line
 from traverse.arrays import Floats
 from traverse.kinematics.model.forward import probe_centre
-from traverse.lab.adjustment.equations import WhiteRows, white_rows
-from traverse.lab.adjustment.linearise import certified
+from traverse.lab.adjustment.equations import WhiteRows
 from traverse.lab.adjustment.parameters import ArmValues
-from traverse.lab.adjustment.problem import Station
+from traverse.lab.adjustment.station import Station
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.results.result import Identification
@@ -154,11 +153,11 @@ class PlantedNoise:
         for station, unknowns in zip(
             self._network.stations, self._state.unknowns, strict=True
         ):
-            rows = list(white_rows(self._network, station, self._state.arm, unknowns))
+            rows = list(self._network.white_rows(station, self._state.arm, unknowns))
             self._rows.append(rows)
             own = slice(at, at + len(station.scales))
             blocks += [_wide(r.by_unknowns, r.by_parameters, own, width) for r in rows]
-            said = certified(self._network, station, self._state.arm, unknowns)
+            said = self._network.certified(station, self._state.arm, unknowns)
             n_own = len(station.scales)
             blocks.append(_wide(said[:, :n_own], said[:, n_own:-1], own, width))
             at += n_own

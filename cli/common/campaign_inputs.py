@@ -52,7 +52,7 @@ def read_noted(
 @contextmanager
 def adjustment_errors() -> Iterator[None]:
     """End with exit status 2 where inputs do not fit, 1 where an adjustment breaks."""
-    from traverse.lab.adjustment.prepare import IdentificationError
+    from traverse.lab.adjustment import IdentificationError
     from traverse.lab.runs.inputs import BreakdownError
 
     with refusals(IdentificationError):

@@ -1,6 +1,6 @@
-"""The condition equations of a station: misclosures and derivatives, whitened."""
+"""The condition equations of stations: misclosures and derivatives, whitened."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,47 +14,11 @@ from traverse.kinematics.effects.pose import (
 )
 from traverse.kinematics.model.derivatives import probe_derivatives, turn_derivatives
 from traverse.kinematics.model.forward import body_rotations, probe_centre
-from traverse.kinematics.model.quaternion import conjugate, multiply, small_turn
-from traverse.lab.adjustment.parameters import ArmValues
-from traverse.lab.adjustment.problem import Network, State, Station
-
-
-def whiteners(by_readings: Floats, by_contact: Floats) -> Floats:
-    """Compute L^-1 of many small dispersions, in closed form.
-
-    From derivatives by readings times their standard deviations, (n_poses, n_rows,
-    n_joints), with n_rows 1, 3 or 6, and the same by the other sources, (n_poses,
-    n_rows, 3 or 6). Lower triangles, (n_poses, n_rows, n_rows).
-    """
-    noise = np.concatenate([by_readings, by_contact], axis=2)
-    if noise.shape[1] == 1:
-        variances = np.einsum("nij,nij->ni", noise, noise)
-        factors: Floats = 1.0 / np.sqrt(variances)[:, :, np.newaxis]
-        return factors
-    dispersion = noise @ noise.swapaxes(1, 2)
-    if noise.shape[1] > 3:
-        # Exactly zero above: what a position says does not depend on its orientation.
-        return np.tril(np.linalg.inv(np.linalg.cholesky(dispersion)))
-    return _inverse_factors(dispersion)
-
-
-def _inverse_factors(matrices: Floats) -> Floats:
-    """Invert the Cholesky factors of 3 x 3 matrices, (n, 3, 3)."""
-    a = np.sqrt(matrices[:, 0, 0])
-    b = matrices[:, 1, 0] / a
-    c = matrices[:, 2, 0] / a
-    d = np.sqrt(matrices[:, 1, 1] - b * b)
-    e = (matrices[:, 2, 1] - b * c) / d
-    f = np.sqrt(matrices[:, 2, 2] - c * c - e * e)
-    inverse = np.zeros_like(matrices)
-    inverse[:, 0, 0] = 1.0 / a
-    inverse[:, 1, 1] = 1.0 / d
-    inverse[:, 2, 2] = 1.0 / f
-    inverse[:, 1, 0] = -b / (a * d)
-    inverse[:, 2, 1] = -e / (d * f)
-    inverse[:, 2, 0] = (b * e - c * d) / (a * d * f)
-    return inverse
-
+from traverse.kinematics.model.quaternion import multiply, small_turn
+from traverse.lab.adjustment.noise import Noise
+from traverse.lab.adjustment.parameters import ArmValues, Parameters
+from traverse.lab.adjustment.station import Station
+from traverse.lab.campaign.campaign import Campaign
 
 _CHUNK_POSES = 2048
 
@@ -101,203 +65,6 @@ class WhiteRows:
         return self.unweighted[:, :3]
 
 
-_MOUNTING_ROUNDS = 10
-
-
-def fitted_mountings(
-    network: Network, arm: ArmValues, unknowns: Sequence[Floats]
-) -> Floats:
-    """Find how the instrument's probes are mounted, as unit quaternions.
-
-    Each pose says P_n^-1 R O; blunders are weighted down in their mean. A mounting that
-    no pose of the network speaks of stays. (n_mounted, 4)
-    """
-    found = arm.mountings.copy()
-    parts: dict[int, list[Floats]] = {}
-    for station, own in zip(network.stations, unknowns, strict=True):
-        for chunk in _chunks(network, station, arm, None):
-            if chunk.turns is not None:
-                touches = station.touches.part(chunk.part)
-                seen = station.artefact.measured_orientations(own, touches)
-                said = multiply(conjugate(chunk.body_turns), seen)
-                parts.setdefault(chunk.tool, []).append(said.T)
-    for at, tool in enumerate(network.parameters.mounted):
-        if tool in parts:
-            found[at] = _mean_rotation(np.concatenate(parts[tool]))
-    return found
-
-
-def _mean_rotation(quaternions: Floats) -> Floats:
-    """Average unit quaternions (n, 4), whatever their signs, robustly."""
-    weights = np.ones(len(quaternions))
-    for _ in range(_MOUNTING_ROUNDS):
-        squares = (weights[:, np.newaxis] * quaternions).T @ quaternions
-        mean: Floats = np.linalg.eigh(squares)[1][:, -1]
-        away_rad = 2.0 * np.arccos(np.minimum(np.abs(quaternions @ mean), 1.0))
-        least_rad = max(3.0 * float(np.median(away_rad)), 1e-9)
-        weights = 1.0 / (1.0 + (away_rad / least_rad) ** 2)
-    return mean
-
-
-def all_misclosures(
-    network: Network,
-    station: Station,
-    arm: ArmValues,
-    unknowns: Floats,
-    corrections: Floats | None = None,
-) -> Floats:
-    """Compute a station's misclosures alone, (n_poses, most_rows).
-
-    In mm, and behind them of orientations in rad, zero where there is none.
-    """
-    centres_mm = station_centres(network, station, arm, corrections)
-    found = np.zeros((len(centres_mm), station.most_rows))
-    for first in range(0, len(centres_mm), _CHUNK_POSES):
-        part = slice(first, first + _CHUNK_POSES)
-        touches = station.touches.part(part)
-        equations = station.artefact.equations(unknowns, centres_mm[part], touches)
-        found[part, : station.artefact.rows_per_pose] = equations.misclosures_mm
-    if station.touches.orientations is not None:
-        for chunk in _chunks(network, station, arm, corrections):
-            if chunk.turns is not None:
-                found[chunk.part, 3:] = station.artefact.orientation_equations(
-                    unknowns, chunk.turns, station.touches.part(chunk.part)
-                ).misclosures_rad
-    return found
-
-
-def misclosures_mm(
-    network: Network, station: Station, arm: ArmValues, unknowns: Floats
-) -> Floats:
-    """Compute a station's misclosures without those of orientations.
-
-    (n_poses, rows_per_pose)
-    """
-    found = all_misclosures(network, station, arm, unknowns)
-    return found[:, : station.artefact.rows_per_pose]
-
-
-def orientation_errors(
-    network: Network, station: Station, arm: ArmValues, unknowns: Floats
-) -> Floats:
-    """Compute the misclosures of orientations, NaN without, (n_poses, 3) [rad]."""
-    found = np.full((len(station.poses), 3), np.nan)
-    oriented = station.touches.oriented
-    if np.any(oriented):
-        every = all_misclosures(network, station, arm, unknowns)
-        found[oriented] = every[oriented, 3:]
-    return found
-
-
-def station_centres(
-    network: Network,
-    station: Station,
-    arm: ArmValues,
-    corrections: Floats | None = None,
-) -> Floats:
-    """Compute the ball centres of a station's poses in mm, (n_poses, 3)."""
-    chunks = _chunks(network, station, arm, corrections)
-    return np.concatenate([chunk.centres_mm for chunk in chunks])
-
-
-def white_rows(
-    network: Network,
-    station: Station,
-    arm: ArmValues,
-    unknowns: Floats,
-    corrections: Floats | None = None,
-) -> Iterator[WhiteRows]:
-    """Linearise and whiten a station's equations, a bounded part at a time.
-
-    The misclosures of a pose have the dispersion B Q B^T: the readings' noise through
-    dx/dalpha, and the contact's, both through dw/dx, and likewise for orientations: the
-    readings turn the last body, too. Linearised at corrected
-    observations l + v they are w(l + v) - B v; the corrections that follow from them
-    are - Q B^T (B Q B^T)^-1 w.
-    """
-    noise, parameters = network.noise, network.parameters
-    contact = np.full(3, float(noise.contact_mm[station.index]))
-    others = {3: contact, 6: np.append(contact, np.full(3, noise.orientation_rad))}
-    n_corrected = parameters.n_joints + max(station.most_rows, 3)
-    for chunk in _chunks(network, station, arm, corrections):
-        part, geometry = chunk.part, arm.with_tool(chunk.tool).geometry
-        derivatives = probe_derivatives(geometry, chunk.readings_rad)
-        rows = station.poses[part]
-        touches = station.touches.part(part)
-        equations = station.artefact.equations(unknowns, chunk.centres_mm, touches)
-        unweighted, by_pose = equations.misclosures_mm, equations.by_centre
-        by_unknowns, by_angles = equations.by_unknowns, derivatives.by_angles
-        poses = network.campaign.poses.part(rows)
-        columns = parameters.columns(arm, derivatives, poses)
-        if chunk.turns is not None:
-            more = station.artefact.orientation_equations(
-                unknowns, chunk.turns, touches
-            )
-            unweighted = np.concatenate([unweighted, more.misclosures_rad], axis=1)
-            by_pose = _side_by_side(by_pose, more.by_turn)
-            by_unknowns = np.concatenate([by_unknowns, more.by_unknowns], axis=1)
-            turned = turn_derivatives(arm.geometry, derivatives)[0]
-            by_angles = np.concatenate([by_angles, turned], axis=1)
-            turned = parameters.turn_columns(arm, derivatives, poses)
-            columns = np.concatenate([columns, turned], axis=1)
-        stds = others[by_pose.shape[2]]
-        scales = np.append(noise.encoder_rad, stds)
-        by_readings = by_pose @ (by_angles * noise.encoder_rad)
-        by_contact = by_pose * stds
-        plain = whiteners(by_readings, by_contact)
-        offsets = np.zeros_like(unweighted)
-        sources = np.concatenate([by_readings, by_contact], axis=2)
-        if corrections is not None:
-            in_noise = (corrections[part, : len(scales)] / scales)[:, :, np.newaxis]
-            offsets = (sources @ in_noise)[:, :, 0]
-        misclosures = unweighted - offsets
-        weighed = plain.swapaxes(1, 2) @ _times(plain, misclosures)[:, :, np.newaxis]
-        following = -(sources.swapaxes(1, 2) @ weighed)[:, :, 0] * scales
-        if len(scales) < n_corrected:
-            following = np.pad(following, ((0, 0), (0, 3)))
-        roots = np.sqrt(network.weights[rows])[:, np.newaxis, np.newaxis]
-        whitener = roots * plain
-        white_by_pose = whitener @ by_pose
-        yield WhiteRows(
-            part=part,
-            misclosures=_times(whitener, misclosures),
-            by_unknowns=whitener @ by_unknowns,
-            by_parameters=white_by_pose @ columns,
-            by_centre=white_by_pose[:, :, :3],
-            by_turn=None if chunk.turns is None else white_by_pose[:, :, 3:],
-            by_readings=whitener @ by_readings,
-            by_contact=whitener @ by_contact,
-            whiteners=whitener,
-            unweighted=misclosures,
-            offsets=offsets,
-            corrections=following,
-        )
-
-
-def _side_by_side(first: Floats, second: Floats) -> Floats:
-    """Put matrices of each pose (n, 3, 3) on a diagonal, (n, 6, 6)."""
-    both = np.zeros((len(first), 6, 6))
-    both[:, :3, :3] = first
-    both[:, 3:, 3:] = second
-    return both
-
-
-def _parts(network: Network, station: Station) -> Iterator[tuple[int, slice]]:
-    """Cut a station's poses where tool or kind change, and to a bounded size.
-
-    The kind is whether there are orientations.
-    """
-    tools, n_poses = network.campaign.poses.tools, len(station.poses)
-    ends = np.arange(0, n_poses, _CHUNK_POSES)[1:]
-    if station.touches.orientations is not None:
-        ends = np.union1d(ends, 1 + np.flatnonzero(np.diff(station.touches.oriented)))
-    if tools is not None:
-        ends = np.union1d(ends, 1 + np.flatnonzero(np.diff(tools[station.poses])))
-    for first, last in pairwise((0, *ends.tolist(), n_poses)):
-        tool = 0 if tools is None else int(tools[station.poses[first]])
-        yield tool, slice(first, last)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Chunk:
     """Some poses of a station, all with the same tool.
@@ -317,53 +84,253 @@ class _Chunk:
     turns: Floats | None = None
 
 
-def _chunks(
-    network: Network, station: Station, values: ArmValues, corrections: Floats | None
-) -> Iterator[_Chunk]:
-    """Go through a station's poses."""
-    poses, n = network.campaign.poses, network.parameters.n_joints
-    oriented = station.touches.oriented
-    for tool, part in _parts(network, station):
-        arm = values.with_tool(tool)
-        rows = station.poses[part]
-        angles_rad = poses.angles_rad[rows]
-        if corrections is not None:
-            angles_rad = angles_rad + corrections[part, :n]
-        effects = network.parameters.effects
-        is_oriented = len(rows) > 0 and bool(oriented[part][0])
-        body_turns = np.empty((4, 0))
-        if effects is None:
-            centres_mm = probe_centre(arm.geometry, angles_rad)
-            if is_oriented:
-                body_turns = body_rotations(arm.geometry, angles_rad)
-        else:
-            block = effects.campaign.block(poses.part(rows), angles_rad)
-            sized = effects.at(arm.amplitudes)
-            angles_rad = corrected_readings(arm.geometry, sized, block)
-            centres_mm = corrected_pose(arm.geometry, sized, block)[0]
-            if is_oriented:
-                body_turns = corrected_rotations(arm.geometry, sized, block)
-        if corrections is not None:
-            centres_mm = centres_mm + corrections[part, n : n + 3]
-        turns = None
-        if is_oriented:
-            mounting = values.mountings[network.parameters.mounted.index(tool)]
-            turns = multiply(body_turns, mounting[:, np.newaxis])
+@dataclass(frozen=True, slots=True, eq=False)
+class Equations:
+    """Functional and stochastic model of the poses of a campaign.
+
+    Attributes:
+        radius_mm: Of the probe's ball.
+        weights: Factors of the weights of all the campaign's poses, (n_poses,); all
+            ones, but for a robust start.
+    """
+
+    campaign: Campaign
+    radius_mm: float
+    parameters: Parameters
+    noise: Noise
+    weights: Floats
+
+    def white_rows(
+        self,
+        station: Station,
+        arm: ArmValues,
+        unknowns: Floats,
+        corrections: Floats | None = None,
+    ) -> Iterator[WhiteRows]:
+        """Linearise and whiten a station's equations, a bounded part at a time.
+
+        The misclosures of a pose have the dispersion B Q B^T: the readings' noise
+        through dx/dalpha, and the contact's, both through dw/dx, and likewise for
+        orientations: the readings turn the last body, too. Linearised at corrected
+        observations l + v they are w(l + v) - B v; the corrections that follow from
+        them are - Q B^T (B Q B^T)^-1 w.
+        """
+        noise, parameters = self.noise, self.parameters
+        contact = np.full(3, float(noise.contact_mm[station.index]))
+        others = {3: contact, 6: np.append(contact, np.full(3, noise.orientation_rad))}
+        n_corrected = parameters.n_joints + max(station.most_rows, 3)
+        for chunk in self._chunks(station, arm, corrections):
+            part, geometry = chunk.part, arm.with_tool(chunk.tool).geometry
+            derivatives = probe_derivatives(geometry, chunk.readings_rad)
+            rows = station.poses[part]
+            touches = station.touches.part(part)
+            equations = station.artefact.equations(unknowns, chunk.centres_mm, touches)
+            unweighted, by_pose = equations.misclosures_mm, equations.by_centre
+            by_unknowns, by_angles = equations.by_unknowns, derivatives.by_angles
+            poses = self.campaign.poses.part(rows)
+            columns = parameters.columns(arm, derivatives, poses)
+            if chunk.turns is not None:
+                more = station.artefact.orientation_equations(
+                    unknowns, chunk.turns, touches
+                )
+                unweighted = np.concatenate([unweighted, more.misclosures_rad], axis=1)
+                by_pose = _side_by_side(by_pose, more.by_turn)
+                by_unknowns = np.concatenate([by_unknowns, more.by_unknowns], axis=1)
+                turned = turn_derivatives(arm.geometry, derivatives)[0]
+                by_angles = np.concatenate([by_angles, turned], axis=1)
+                turned = parameters.turn_columns(arm, derivatives, poses)
+                columns = np.concatenate([columns, turned], axis=1)
+            stds = others[by_pose.shape[2]]
+            scales = np.append(noise.encoder_rad, stds)
+            by_readings = by_pose @ (by_angles * noise.encoder_rad)
+            by_contact = by_pose * stds
+            plain = whiteners(by_readings, by_contact)
+            offsets = np.zeros_like(unweighted)
+            sources = np.concatenate([by_readings, by_contact], axis=2)
             if corrections is not None:
-                turns = multiply(small_turn(corrections[part, n + 3 :].T), turns)
-        yield _Chunk(part, tool, angles_rad, centres_mm, body_turns, turns)
+                in_noise = (corrections[part, : len(scales)] / scales)[:, :, np.newaxis]
+                offsets = (sources @ in_noise)[:, :, 0]
+            misclosures = unweighted - offsets
+            weighed = (
+                plain.swapaxes(1, 2) @ _times(plain, misclosures)[:, :, np.newaxis]
+            )
+            following = -(sources.swapaxes(1, 2) @ weighed)[:, :, 0] * scales
+            if len(scales) < n_corrected:
+                following = np.pad(following, ((0, 0), (0, 3)))
+            roots = np.sqrt(self.weights[rows])[:, np.newaxis, np.newaxis]
+            whitener = roots * plain
+            white_by_pose = whitener @ by_pose
+            yield WhiteRows(
+                part=part,
+                misclosures=_times(whitener, misclosures),
+                by_unknowns=whitener @ by_unknowns,
+                by_parameters=white_by_pose @ columns,
+                by_centre=white_by_pose[:, :, :3],
+                by_turn=None if chunk.turns is None else white_by_pose[:, :, 3:],
+                by_readings=whitener @ by_readings,
+                by_contact=whitener @ by_contact,
+                whiteners=whitener,
+                unweighted=misclosures,
+                offsets=offsets,
+                corrections=following,
+            )
+
+    def all_misclosures(
+        self,
+        station: Station,
+        arm: ArmValues,
+        unknowns: Floats,
+        corrections: Floats | None = None,
+    ) -> Floats:
+        """Compute a station's misclosures alone, (n_poses, most_rows).
+
+        In mm, and behind them of orientations in rad, zero where there is none.
+        """
+        centres_mm = self.centres_mm(station, arm, corrections)
+        found = np.zeros((len(centres_mm), station.most_rows))
+        for first in range(0, len(centres_mm), _CHUNK_POSES):
+            part = slice(first, first + _CHUNK_POSES)
+            touches = station.touches.part(part)
+            equations = station.artefact.equations(unknowns, centres_mm[part], touches)
+            found[part, : station.artefact.rows_per_pose] = equations.misclosures_mm
+        if station.touches.orientations is not None:
+            for chunk in self._chunks(station, arm, corrections):
+                if chunk.turns is not None:
+                    found[chunk.part, 3:] = station.artefact.orientation_equations(
+                        unknowns, chunk.turns, station.touches.part(chunk.part)
+                    ).misclosures_rad
+        return found
+
+    def misclosures_mm(
+        self, station: Station, arm: ArmValues, unknowns: Floats
+    ) -> Floats:
+        """Compute a station's misclosures without those of orientations.
+
+        (n_poses, rows_per_pose)
+        """
+        found = self.all_misclosures(station, arm, unknowns)
+        return found[:, : station.artefact.rows_per_pose]
+
+    def orientation_errors_rad(
+        self, station: Station, arm: ArmValues, unknowns: Floats
+    ) -> Floats:
+        """Compute the misclosures of orientations, NaN without, (n_poses, 3) [rad]."""
+        found = np.full((len(station.poses), 3), np.nan)
+        oriented = station.touches.oriented
+        if np.any(oriented):
+            every = self.all_misclosures(station, arm, unknowns)
+            found[oriented] = every[oriented, 3:]
+        return found
+
+    def centres_mm(
+        self,
+        station: Station,
+        arm: ArmValues,
+        corrections: Floats | None = None,
+    ) -> Floats:
+        """Compute the ball centres of a station's poses in mm, (n_poses, 3)."""
+        chunks = self._chunks(station, arm, corrections)
+        return np.concatenate([chunk.centres_mm for chunk in chunks])
+
+    def _parts(self, station: Station) -> Iterator[tuple[int, slice]]:
+        """Cut a station's poses where tool or kind change, and to a bounded size.
+
+        The kind is whether there are orientations.
+        """
+        tools, n_poses = self.campaign.poses.tools, len(station.poses)
+        ends = np.arange(0, n_poses, _CHUNK_POSES)[1:]
+        if station.touches.orientations is not None:
+            ends = np.union1d(
+                ends, 1 + np.flatnonzero(np.diff(station.touches.oriented))
+            )
+        if tools is not None:
+            ends = np.union1d(ends, 1 + np.flatnonzero(np.diff(tools[station.poses])))
+        for first, last in pairwise((0, *ends.tolist(), n_poses)):
+            tool = 0 if tools is None else int(tools[station.poses[first]])
+            yield tool, slice(first, last)
+
+    def _chunks(
+        self, station: Station, values: ArmValues, corrections: Floats | None
+    ) -> Iterator[_Chunk]:
+        """Go through a station's poses."""
+        poses, n = self.campaign.poses, self.parameters.n_joints
+        oriented = station.touches.oriented
+        for tool, part in self._parts(station):
+            arm = values.with_tool(tool)
+            rows = station.poses[part]
+            angles_rad = poses.angles_rad[rows]
+            if corrections is not None:
+                angles_rad = angles_rad + corrections[part, :n]
+            effects = self.parameters.effects
+            is_oriented = len(rows) > 0 and bool(oriented[part][0])
+            body_turns = np.empty((4, 0))
+            if effects is None:
+                centres_mm = probe_centre(arm.geometry, angles_rad)
+                if is_oriented:
+                    body_turns = body_rotations(arm.geometry, angles_rad)
+            else:
+                block = effects.campaign.block(poses.part(rows), angles_rad)
+                sized = effects.at(arm.amplitudes)
+                angles_rad = corrected_readings(arm.geometry, sized, block)
+                centres_mm = corrected_pose(arm.geometry, sized, block)[0]
+                if is_oriented:
+                    body_turns = corrected_rotations(arm.geometry, sized, block)
+            if corrections is not None:
+                centres_mm = centres_mm + corrections[part, n : n + 3]
+            turns = None
+            if is_oriented:
+                mounting = values.mountings[self.parameters.mounted.index(tool)]
+                turns = multiply(body_turns, mounting[:, np.newaxis])
+                if corrections is not None:
+                    turns = multiply(small_turn(corrections[part, n + 3 :].T), turns)
+            yield _Chunk(part, tool, angles_rad, centres_mm, body_turns, turns)
+
+
+def whiteners(by_readings: Floats, by_contact: Floats) -> Floats:
+    """Compute L^-1 of many small dispersions, in closed form.
+
+    From derivatives by readings times their standard deviations, (n_poses, n_rows,
+    n_joints), with n_rows 1, 3 or 6, and the same by the other sources, (n_poses,
+    n_rows, 3 or 6). Lower triangles, (n_poses, n_rows, n_rows).
+    """
+    noise = np.concatenate([by_readings, by_contact], axis=2)
+    if noise.shape[1] == 1:
+        variances = np.einsum("nij,nij->ni", noise, noise)
+        factors: Floats = 1.0 / np.sqrt(variances)[:, :, np.newaxis]
+        return factors
+    dispersion = noise @ noise.swapaxes(1, 2)
+    if noise.shape[1] > 3:
+        # Exactly zero above: what a position says does not depend on its orientation.
+        return np.tril(np.linalg.inv(np.linalg.cholesky(dispersion)))
+    return _inverse_factors(dispersion)
+
+
+def _inverse_factors(matrices: Floats) -> Floats:
+    """Invert the Cholesky factors of 3 x 3 matrices, (n, 3, 3)."""
+    a = np.sqrt(matrices[:, 0, 0])
+    b = matrices[:, 1, 0] / a
+    c = matrices[:, 2, 0] / a
+    d = np.sqrt(matrices[:, 1, 1] - b * b)
+    e = (matrices[:, 2, 1] - b * c) / d
+    f = np.sqrt(matrices[:, 2, 2] - c * c - e * e)
+    inverse = np.zeros_like(matrices)
+    inverse[:, 0, 0] = 1.0 / a
+    inverse[:, 1, 1] = 1.0 / d
+    inverse[:, 2, 2] = 1.0 / f
+    inverse[:, 1, 0] = -b / (a * d)
+    inverse[:, 2, 1] = -e / (d * f)
+    inverse[:, 2, 0] = (b * e - c * d) / (a * d * f)
+    return inverse
+
+
+def _side_by_side(first: Floats, second: Floats) -> Floats:
+    """Put matrices of each pose (n, 3, 3) on a diagonal, (n, 6, 6)."""
+    both = np.zeros((len(first), 6, 6))
+    both[:, :3, :3] = first
+    both[:, 3:, 3:] = second
+    return both
 
 
 def _times(matrices: Floats, vectors: Floats) -> Floats:
     """Multiply (n, k, k) with (n, k)."""
     return (matrices @ vectors[:, :, np.newaxis])[:, :, 0]
-
-
-def rms_mm(network: Network, state: State) -> float:
-    """Compute the root mean square of all scalar misclosures of a state."""
-    total, n_rows = 0.0, 0
-    for station, unknowns in zip(network.stations, state.unknowns, strict=True):
-        found_mm = misclosures_mm(network, station, state.arm, unknowns)
-        total += float(np.sum(found_mm**2))
-        n_rows += found_mm.size
-    return float(np.sqrt(total / max(n_rows, 1)))

@@ -1,10 +1,13 @@
 """The rounds of an identification: adjust, test, improve the noise, and again."""
 
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from traverse.arrays import Booleans
+from traverse.lab.adjustment.adjusted import Adjustment
 from traverse.lab.adjustment.noise import (
     Noise,
     a_priori_noise,
@@ -12,17 +15,19 @@ from traverse.lab.adjustment.noise import (
     variance_model,
 )
 from traverse.lab.adjustment.parameters import ArmValues
+from traverse.lab.adjustment.pose_statistics import PoseStatistics
 from traverse.lab.adjustment.prepare import Options
-from traverse.lab.adjustment.problem import Network, stations
-from traverse.lab.adjustment.snooping import (
-    PoseStatistics,
-    pose_statistics,
-    robust_scale,
-    snoop,
-)
-from traverse.lab.adjustment.solve import MOST_ITERATIONS, Adjustment, adjust
-from traverse.lab.adjustment.starting_values import robust_state, start_state
+from traverse.lab.adjustment.problem import Network
+from traverse.lab.adjustment.snooping import snoop
+from traverse.lab.adjustment.solve import MOST_ITERATIONS, adjust
+from traverse.lab.adjustment.starting_values import robust_state
+from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.outcomes.progress import Iteration, Progress
+from traverse.lab.statistics.outlier_clusters import (
+    ExcludedCluster,
+    Line,
+    find_outlier_cluster,
+)
 
 _MOST_ROUNDS = 40
 # Poses that take part the same for this many times go round in a circle.
@@ -33,6 +38,15 @@ _MOST_BAD = 5
 _NOISE_SETTLED = 0.01
 # A classical sigma0 this much above the robust one betrays blunders.
 _BLUNDERS = 1.2
+
+
+_N_DRAWS = 300
+_MOST_CLUSTERS = 3
+# A blunder may be there as well: so many times the median of the others' |w|.
+_MUCH_WORSE = 4.0
+# Probability of a cluster by chance, below which it is a finding about the arm: one
+# that is reported at 0.001 would bring back blunders of one campaign in hundreds.
+_BY_CHANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,17 +71,88 @@ class IteratedAdjustment:
     iterations: tuple[Iteration, ...]
     noise_estimated: bool
 
+    def contradicted_by_orientation(self) -> Booleans:
+        """Find poses that were excluded, but whose position alone agrees, (n_poses,).
 
-def iterate(
+        None of an adjustment that excluded nobody.
+        """
+        agreeing = self.statistics.w_position < self.critical  # NaN: has no orientation
+        excluded: Booleans = agreeing & ~self.included & ~self.alternating
+        return excluded if np.isfinite(self.critical) else np.zeros_like(excluded)
+
+    def with_clusters_back(
+        self, campaign: Campaign, again: Callable[[Booleans], "IteratedAdjustment"]
+    ) -> "tuple[IteratedAdjustment, tuple[ExcludedCluster, ...]]":
+        """Take excluded poses back that lie together in the range of a joint.
+
+        Again adjusts with poses that stay, (n_poses,). Returns the last adjustment, and
+        the clusters.
+
+        Strategy: a blunder may be anywhere. Where excluded poses gather in a range of a
+        joint's angle, the arm does something there that its model lacks: they tell more
+        about it than all others, and without them the arm would be fitted to where it
+        is easy. They take part again. Those that gather on one artefact or in time may
+        tell of a socket that moved: they stay out. So do the few that chance brings
+        together: taking blunders back costs more than leaving such poses out.
+        """
+        poses = campaign.poses
+        lines: list[Line] = [
+            (f"{name}_rad", name, poses.angles_rad[:, joint])
+            for joint, name in enumerate(campaign.joint_names)
+        ]
+        lines.append(("time_s", None, poses.time_s))
+        names = [artefact.id for artefact in campaign.artefacts]
+        staying = np.zeros(len(poses), dtype=np.bool_)
+        clusters: list[ExcludedCluster] = []
+        last = self
+        # Neighbouring samples of a stream are out together because they are alike.
+        while len(clusters) < _MOST_CLUSTERS and not campaign.is_stream:
+            place = find_outlier_cluster(
+                lines, poses.artefacts, names, last.included, n_draws=_N_DRAWS, seed=1
+            )
+            if place is None:
+                break
+            there = np.zeros(len(poses), dtype=np.bool_)
+            if place.joint is not None:
+                read_rad = poses.angles_rad[:, campaign.joint_names.index(place.joint)]
+                there = (read_rad >= place.low) & (read_rad <= place.high)
+            there &= ~last.included
+            if np.any(there):
+                w = last.statistics.w
+                there &= ~(w > _MUCH_WORSE * np.nanmedian(w[there]))
+            artefacts = np.unique(poses.artefacts[there])
+            of_joint = (
+                place.joint is not None
+                and (len(artefacts) > 1 or len(np.unique(poses.artefacts)) == 1)
+                and place.log_p < math.log(_BY_CHANCE)
+            )
+            clusters.append(ExcludedCluster(place, of_joint))
+            if not of_joint:
+                break
+            staying |= there
+            last = again(staying)
+        return last, tuple(clusters)
+
+    def excluded_part(self, at: int) -> str:
+        """Say which part of an excluded pose contradicts the others."""
+        position, orientation = (
+            self.statistics.w_position,
+            self.statistics.w_orientation,
+        )
+        if np.isnan(position[at]) or orientation[at] < self.critical:
+            return "position"
+        return "position and orientation"
+
+
+def adjust_iteratively(
     network: Network,
     design: ArmValues,
     options: Options,
-    radius_mm: float,
     *,
     first: Booleans | None = None,
     staying: Booleans | None = None,
     progress: Progress | None = None,
-    most_iterations: int = MOST_ITERATIONS,
+    most_iterations: int | None = None,
 ) -> IteratedAdjustment:
     """Adjust until neither the poses that take part nor the noise change.
 
@@ -79,47 +164,47 @@ def iterate(
     design = network.parameters.as_expected(design)
     if network.parameters.mounted:
         # Wherever an instrument's probe is mounted is as plausible as anywhere else.
-        design = start_state(network, design).arm
+        design = network.start(design).arm
     variances = options.variances or variance_model(campaign)
+    most = MOST_ITERATIONS if most_iterations is None else most_iterations
     iterations: list[Iteration] = []
 
-    def without(
+    def adjusted(
         included: Booleans, arm: ArmValues, noise: Noise | None = None
     ) -> tuple[Adjustment, PoseStatistics]:
-        chosen = stations(campaign, radius_mm, included)
-        part = replace(network, stations=chosen, noise=noise or network.noise)
-        found = adjust(part, start_state(part, arm), design, progress, most_iterations)
-        iterations.extend(found.iterations)
-        return found, pose_statistics(found)
+        part = network.of_poses(included, noise)
+        adjustment = adjust(part, part.start(arm), design, progress, most)
+        iterations.extend(adjustment.iterations)
+        return adjustment, adjustment.pose_statistics()
 
     eligible = network.included
     staying = np.zeros_like(eligible) if staying is None else eligible & staying
     included = eligible if first is None else eligible & first | staying
-    adjustment, found = without(included, design)
+    adjustment, statistics = adjusted(included, design)
     if options.snooping and (
-        not adjustment.converged or adjustment.sigma0 > _BLUNDERS * robust_scale(found)
+        not adjustment.converged
+        or adjustment.sigma0 > _BLUNDERS * statistics.robust_scale
     ):
-        state = start_state(network, design)
+        state = network.start(design)
         state, included = robust_state(network, state, design)
         included = included & eligible | staying
-        adjustment, found = without(included, state.arm)
+        adjustment, statistics = adjusted(included, state.arm)
     critical = float("inf")
     visited: list[Booleans] = []
     alternating, n_bad = np.zeros_like(eligible), 0
     for _ in range(_MOST_ROUNDS):
         noise, change = better_noise(
-            campaign, adjustment.network.noise, found.variances, variances
+            campaign, adjustment.network.noise, statistics.variances, variances
         )
         n_changed, going_on = 0, included
         if options.snooping:
             following, critical = snoop(
                 adjustment,
-                found,
+                statistics,
                 included,
                 eligible,
                 family_level=options.family_level,
                 noise_known=not variances.estimates,
-                radius_mm=radius_mm,
             )
             going_on = following | staying
             n_changed = int(np.count_nonzero(going_on != included))
@@ -134,13 +219,13 @@ def iterate(
             visited, going_on = [], going_on & eligible | staying
         visited.append(going_on)
         included = going_on
-        adjustment, found = without(included, adjustment.state.arm, noise)
+        adjustment, statistics = adjusted(included, adjustment.state.arm, noise)
     if not np.all(included):
-        others = stations(campaign, radius_mm, ~included)
-        found.fill(pose_statistics(adjustment, others), ~included)
+        others = network.stations_of(~included)
+        statistics.fill(adjustment.pose_statistics(others), ~included)
     return IteratedAdjustment(
         adjustment,
-        found,
+        statistics,
         included,
         alternating,
         critical,
@@ -161,5 +246,5 @@ def _is_estimated(network: Network) -> bool:
 
 def _circle(visited: list[Booleans], included: Booleans) -> list[Booleans]:
     """Find the recurring selections of poses; none without a cycle."""
-    same = [at for at, one in enumerate(visited) if np.array_equal(one, included)]
+    same = [at for at, past in enumerate(visited) if np.array_equal(past, included)]
     return [] if len(same) < _A_CIRCLE - 1 else visited[same[-1] :]

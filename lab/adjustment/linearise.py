@@ -5,9 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.lab.adjustment.equations import all_misclosures, white_rows
-from traverse.lab.adjustment.parameters import ArmValues
-from traverse.lab.adjustment.problem import Network, State, Station
+from traverse.lab.adjustment.problem import Network, State
 from traverse.lab.adjustment.rank import Elimination, eliminate_unknowns, sequential_qr
 
 
@@ -46,11 +44,11 @@ def linearise(network: Network, state: State) -> System:
     ):
         n_unknowns = len(station.scales)
         n_columns = n_unknowns + n_free + 1
-        blocks = [certified(network, station, state.arm, unknowns)]
+        blocks = [network.certified(station, state.arm, unknowns)]
         seen = []
         upper = np.empty((0, n_columns))
         total += float(np.sum(blocks[0][:, -1] ** 2))
-        for rows in white_rows(network, station, state.arm, unknowns, corrections):
+        for rows in network.white_rows(station, state.arm, unknowns, corrections):
             total += float(np.sum(rows.misclosures**2))
             squares_mm2 += float(np.sum(rows.misclosures_mm**2))
             n_mm += rows.misclosures_mm.size
@@ -93,35 +91,9 @@ def sum_of_squares(network: Network, state: State, system: System) -> float:
     total = float(np.sum(network.parameters.expectations(state.arm)[:, -1] ** 2))
     for at, station in enumerate(network.stations):
         unknowns, corrections = state.unknowns[at], state.corrections[at]
-        found = all_misclosures(network, station, state.arm, unknowns, corrections)
+        found = network.all_misclosures(station, state.arm, unknowns, corrections)
         found = found - system.offsets[at]
         white = system.whiteners[at] @ found[:, :, np.newaxis]
-        certificates = certified(network, station, state.arm, unknowns)[:, -1]
+        certificates = network.certified(station, state.arm, unknowns)[:, -1]
         total += float(np.sum(white**2) + np.sum(certificates**2))
     return total
-
-
-def certified(
-    network: Network, station: Station, arm: ArmValues, unknowns: Floats
-) -> Floats:
-    """Whiten a station's certificate: unknowns, parameters, right side.
-
-    A standard whose certificate is off by some ppm is as long as it says and that
-    much more.
-    """
-    certificate = station.artefact.certificate(unknowns, station.touches)
-    misclosures_mm = certificate.misclosures_mm.copy()
-    by_parameters = np.zeros((len(misclosures_mm), network.parameters.n_free))
-    for length in station.artefact.lengths(unknowns):
-        row = length.certificate_row
-        if row is not None:
-            certified_mm = length.value_mm - float(certificate.misclosures_mm[row])
-            errors = network.parameters.length_errors(arm, station.artefact.id)
-            misclosures_mm[row] -= 1e-6 * errors[0] * certified_mm
-            by_parameters[row] -= 1e-6 * errors[1] * certified_mm
-    rows = np.hstack(
-        [certificate.by_unknowns, by_parameters, -misclosures_mm[:, np.newaxis]]
-    )
-    # One that was left out has an infinite standard deviation.
-    known = np.isfinite(certificate.std_mm)
-    return rows[known] / certificate.std_mm[known, np.newaxis]

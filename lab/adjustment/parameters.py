@@ -5,13 +5,13 @@ c_k v_k + d_k w_k, with v_k, w_k across u_k. The component of a link along its a
 is left alone, because x does not change when a hinge slides along its own axis.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
 
-from traverse.arrays import Booleans, Floats
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.kinematics.model.derivatives import ProbeDerivatives, turn_derivatives
 from traverse.kinematics.model.geometry import Geometry, unit_vectors
 from traverse.kinematics.model.quaternion import (
@@ -50,6 +50,25 @@ class ArmValues:
         changed = replace(self.geometry, probe_vector_mm=vector_mm)
         return replace(self, geometry=changed)
 
+    def each_tool(
+        self, poses: Poses, compute: Callable[[Geometry, Integers], Floats]
+    ) -> Floats:
+        """Put together what is computed for the poses of each tool, (n_poses, ...).
+
+        It is computed from the arm with a tool and the indices of its poses, (n,), a
+        row a pose.
+        """
+        if poses.tools is None or not len(poses):
+            return compute(self.geometry, np.arange(len(poses)))
+        order = np.argsort(poses.tools, kind="stable")
+        parts = [
+            compute(
+                self.with_tool(int(tool)).geometry, np.flatnonzero(poses.tools == tool)
+            )
+            for tool in np.unique(poses.tools)
+        ]
+        return np.concatenate(parts)[np.argsort(order)]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expected:
@@ -64,6 +83,10 @@ class Expected:
     names: tuple[str, ...]
     stds: Floats
     arm: ArmValues
+
+
+# Components smaller than this part of the largest are not named.
+_NAMED = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,9 +152,31 @@ class Parameters:
         """Tolerances of the free ones, (n_free,)."""
         return self.tolerances[self.free]
 
+    @property
+    def required_effects(self) -> EffectModel:
+        """The effects.
+
+        Raises:
+            ValueError: There are none.
+        """
+        if self.effects is None:
+            raise ValueError("the adjustment has no effects")
+        return self.effects
+
     def with_free(self, free: Booleans) -> "Parameters":
         """Free other ones."""
         return replace(self, free=free)
+
+    def with_effects_larger(self, factor: float) -> "Parameters":
+        """Let effects plausibly be so many times as large; weights stay as they are."""
+        if self.effects is None:
+            return self
+        factors = np.full(len(self.effects.names), factor)
+        factors[self.effects.moments] = 1.0  # weight is no error
+        tolerances = self.tolerances.copy()
+        tolerances[-len(factors) :] *= factors
+        effects = replace(self.effects, tolerances=factors * self.effects.tolerances)
+        return replace(self, tolerances=tolerances, effects=effects)
 
     def of_geometry(self) -> "Parameters":
         """Keep the geometry only."""
@@ -279,6 +324,17 @@ class Parameters:
         rows = np.zeros((len(of_masses), self.n_free + 1))
         rows[:, self.n_free - np.count_nonzero(free) :] = of_masses[:, [*free, True]]
         return np.vstack([found, rows])
+
+    def named(self, direction: Floats) -> dict[str, float]:
+        """Name the larger components of a direction of the free ones, largest first."""
+        least = _NAMED * float(np.max(np.abs(direction)))
+        order = np.argsort(-np.abs(direction))
+        names = self.free_names
+        return {
+            names[at]: float(direction[at])
+            for at in order
+            if abs(direction[at]) >= least
+        }
 
     def family_expectations(self, arm: ArmValues) -> Floats:
         """As `expectations`, by the family alone; n is that of its free parameters."""

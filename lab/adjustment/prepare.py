@@ -1,14 +1,16 @@
 """What an adjustment begins with: the arm's values, and which parameters are free."""
 
 from dataclasses import dataclass, replace
+from glob import escape
 
 import numpy as np
 
+from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.adjustment.datum import with_datum
 from traverse.lab.adjustment.effect_model import effect_model
-from traverse.lab.adjustment.noise import VarianceModel
+from traverse.lab.adjustment.noise import Noise, VarianceModel, a_priori_noise
 from traverse.lab.adjustment.parameters import (
     ArmValues,
     Parameters,
@@ -16,6 +18,8 @@ from traverse.lab.adjustment.parameters import (
     expected_by,
     masked,
 )
+from traverse.lab.adjustment.problem import Network
+from traverse.lab.adjustment.station import sorted_stations
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.prior import Prior
 
@@ -31,6 +35,8 @@ class Options:
         family_level: Probability that a campaign without blunders loses any pose.
         variances: Which noise is estimated; None: what the campaign does not give.
         coarse_start: Whether wrong zeros are looked for where the design fits badly.
+        n_suggestions: How many further poses are proposed.
+        free_effects: Whether all values of the arm's effects are free.
     """
 
     hold: tuple[str, ...] = ()
@@ -40,20 +46,67 @@ class Options:
     variances: VarianceModel | None = None
     coarse_start: bool = True
     n_suggestions: int = 8
+    free_effects: bool = False
+
+    @property
+    def with_noise_held(self) -> "Options":
+        """The same with the noise as stated, or as assumed."""
+        return replace(self, variances=VarianceModel("held", "held"))
 
 
 class IdentificationError(ValueError):
     """Arm, campaign and options are inconsistent."""
 
 
-def prepared(
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """What an adjustment of a campaign begins with.
+
+    Attributes:
+        design: Values of the arm as given.
+        parameters: Of the arm, and which of them are free.
+        radius_mm: Of the probe's ball.
+    """
+
+    campaign: Campaign
+    design: ArmValues
+    parameters: Parameters
+    radius_mm: float
+
+    @classmethod
+    def of(cls, campaign: Campaign, arm: Arm, options: Options) -> "Problem":
+        """Take the values of an arm, and choose what is free.
+
+        Raises:
+            IdentificationError: A pattern fits no parameter, or effects do not fit.
+        """
+        design, parameters = _prepared(campaign, arm, options)
+        return cls(campaign, design, parameters, arm.probe.radius_mm)
+
+    def network(
+        self, included: Booleans | None = None, noise: Noise | None = None
+    ) -> Network:
+        """Set up the equations of some poses, (n_poses,), all of the same weight.
+
+        Default are all poses, and the noise as stated or assumed.
+        """
+        n_poses = len(self.campaign.poses)
+        every = np.ones(n_poses, dtype=np.bool_)
+        return Network(
+            campaign=self.campaign,
+            radius_mm=self.radius_mm,
+            parameters=self.parameters,
+            noise=noise or a_priori_noise(self.campaign),
+            weights=np.ones(n_poses),
+            stations=sorted_stations(
+                self.campaign, self.radius_mm, every if included is None else included
+            ),
+        )
+
+
+def _prepared(
     campaign: Campaign, arm: Arm, options: Options
 ) -> tuple[ArmValues, Parameters]:
-    """Make the design's values, and choose what is free.
-
-    Raises:
-        IdentificationError: A pattern fits no parameter, or effects do not fit.
-    """
     geometry, prior = geometry_from_arm(arm), campaign.prior
     # Directions of components, and which are held, decide what others mean to a family.
     of_design = geometry if prior is None else geometry_from_arm(prior.design)
@@ -67,18 +120,20 @@ def prepared(
         of_design, campaign.joint_names, effects, names, mounted
     )
     in_the_arms_system = any(artefact.fixes_datum for artefact in campaign.artefacts)
-    wishes = (*(("origin.*",) if in_the_arms_system else ()), *options.free)
+    free = [*(("origin.*",) if in_the_arms_system else ()), *options.free]
+    if effects is not None and options.free_effects:
+        free += map(escape, effects.names)
     tools_mm = np.array(
         [tool.vector_mm or geometry.probe_vector_mm for tool in campaign.tools]
     ).reshape(-1, 3)
     try:
         held = [f"tool.{name}.?" for name in _held_tools(campaign)]
         parameters = parameters.with_free(masked(parameters, held, ()))
-        parameters = parameters.with_free(masked(parameters, options.hold, wishes))
+        parameters = parameters.with_free(masked(parameters, options.hold, free))
         if effects is not None:
             # Where no mass is known, what yields is estimated with what it yields to.
-            wishes = (*wishes, *effects.moments_with(parameters.free_names))
-            parameters = parameters.with_free(masked(parameters, options.hold, wishes))
+            free += effects.moments_with(parameters.free_names)
+            parameters = parameters.with_free(masked(parameters, options.hold, free))
     except ValueError as error:
         raise IdentificationError(str(error)) from error
     if not in_the_arms_system:

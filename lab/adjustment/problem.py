@@ -1,50 +1,23 @@
-"""The network of observations: every artefact with the poses that touched it."""
+"""The adjustment problem: every artefact with the poses that touched it."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
-from traverse.kinematics.model.geometry import Geometry
-from traverse.lab.adjustment.noise import Noise, a_priori_noise
-from traverse.lab.adjustment.parameters import ArmValues, Parameters
-from traverse.lab.artefacts.artefact import Artefact, Touches
+from traverse.kinematics.helmert.transformation import N_RIGID, motions
+from traverse.kinematics.model.derivatives import probe_derivatives
+from traverse.kinematics.model.quaternion import conjugate, multiply
+from traverse.lab.adjustment.datum import scale_direction
+from traverse.lab.adjustment.equations import Equations, whiteners
+from traverse.lab.adjustment.noise import Noise
+from traverse.lab.adjustment.parameters import ArmValues
+from traverse.lab.adjustment.station import Station, sorted_stations
+from traverse.lab.artefacts.artefact import Touches
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.campaign.poses import Poses
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Station:
-    """One artefact and the poses that touched it.
-
-    Attributes:
-        poses: Indices of the campaign's poses, (n_poses,).
-        scales: Hopeless standard deviations of its unknowns, (n_unknowns,).
-    """
-
-    artefact: Artefact
-    index: int
-    poses: Integers
-    touches: Touches
-    scales: Floats
-
-    @property
-    def n_rows(self) -> int:
-        """The number of condition equations."""
-        n_oriented = int(np.count_nonzero(self.touches.oriented))
-        return len(self.poses) * self.artefact.rows_per_pose + 3 * n_oriented
-
-    @property
-    def most_rows(self) -> int:
-        """The number of condition equations that a pose has at most."""
-        is_oriented = self.touches.orientations is not None
-        return self.artefact.rows_per_pose + (3 if is_oriented else 0)
-
-    def part(self, rows: Integers) -> "Station":
-        """Take some of the poses."""
-        return replace(self, poses=self.poses[rows], touches=self.touches.part(rows))
+from traverse.lab.campaign.poses import evenly
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,20 +36,18 @@ class State:
     corrections: tuple[Floats, ...]
 
 
+_START_POSES = 2000
+# Random postures in which parameters are compared at the probe.
+_N_POSTURES = 300
+_LEAST_RANGE_RAD = np.radians(120.0)
+_SEED = 20_170_101
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Network:
-    """The adjustment problem: observations, parameters, noise.
+class Network(Equations):
+    """The equations of the stations that take part."""
 
-    Attributes:
-        weights: Factors of the weights of all the campaign's poses, (n_poses,); all
-            ones, but for a robust start.
-    """
-
-    campaign: Campaign
     stations: tuple[Station, ...]
-    parameters: Parameters
-    noise: Noise
-    weights: Floats
 
     @property
     def n_rows(self) -> int:
@@ -109,103 +80,223 @@ class Network:
         """Which of the campaign's poses take part, (n_poses,)."""
         return np.isin(np.arange(len(self.campaign.poses)), self.poses)
 
+    def start(self, arm: ArmValues) -> State:
+        """Find every station's unknowns, and mountings, in closed form from an arm.
 
-def stations(
-    campaign: Campaign, radius_mm: float, included: Booleans
-) -> tuple[Station, ...]:
-    """Sort the included poses by artefact, by tool, and orientations behind the others.
+        A few thousand poses, spread evenly, are enough for that.
+        """
+        unknowns: list[Floats] = []
+        for station in self.stations:
+            few = station.part(evenly(np.arange(len(station.poses)), _START_POSES))
+            centres_mm = self.centres_mm(few, arm)
+            unknowns.append(station.artefact.start(centres_mm, few.touches))
+        n_joints = self.parameters.n_joints
+        nothing = tuple(
+            np.zeros((len(station.poses), n_joints + max(station.most_rows, 3)))
+            for station in self.stations
+        )
+        if self.parameters.mounted:
+            arm = replace(arm, mountings=self.fitted_mountings(arm, unknowns))
+        return State(arm, tuple(unknowns), nothing)
 
-    Artefacts without any are left out.
-    """
-    poses = campaign.poses
-    tools = np.zeros(len(poses)) if poses.tools is None else poses.tools
-    order = np.lexsort((poses.oriented, tools, poses.artefacts))
-    order = order[included[order]]
-    indices = poses.artefacts[order]
-    found = []
-    for index, artefact in enumerate(campaign.artefacts):
-        first, last = np.searchsorted(indices, (index, index + 1))
-        if first == last:
-            continue
-        mine = order[first:last]
-        touches = campaign.touches(index, mine, radius_mm)
-        scales = artefact.unknown_scales(touches)
-        found.append(Station(artefact, index, mine, touches, scales))
-    return tuple(found)
+    def fitted_mountings(self, arm: ArmValues, unknowns: Sequence[Floats]) -> Floats:
+        """Find how the instrument's probes are mounted, as unit quaternions.
+
+        Each pose says P_n^-1 R O; blunders are weighted down in their mean. A mounting
+        that no pose of the stations speaks of stays. (n_mounted, 4)
+        """
+        mountings = arm.mountings.copy()
+        parts: dict[int, list[Floats]] = {}
+        for station, own in zip(self.stations, unknowns, strict=True):
+            for chunk in self._chunks(station, arm, None):
+                if chunk.turns is not None:
+                    touches = station.touches.part(chunk.part)
+                    seen = station.artefact.measured_orientations(own, touches)
+                    said = multiply(conjugate(chunk.body_turns), seen)
+                    parts.setdefault(chunk.tool, []).append(said.T)
+        for at, tool in enumerate(self.parameters.mounted):
+            if tool in parts:
+                mountings[at] = _mean_rotation(np.concatenate(parts[tool]))
+        return mountings
+
+    def stations_of(
+        self, included: Booleans, campaign: Campaign | None = None
+    ) -> tuple[Station, ...]:
+        """Sort the included poses by artefact, (n_poses,), also of another campaign."""
+        return sorted_stations(campaign or self.campaign, self.radius_mm, included)
+
+    def of_poses(self, included: Booleans, noise: Noise | None = None) -> "Network":
+        """Let the included poses take part, (n_poses,)."""
+        stations = self.stations_of(included)
+        return replace(self, stations=stations, noise=noise or self.noise)
+
+    def known_stations(
+        self, state: State, included: Booleans, campaign: Campaign | None = None
+    ) -> tuple[tuple[Station, ...], tuple[Floats, ...]]:
+        """Sort the included poses, and find the state of their artefacts.
+
+        Artefacts that take no part in the network are left out.
+        """
+        unknowns = {
+            station.index: own
+            for station, own in zip(self.stations, state.unknowns, strict=True)
+        }
+        known = tuple(
+            station
+            for station in self.stations_of(included, campaign)
+            if station.index in unknowns
+        )
+        return known, tuple(unknowns[station.index] for station in known)
+
+    def orientation_errors_of(
+        self, state: State, campaign: Campaign | None = None
+    ) -> Floats:
+        """Compare all orientations with a state, (n_poses, 3) [rad].
+
+        Also those of another campaign; of artefacts without a place there are none.
+        """
+        campaign = campaign or self.campaign
+        errors_rad = np.full((len(campaign.poses), 3), np.nan)
+        every = np.ones(len(errors_rad), dtype=np.bool_)
+        known, unknowns = self.known_stations(state, every, campaign)
+        whole = self.on(campaign)
+        for station, own in zip(known, unknowns, strict=True):
+            errors_rad[station.poses] = whole.orientation_errors_rad(
+                station, state.arm, own
+            )
+        return errors_rad
+
+    def certified(self, station: Station, arm: ArmValues, unknowns: Floats) -> Floats:
+        """Whiten a station's certificate: unknowns, parameters, right side.
+
+        A standard whose certificate is off by some ppm is as long as it says and that
+        much more.
+        """
+        certificate = station.artefact.certificate(unknowns, station.touches)
+        misclosures_mm = certificate.misclosures_mm.copy()
+        by_parameters = np.zeros((len(misclosures_mm), self.parameters.n_free))
+        for length in station.artefact.lengths(unknowns):
+            row = length.certificate_row
+            if row is not None:
+                certified_mm = length.value_mm - float(certificate.misclosures_mm[row])
+                errors = self.parameters.length_errors(arm, station.artefact.id)
+                misclosures_mm[row] -= 1e-6 * errors[0] * certified_mm
+                by_parameters[row] -= 1e-6 * errors[1] * certified_mm
+        rows = np.hstack(
+            [certificate.by_unknowns, by_parameters, -misclosures_mm[:, np.newaxis]]
+        )
+        # One that was left out has an infinite standard deviation.
+        known = np.isfinite(certificate.std_mm)
+        return rows[known] / certificate.std_mm[known, np.newaxis]
+
+    def has_length(self) -> bool:
+        """Return whether anything determines the scale."""
+        expected = self.parameters.expected
+        if expected is not None and any(".link." in name for name in expected.names):
+            return True
+        return any(
+            station.artefact.fixes_scale(station.touches) for station in self.stations
+        )
+
+    def undetermined_scale(self, arm: ArmValues) -> Floats:
+        """Return the direction of a scale that no length determines.
+
+        (1, n_free), or (0, n_free) where the scale is determined.
+        """
+        if self.has_length():
+            return np.empty((0, self.parameters.n_free))
+        return scale_direction(self.parameters, arm.geometry, arm.tools_mm)
+
+    def probe_effects_mm(self, arm: ArmValues, steps: Floats) -> Floats:
+        """Compute the root mean square shift of the probe by each step, (n_steps,).
+
+        Over random postures within the travelled ranges, but at least 120 degrees a
+        joint: an arm is identified to be used. The motion of the arm as a whole is
+        taken out: it depends on the datum only. Steps are those of the free parameters,
+        (n_steps, n_free).
+        """
+        columns, centres_mm = self.posture_columns(arm)
+        shifts_mm = np.einsum("nip,sp->nis", columns, steps).reshape(-1, len(steps))
+        local_mm = centres_mm - centres_mm.mean(axis=0)
+        basis = np.linalg.qr(motions(local_mm, N_RIGID).reshape(-1, N_RIGID))[0]
+        rest_mm = shifts_mm - basis @ (basis.T @ shifts_mm)
+        effects: Floats = np.sqrt(np.sum(rest_mm**2, axis=0) / len(centres_mm))
+        return effects
+
+    def posture_columns(self, arm: ArmValues) -> tuple[Floats, Floats]:
+        """Compute derivatives (n, 3, n_free) and centres (n, 3) at random postures."""
+        angles_rad = self.campaign.poses.angles_rad[self.poses]
+        rng = np.random.default_rng(_SEED)
+        least, largest = angles_rad.min(axis=0), angles_rad.max(axis=0)
+        wider_rad = np.maximum(0.5 * (_LEAST_RANGE_RAD - (largest - least)), 0.0)
+        postures_rad = rng.uniform(
+            least - wider_rad, largest + wider_rad, (_N_POSTURES, angles_rad.shape[1])
+        )
+        return self.geometric_columns(arm, postures_rad)
+
+    def geometric_columns(
+        self, arm: ArmValues, postures_rad: Floats
+    ) -> tuple[Floats, Floats]:
+        """Compute derivatives (n, 3, n_free) and centres (n, 3) at some postures.
+
+        Effects are left out: their columns need more than a posture.
+        """
+        derivatives = probe_derivatives(arm.geometry, postures_rad)
+        parameters = self.parameters
+        geometric = parameters.of_geometry()
+        columns = np.zeros((len(postures_rad), 3, parameters.n_free))
+        columns[:, :, : geometric.n_free] = geometric.columns(
+            arm, derivatives, self.campaign.poses.part(slice(0))
+        )
+        return columns, derivatives.centres_mm
+
+    def rows_at(
+        self,
+        at: int,
+        state: State,
+        angles_rad: Floats,
+        touches: Touches,
+    ) -> Floats:
+        """Whiten what touches of a station in other postures would say.
+
+        Of readings (n, n_joints) with the arm's own tool; of parameters and the
+        station's unknowns, (n, n_rows, n_free + n_unknowns).
+        """
+        station, unknowns = self.stations[at], state.unknowns[at]
+        derivatives = probe_derivatives(state.arm.geometry, angles_rad)
+        equations = station.artefact.equations(
+            unknowns, derivatives.centres_mm, touches
+        )
+        by_centre = equations.by_centre
+        by_readings = by_centre @ (derivatives.by_angles * self.noise.encoder_rad)
+        by_contact = by_centre * float(self.noise.contact_mm[station.index])
+        like = self.campaign.poses.part(np.resize(station.poses, len(angles_rad)))
+        like = replace(like, angles_rad=angles_rad, tools=None)
+        columns = self.parameters.columns(state.arm, derivatives, like)
+        joined = np.concatenate([by_centre @ columns, equations.by_unknowns], axis=2)
+        rows: Floats = whiteners(by_readings, by_contact) @ joined
+        return rows
+
+    def rms_mm(self, state: State) -> float:
+        """Compute the root mean square of all scalar misclosures of a state."""
+        total, n_rows = 0.0, 0
+        for station, unknowns in zip(self.stations, state.unknowns, strict=True):
+            of_station_mm = self.misclosures_mm(station, state.arm, unknowns)
+            total += float(np.sum(of_station_mm**2))
+            n_rows += of_station_mm.size
+        return float(np.sqrt(total / max(n_rows, 1)))
 
 
-def known_stations(
-    network: Network,
-    state: State,
-    campaign: Campaign,
-    radius_mm: float,
-    included: Booleans,
-) -> tuple[tuple[Station, ...], tuple[Floats, ...]]:
-    """Sort the included poses as `stations`, and find the state of their artefacts.
-
-    Artefacts that take no part in the network are left out.
-    """
-    unknowns = {
-        station.index: own
-        for station, own in zip(network.stations, state.unknowns, strict=True)
-    }
-    found = tuple(
-        station
-        for station in stations(campaign, radius_mm, included)
-        if station.index in unknowns
-    )
-    return found, tuple(unknowns[station.index] for station in found)
+_MOUNTING_ROUNDS = 10
 
 
-def network_of(
-    campaign: Campaign,
-    radius_mm: float,
-    included: Booleans,
-    parameters: Parameters,
-    noise: Noise | None = None,
-) -> Network:
-    """Set up the included poses of a campaign, (n_poses,), all of the same weight.
-
-    The noise is by default the a priori one.
-    """
-    return Network(
-        campaign,
-        stations(campaign, radius_mm, included),
-        parameters,
-        noise or a_priori_noise(campaign),
-        np.ones(len(campaign.poses)),
-    )
-
-
-def each_tool(
-    poses: Poses, arm: ArmValues, compute: Callable[[Geometry, Integers], Floats]
-) -> Floats:
-    """Put together what is computed for the poses of each tool, (n_poses, ...).
-
-    It is computed from the arm with a tool and the indices of its poses, (n,), a row a
-    pose.
-    """
-    if poses.tools is None or not len(poses):
-        return compute(arm.geometry, np.arange(len(poses)))
-    order = np.argsort(poses.tools, kind="stable")
-    parts = [
-        compute(arm.with_tool(int(tool)).geometry, np.flatnonzero(poses.tools == tool))
-        for tool in np.unique(poses.tools)
-    ]
-    return np.concatenate(parts)[np.argsort(order)]
-
-
-def has_length(network: Network) -> bool:
-    """Return whether anything determines the scale."""
-    expected = network.parameters.expected
-    if expected is not None and any(".link." in name for name in expected.names):
-        return True
-    return any(
-        station.artefact.fixes_scale(station.touches) for station in network.stations
-    )
-
-
-def evenly(rows: Integers, most: int) -> Integers:
-    """Take so many at most, from the first to the last."""
-    places = np.linspace(0, len(rows) - 1, min(len(rows), most))
-    return rows[places.astype(np.int64)]
+def _mean_rotation(quaternions: Floats) -> Floats:
+    """Average unit quaternions (n, 4), whatever their signs, robustly."""
+    weights = np.ones(len(quaternions))
+    for _ in range(_MOUNTING_ROUNDS):
+        squares = (weights[:, np.newaxis] * quaternions).T @ quaternions
+        mean: Floats = np.linalg.eigh(squares)[1][:, -1]
+        away_rad = 2.0 * np.arccos(np.minimum(np.abs(quaternions @ mean), 1.0))
+        least_rad = max(3.0 * float(np.median(away_rad)), 1e-9)
+        weights = 1.0 / (1.0 + (away_rad / least_rad) ** 2)
+    return mean

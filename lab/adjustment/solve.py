@@ -12,15 +12,14 @@ that would raise the weighted sum of squares is damped as by Levenberg and Marqu
 weak directions first. Damping only chooses the way: at the end there is none.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.lab.adjustment.datum import undetermined_scale
+from traverse.lab.adjustment.adjusted import Adjustment, design_spread
 from traverse.lab.adjustment.linearise import (
     System,
-    certified,
     linearise,
     sum_of_squares,
 )
@@ -75,51 +74,8 @@ _RANK_SETTLES_AT = 12
 _CLEARLY = 2.0
 
 
-# Determined directions that tell how far an arm is from its design.
-_LEAST_KNOWN = 6
-
-
-# Of the absolute values of a normal distribution with deviation 1.
-_MEDIAN_OF_NORMAL = 0.6745
-
-
 # Mean square of residuals above which they determine the uncertainty, not the noise.
 _LARGE = 2.25
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Adjustment:
-    """The result of one adjustment.
-
-    Attributes:
-        split: Of the arm's parameters there.
-        converged: Whether the last step was negligible, and misclosures did not keep
-            every parameter from being determined.
-        redundancy: Equations and certificates less determined unknowns.
-        last_step: Of the free parameters, undamped, (n_free,).
-    """
-
-    network: Network
-    state: State
-    system: System
-    split: RankDecision
-    iterations: tuple[Iteration, ...]
-    converged: bool
-    redundancy: int
-    last_step: Floats
-
-    def changes(self, design: ArmValues) -> Floats:
-        """Of the free parameters, in plausible deviations, (n_free,)."""
-        parameters = self.network.parameters
-        changes = parameters.coordinates(self.state.arm, design)[parameters.free]
-        return changes / parameters.free_tolerances
-
-    @property
-    def sigma0(self) -> float:
-        """A-posteriori standard deviation of unit weight."""
-        if self.redundancy <= 0:
-            return 1.0
-        return float(np.sqrt(self.system.sum_of_squares / self.redundancy))
 
 
 def adjust(
@@ -204,7 +160,7 @@ def _split(
     To the design leads a step, (n_free,). Once the number of directions that counted
     before is given, only a clear change of it counts; settled, it is final.
     """
-    scale = undetermined_scale(network, state.arm)
+    scale = network.undetermined_scale(state.arm)
     tolerances = network.parameters.free_tolerances
     if settled and n_before is not None:
         return decide_rank(system.upper, tolerances, scale, n_before)
@@ -221,17 +177,6 @@ def _split(
         most = int(np.count_nonzero(parts.values > limit / _CLEARLY))
         n_determined = min(max(n_before, least), most)
     return replace(parts, n_determined=n_determined)
-
-
-def design_spread(parts: RankDecision, to_design: Floats) -> float:
-    """Estimate how far an arm is from its design, at least 1: in plausible deviations.
-
-    A robust standard deviation over the directions that are determined.
-    """
-    known = parts.directions[: parts.n_determined] @ (to_design / parts.tolerances)
-    if len(known) < _LEAST_KNOWN:
-        return 1.0
-    return max(float(np.median(np.abs(known))) / _MEDIAN_OF_NORMAL, 1.0)
 
 
 def _modelled(system: System, step: Floats) -> float:
@@ -294,7 +239,7 @@ def _redundancy(
     network: Network, state: State, system: System, parts: RankDecision
 ) -> int:
     n_certified = sum(
-        len(certified(network, station, state.arm, unknowns))
+        len(network.certified(station, state.arm, unknowns))
         for station, unknowns in zip(network.stations, state.unknowns, strict=True)
     )
     n_known = n_certified + len(network.parameters.expectations(state.arm))

@@ -26,40 +26,12 @@ from itertools import combinations
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
-from traverse.lab.adjustment.equations import (
-    fitted_mountings,
-    misclosures_mm,
-    station_centres,
-    white_rows,
-)
 from traverse.lab.adjustment.noise import Noise
 from traverse.lab.adjustment.parameters import ArmValues, Parameters, masked
-from traverse.lab.adjustment.problem import Network, State, evenly, network_of
+from traverse.lab.adjustment.prepare import Options, Problem
+from traverse.lab.adjustment.problem import Network, State
 from traverse.lab.adjustment.solve import adjust
-from traverse.lab.campaign.campaign import Campaign
-
-_START_POSES = 2000
-
-
-def start_state(network: Network, arm: ArmValues) -> State:
-    """Find every station's unknowns, and mountings, in closed form from an arm.
-
-    A few thousand poses, spread evenly, are enough for that.
-    """
-    unknowns: list[Floats] = []
-    for station in network.stations:
-        few = station.part(evenly(np.arange(len(station.poses)), _START_POSES))
-        centres_mm = station_centres(network, few, arm)
-        unknowns.append(station.artefact.start(centres_mm, few.touches))
-    n_joints = network.parameters.n_joints
-    nothing = tuple(
-        np.zeros((len(one.poses), n_joints + max(one.most_rows, 3)))
-        for one in network.stations
-    )
-    if network.parameters.mounted:
-        arm = replace(arm, mountings=fitted_mountings(network, arm, unknowns))
-    return State(arm, tuple(unknowns), nothing)
-
+from traverse.lab.campaign.poses import evenly
 
 # A design that fits better than this needs no search.
 _GOOD_ENOUGH_MM = 20.0
@@ -84,17 +56,15 @@ _COARSE_RAD = 0.05
 _SEED = 1
 
 
-def with_tools_fitted(
-    campaign: Campaign, parameters: Parameters, design: ArmValues, radius_mm: float
-) -> ArmValues:
+def _with_tools_fitted(problem: Problem) -> ArmValues:
     """Begin where the vectors of free tools fit to the arm as given.
 
     Else a tool far from the probe would look like as many blunders.
     """
-    network = _coarse_network(campaign, parameters, radius_mm)
-    if not np.any(network.parameters.free[parameters.of_tools]):
+    network, design = _coarse_network(problem), problem.design
+    if not np.any(network.parameters.free[network.parameters.of_tools]):
         return design
-    fitted = adjust(network, start_state(network, design), design, None, 12).state
+    fitted = adjust(network, network.start(design), design, None, 12).state
     return replace(design, tools_mm=fitted.arm.tools_mm)
 
 
@@ -119,7 +89,7 @@ _STARTS_OF_A_SIGN = (20, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CoarseStart:
+class StartingValues:
     """Where an adjustment begins.
 
     Attributes:
@@ -133,13 +103,15 @@ class CoarseStart:
     reversed_joints: tuple[int, ...]
 
 
-def coarse_start(
-    campaign: Campaign,
-    parameters: Parameters,
-    design: ArmValues,
-    radius_mm: float,
-    hold: Sequence[str] = (),
-) -> CoarseStart:
+def find_starting_values(problem: Problem, options: Options) -> StartingValues:
+    """Find where an adjustment begins: tools, signs, and zeros, as the options say."""
+    design = _with_tools_fitted(problem)
+    if not options.coarse_start:
+        return StartingValues(design, design, ())
+    return _coarse_start(replace(problem, design=design), options.hold)
+
+
+def _coarse_start(problem: Problem, hold: Sequence[str]) -> StartingValues:
     """Find signs, zeros, and a free tool, with which an arm fits a campaign at all.
 
     What the patterns hold is never moved.
@@ -150,11 +122,12 @@ def coarse_start(
     the mirror image of none, which fits as well: fewer are tried first, and the first
     that fit are taken.
     """
-    network = _coarse_network(campaign, parameters, radius_mm)
-    before_mm = _median_mm(network, start_state(network, design))
+    design, parameters = problem.design, problem.parameters
+    network = _coarse_network(problem)
+    before_mm = _median_mm(network, network.start(design))
     if before_mm < _LEAST_WRONG_MM:
-        return CoarseStart(design, design, ())
-    fitted = adjust(network, start_state(network, design), design, None, 12).state
+        return StartingValues(design, design, ())
+    fitted = adjust(network, network.start(design), design, None, 12).state
     before_mm = min(before_mm, _median_mm(network, fitted))
     # Effects and what a family expects are stated in the sense that a joint has.
     may_turn = parameters.effects is None and parameters.expected is None
@@ -163,15 +136,15 @@ def coarse_start(
         chosen = () if is_near else _signs(network, design, before_mm)
         if is_near or chosen:
             turned = reversed_joints(design, chosen)
-            return CoarseStart(turned, turned, chosen)
-    n_joints = len(campaign.joint_names)
+            return StartingValues(turned, turned, chosen)
+    n_joints = parameters.n_joints
     of_zeros = slice(4 * n_joints + 6, 5 * n_joints + 6)
     zeros = np.zeros_like(parameters.free)
     zeros[of_zeros] = True
     nothing_free = parameters.with_free(np.zeros_like(zeros))
     zeros &= ~masked(nothing_free, (), hold)
     if before_mm < _GOOD_ENOUGH_MM or not np.any(zeros):
-        return CoarseStart(design, design, ())
+        return StartingValues(design, design, ())
     coarse = network.parameters
     network = replace(network, parameters=coarse.with_free(coarse.free | zeros))
     found, found_mm = _best_zeros(network, design, zeros[of_zeros], _STARTS)
@@ -182,10 +155,10 @@ def coarse_start(
                 network, turned, zeros[of_zeros], _STARTS_OF_A_SIGN
             )
             if other_mm < min(found_mm / _GAIN, _GOOD_ENOUGH_MM):
-                return CoarseStart(turned, other.arm, (joint,))
+                return StartingValues(turned, other.arm, (joint,))
     if found_mm * _GAIN > before_mm:
-        return CoarseStart(design, design, ())
-    return CoarseStart(design, found.arm, ())
+        return StartingValues(design, design, ())
+    return StartingValues(design, found.arm, ())
 
 
 def _is_near(
@@ -198,7 +171,7 @@ def _is_near(
     change of the arm, but like an implausible one where it would be seen.
     """
     whole = replace(network, parameters=parameters)
-    start = start_state(whole, design)
+    start = whole.start(design)
     state = adjust(whole, start, design, None, _FEW_ITERATIONS).state
     changes = parameters.coordinates(design, state.arm) / parameters.tolerances
     is_plausible = np.max(np.abs(changes), initial=0.0) < _PLAUSIBLE
@@ -212,7 +185,7 @@ def _signs(network: Network, design: ArmValues, before_mm: float) -> tuple[int, 
         misfits_mm = {}
         for chosen in combinations(range(design.geometry.n_joints), n_wrong):
             turned = reversed_joints(design, chosen)
-            misfits_mm[chosen] = _median_mm(network, start_state(network, turned))
+            misfits_mm[chosen] = _median_mm(network, network.start(turned))
         best = min(misfits_mm, key=lambda chosen: misfits_mm[chosen], default=())
         if best and misfits_mm[best] < enough_mm:
             return best
@@ -247,9 +220,9 @@ def _best_zeros(
         replace(design.geometry, zeros_rad=design.geometry.zeros_rad + offsets_rad)
         for offsets_rad in tries
     ]
-    states = [start_state(network, replace(design, geometry=one)) for one in moved]
+    states = [network.start(replace(design, geometry=one)) for one in moved]
     states.sort(key=lambda state: _median_mm(network, state))
-    best = start_state(network, design)
+    best = network.start(design)
     best_mm = _median_mm(network, best)
     for state in [best, *states[:n_adjusted]]:
         found = adjust(network, state, design, most_iterations=12).state
@@ -259,10 +232,9 @@ def _best_zeros(
     return best, best_mm
 
 
-def _coarse_network(
-    campaign: Campaign, parameters: Parameters, radius_mm: float
-) -> Network:
+def _coarse_network(problem: Problem) -> Network:
     """Take a few poses of every artefact, and free what is free of the tool only."""
+    campaign, parameters = problem.campaign, problem.parameters
     included = np.zeros(len(campaign.poses), dtype=np.bool_)
     each = max(_MOST_POSES // len(campaign.artefacts), 12)
     for index in range(len(campaign.artefacts)):
@@ -276,15 +248,15 @@ def _coarse_network(
     coarse_mm = np.full(len(campaign.artefacts), _COARSE_MM)
     noise = Noise(np.full(n, 1e-6), coarse_mm, _COARSE_RAD)
     tool_only = parameters.with_free(parameters.free & is_tool)
-    return network_of(campaign, radius_mm, included, tool_only, noise)
+    return replace(problem, parameters=tool_only).network(included, noise)
 
 
 def _median_mm(network: Network, state: State) -> float:
     """Compute the median length of the misclosures of a state."""
     lengths = []
     for station, unknowns in zip(network.stations, state.unknowns, strict=True):
-        found_mm = misclosures_mm(network, station, state.arm, unknowns)
-        lengths.append(np.linalg.norm(found_mm, axis=1))
+        of_station_mm = network.misclosures_mm(station, state.arm, unknowns)
+        lengths.append(np.linalg.norm(of_station_mm, axis=1))
     return float(np.median(np.concatenate(lengths)))
 
 
@@ -324,7 +296,7 @@ def _sizes(network: Network, state: State) -> Floats:
     """Compute root mean squares of whitened misclosures; zero for others."""
     sizes = np.zeros(len(network.campaign.poses))
     for station, unknowns in zip(network.stations, state.unknowns, strict=True):
-        for rows in white_rows(network, station, state.arm, unknowns):
+        for rows in network.white_rows(station, state.arm, unknowns):
             squares = np.mean(rows.misclosures**2, axis=1)
             sizes[station.poses[rows.part]] = np.sqrt(squares)
     return sizes

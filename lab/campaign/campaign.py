@@ -147,6 +147,14 @@ class Campaign:
             gravity_m_s2=None if gravity is None else np.array(gravity),
         )
 
+    def without_orientations(self, which: Booleans) -> "Campaign":
+        """Forget the orientations of some poses, (n_poses,)."""
+        orientations = self.poses.orientations
+        if orientations is None:
+            return self
+        kept = np.where(which[:, np.newaxis], np.nan, orientations)
+        return replace(self, poses=replace(self.poses, orientations=kept))
+
     def with_tools(
         self, vectors_mm: Mapping[str, Floats], *, held: bool = True
     ) -> "Campaign":

@@ -160,3 +160,9 @@ def _listed(shown: list[str]) -> str:
     more = len(shown) - _MOST_LINES
     text = ", ".join(shown[:_MOST_LINES])
     return f"lines {text} and {more} more" if more > 0 else f"lines {text}"
+
+
+def evenly(rows: Integers, most: int) -> Integers:
+    """Take so many at most, from the first to the last."""
+    places = np.linspace(0, len(rows) - 1, min(len(rows), most))
+    return rows[places.astype(np.int64)]

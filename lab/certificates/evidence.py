@@ -24,7 +24,7 @@ from traverse.lab.acceptance.certificate.check import (
     certificate_problems,
 )
 from traverse.lab.acceptance.certificate.values import administration_of
-from traverse.lab.adjustment.prepare import IdentificationError
+from traverse.lab.adjustment import IdentificationError
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.certificates.laboratory import Laboratory
 from traverse.lab.identification.identify import Options, identify

@@ -7,8 +7,7 @@ import numpy as np
 
 from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Effect
-from traverse.lab.adjustment.clusters import with_clusters_back
-from traverse.lab.adjustment.iterate import IteratedAdjustment
+from traverse.lab.adjustment import IteratedAdjustment
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.holdout.comparison import is_better
 from traverse.lab.diagnosis.model.fit import Fit, fitted, has_epoch
@@ -164,14 +163,14 @@ def as_identified(fit: Fit, eligible: Booleans) -> Fit:
             statistics=replace(whole_statistics, **arrays),
         )
 
-    def again(_: Campaign, __: None, staying: Booleans) -> IteratedAdjustment:
+    def again(staying: Booleans) -> IteratedAdjustment:
         nonlocal last
         stays = np.zeros_like(eligible)
         stays[inside[staying]] = True
         last = fitted(campaign, last.arm, eligible, last, staying=stays)
         return part_of(last)
 
-    with_clusters_back(campaign.part(eligible), part_of(fit), again)
+    part_of(fit).with_clusters_back(campaign.part(eligible), again)
     return last
 
 

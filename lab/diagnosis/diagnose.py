@@ -8,8 +8,7 @@ import numpy as np
 
 from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.lab.adjustment.prepare import IdentificationError
-from traverse.lab.adjustment.snooping import contradicted_expectation
+from traverse.lab.adjustment import IdentificationError
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.holdout import SPLITS, at_most
 from traverse.lab.diagnosis.adaptation import adaptation, final_estimates
@@ -84,7 +83,7 @@ def diagnose(
     # Before the search, which would explain what is another arm's by effects.
     while campaign.prior is not None:
         fit = fitted(campaign, arm, choosing)
-        contradicted = contradicted_expectation(fit.adjustment)
+        contradicted = fit.adjustment.contradicted_expectation()
         if contradicted is None:
             break
         prior = campaign.prior.without(*contradicted)
@@ -94,8 +93,7 @@ def diagnose(
     lap("decision")
     told("looking at the poses kept aside", 0.7)
     fits = _ledger_fits(decision, options)
-    radius_mm = arm.probe.radius_mm
-    blunders = held_out_blunders(fits[0].adjustment, held_out, radius_mm)
+    blunders = held_out_blunders(fits[0].adjustment, held_out)
 
     def compared(fit: Fit) -> HoldoutComparison:
         """Compare a model with the one without terms, by the noise of all terms."""
@@ -103,7 +101,6 @@ def diagnose(
             fits[0].adjustment,
             fit.adjustment,
             held_out,
-            radius_mm,
             blunders=blunders,
             noise=search.fit.adjustment.network.noise,
         )
@@ -113,7 +110,7 @@ def diagnose(
     lap("held-out poses")
     estimates = final_estimates(campaign, search, adapted.accepted, options)
     lap("final estimates")
-    misfit = find_misfit(search.fit.adjustment, held_out, blunders, radius_mm)
+    misfit = find_misfit(search.fit.adjustment, held_out, blunders)
     if misfit is not None and not (search.is_finished or misfit.is_gross):
         # The terms say already that something is left.
         misfit = None

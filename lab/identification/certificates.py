@@ -24,12 +24,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from traverse.lab.adjustment.equations import rms_mm
-from traverse.lab.adjustment.iterate import IteratedAdjustment
-from traverse.lab.adjustment.noise import Noise
-from traverse.lab.adjustment.parameters import ArmValues
-from traverse.lab.adjustment.problem import has_length
-from traverse.lab.adjustment.snooping import robust_scale
+from traverse.lab.adjustment import ArmValues, IteratedAdjustment, Noise
 from traverse.lab.campaign.campaign import Campaign
 
 # An artefact that lost more of its poses than this is suspect.
@@ -161,7 +156,7 @@ def without_wrong_certificates(
         runs = [run, *(one for _, _, one in hypotheses)]
         # An arm that shrank to nothing fits everything: its noise is none.
         scales = [
-            robust_scale(one.statistics)
+            one.statistics.robust_scale
             for one in runs
             if not _far_from_design(one, design)
         ]
@@ -307,7 +302,7 @@ def _is_to_blame(
     of another name must remain, unless that is gross: no arm is wrong by as much, so
     that its file is a length as well. Where noise is estimated, sigma0 says nothing.
     """
-    left_mm = rms_mm(rest.adjustment.network, rest.adjustment.state)
+    left_mm = rest.adjustment.network.rms_mm(rest.adjustment.state)
     beyond_model = off_mm > _BY_MODEL * left_mm
     if gross and beyond_model:
         return True
@@ -315,7 +310,7 @@ def _is_to_blame(
     others = [
         one for one in rest.adjustment.network.stations if one.artefact.id != name
     ]
-    known = has_length(replace(rest.adjustment.network, stations=tuple(others)))
+    known = replace(rest.adjustment.network, stations=tuple(others)).has_length()
     return agrees and known and not lost_poses(campaign, rest)
 
 
@@ -378,7 +373,7 @@ def _farthest(run: IteratedAdjustment) -> float:
         free = np.maximum(1.0 - used, 0.0)
         tests = np.abs(white) / np.sqrt(np.where(free > 1e-9, free, np.inf))
         farthest = max(farthest, float(np.max(tests)))
-    return farthest / max(robust_scale(run.statistics), 1.0)
+    return farthest / max(run.statistics.robust_scale, 1.0)
 
 
 def _loss(run: IteratedAdjustment, variance: float, design: ArmValues) -> float:

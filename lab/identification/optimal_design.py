@@ -8,16 +8,12 @@ that lower the mean variance of the probe over the travelled volume most.
 With A the derivatives of w by the joints, a step is -A' (A A' + s I)^-1 w.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from traverse.arrays import Floats, Integers
-from traverse.kinematics.model.derivatives import probe_derivatives
-from traverse.lab.adjustment.datum import posture_columns
-from traverse.lab.adjustment.equations import whiteners
-from traverse.lab.adjustment.problem import Network
-from traverse.lab.adjustment.solve import Adjustment
+from traverse.lab.adjustment import Adjustment, Network
 from traverse.lab.artefacts.artefact import Touches
 from traverse.lab.artefacts.touching import postures_touching
 from traverse.lab.campaign.campaign import Campaign
@@ -119,7 +115,7 @@ def most_helpful_poses(adjustment: Adjustment, n_wanted: int) -> tuple[Suggestio
     candidates = _candidates(adjustment)
     covariance = _joint_covariance(adjustment)
     n_free = network.parameters.n_free
-    columns, _ = posture_columns(network, adjustment.state.arm)
+    columns, _ = network.posture_columns(adjustment.state.arm)
     metric = np.einsum("nip,niq->pq", columns, columns) / len(columns)
     start = float(np.sum(metric * covariance[:n_free, :n_free]))
     found: list[Suggestion] = []
@@ -207,32 +203,10 @@ def _candidates(adjustment: Adjustment) -> list[_Candidate]:
             limits_rad=limits_rad,
         )
         reached_rad = came.angles_rad
-        rows = _rows(adjustment, at, reached_rad, touches)
+        rows = network.rows_at(at, state, reached_rad, touches)
         for index in np.flatnonzero(came.is_touching):
             full = np.zeros((rows.shape[1], int(offsets[-1])))
             full[:, :n_free] = rows[index, :, :n_free]
             full[:, offsets[at] : offsets[at + 1]] = rows[index, :, n_free:]
             found.append(_Candidate(at, int(features[index]), reached_rad[index], full))
     return found
-
-
-def _rows(
-    adjustment: Adjustment, at: int, angles_rad: Floats, touches: Touches
-) -> Floats:
-    """Whiten what candidates would say, (n, n_rows, n_free + n_unknowns)."""
-    network, state = adjustment.network, adjustment.state
-    station = network.stations[at]
-    derivatives = probe_derivatives(state.arm.geometry, angles_rad)
-    equations = station.artefact.equations(
-        state.unknowns[at], derivatives.centres_mm, touches
-    )
-    by_centre = equations.by_centre
-    by_readings = by_centre @ (derivatives.by_angles * network.noise.encoder_rad)
-    by_contact = by_centre * float(network.noise.contact_mm[station.index])
-    # Measured with the arm's own tool, otherwise like poses that there are.
-    like = network.campaign.poses.part(np.resize(station.poses, len(angles_rad)))
-    like = replace(like, angles_rad=angles_rad, tools=None)
-    columns = network.parameters.columns(state.arm, derivatives, like)
-    joined = np.concatenate([by_centre @ columns, equations.by_unknowns], axis=2)
-    rows: Floats = whiteners(by_readings, by_contact) @ joined
-    return rows

@@ -15,22 +15,10 @@ from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.kinematics.effects.pose import pose_flags
-from traverse.lab.adjustment.effect_model import effect_model
-from traverse.lab.adjustment.equations import (
-    fitted_mountings,
-    misclosures_mm,
-    orientation_errors,
-)
-from traverse.lab.adjustment.noise import (
-    DEFAULT_CONTACT_MM,
-    DEFAULT_ENCODER_RAD,
-    DEFAULT_ORIENTATION_RAD,
-)
-from traverse.lab.adjustment.prepare import prepared
-from traverse.lab.adjustment.problem import network_of
+from traverse.lab.adjustment import Options, Problem
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.pose_cells import texts, write_poses
-from traverse.lab.identification.identify import Options, identify
+from traverse.lab.identification.identify import identify
 from traverse.lab.identification.results.orientations import (
     Mounting,
     orientation_sizes,
@@ -41,7 +29,9 @@ from traverse.lab.report.templates import Words
 WORDS = Words("identification/prediction.jinja")
 _ARM = ("*.axis.?", "*.link.?", "origin.?")
 # All poses count, whether they agree or not.
-_PLACING = Options(hold=_ARM, snooping=False, coarse_start=False, n_suggestions=0)
+_PLACING = Options(
+    hold=_ARM, snooping=False, coarse_start=False, n_suggestions=0
+).with_noise_held
 _WITH_TOOL = replace(_PLACING, free=("probe.vector.?",))
 
 
@@ -131,14 +121,8 @@ def placed(campaign: Campaign, arm: Arm, *, with_tool: bool = False) -> Identifi
     Raises:
         IdentificationError: Arm and campaign do not fit together.
     """
-    weighed = replace(
-        campaign,
-        encoder_rad=campaign.encoder_rad or DEFAULT_ENCODER_RAD,
-        contact_mm=campaign.contact_mm or DEFAULT_CONTACT_MM,
-        orientation_rad=campaign.orientation_rad or DEFAULT_ORIENTATION_RAD,
-        prior=None,
-    )
-    return identify(weighed, arm, _WITH_TOOL if with_tool else _PLACING)
+    options = _WITH_TOOL if with_tool else _PLACING
+    return identify(replace(campaign, prior=None), arm, options)
 
 
 def places_of(result: Identification) -> Mapping[str, Floats]:
@@ -184,9 +168,12 @@ def predict(
             campaign = campaign.with_tools(found.tools_mm)
     else:
         own = {}
-    values, parameters = prepared(campaign, arm, _PLACING)
-    everything = np.ones(len(touched), dtype=np.bool_)
-    network = network_of(campaign, arm.probe.radius_mm, everything, parameters)
+    problem = Problem.of(campaign, arm, _PLACING)
+    network, values, mounted = (
+        problem.network(),
+        problem.design,
+        problem.parameters.mounted,
+    )
     found_mm = np.full((len(touched), 3), np.nan)
     errors_rad = np.full((len(touched), 3), np.nan)
     states = [
@@ -194,17 +181,19 @@ def predict(
         for station in network.stations
         for touches in [station.touches]
     ]
-    if parameters.mounted:
-        turns = fitted_mountings(network, values, states)
+    if mounted:
+        turns = network.fitted_mountings(values, states)
         names = ["probe", *(tool.name for tool in campaign.tools)]
-        for at, tool in enumerate(parameters.mounted):
+        for at, tool in enumerate(mounted):
             known = (mountings or {}).get(names[tool])
             turns[at] = turns[at] if known is None else known.quaternion
         values = replace(values, mountings=turns)
     for station, state in zip(network.stations, states, strict=True):
         artefact = station.artefact
-        errors_rad[station.poses] = orientation_errors(network, station, values, state)
-        of_station_mm = misclosures_mm(network, station, values, state)
+        errors_rad[station.poses] = network.orientation_errors_rad(
+            station, values, state
+        )
+        of_station_mm = network.misclosures_mm(station, values, state)
         found_mm[station.poses, : artefact.rows_per_pose] = of_station_mm
     return Prediction(campaign, found_mm, frozenset(own), errors_rad)
 
@@ -242,8 +231,8 @@ def curve_figures(
     )
     if len(others) == len(arm.effects):
         return None
-    effects = effect_model(arm, arm.effects, judged).effects
-    beyond = pose_flags(effects, judged.block()).beyond_knots
+    model = Problem.of(judged, arm, _PLACING).parameters.required_effects
+    beyond = pose_flags(model.effects, judged.block()).beyond_knots
     bare = arm.model_copy(update={"effects": others})
     return {
         "n_beyond_knots": int(np.count_nonzero(beyond)),

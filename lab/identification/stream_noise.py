@@ -17,8 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.lab.adjustment.equations import white_rows
-from traverse.lab.adjustment.solve import Adjustment
+from traverse.lab.adjustment import Adjustment
 from traverse.lab.campaign.campaign import touching_stretches
 
 _WINDOW = 3.0
@@ -94,7 +93,7 @@ def correlations(adjustment: Adjustment) -> Floats:
     for station, unknowns, corrections in zip(
         network.stations, state.unknowns, state.corrections, strict=True
     ):
-        blocks = white_rows(network, station, state.arm, unknowns, corrections)
+        blocks = network.white_rows(station, state.arm, unknowns, corrections)
         white = np.concatenate([rows.misclosures for rows in blocks])
         own = stretches[station.poses]
         ends = np.append(np.flatnonzero(np.diff(own)) + 1, len(own))

@@ -16,6 +16,7 @@ distance does not change when the arm moves as a whole, so neither does its vari
 depend on the datum.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,8 +25,7 @@ from traverse.arrays import Booleans, Floats, Integers
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry, across
-from traverse.lab.adjustment.parameters import ArmValues, Parameters
-from traverse.lab.campaign.poses import Poses
+from traverse.lab.adjustment import Adjustment
 
 _N_SAMPLES = 4000
 _SEED = 20_170_112
@@ -171,25 +171,31 @@ _PART_OF_RADIUS = 0.6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmUncertainty:
-    """An arm with the covariance of its free parameters.
+    """An arm with the covariance of the free parameters of its geometry.
+
+    Effects are left out: their shifts need more than a posture.
 
     Attributes:
-        parameters: Of the geometry only; with the mask of the free ones.
+        columns: Gives derivatives (n, 3, n_free) and centres of the ball (n, 3) at
+            readings (n, n_joints).
         covariance: (n_free, n_free).
     """
 
     geometry: Geometry
-    parameters: Parameters
+    columns: Callable[[Floats], tuple[Floats, Floats]]
     covariance: Floats
 
 
-def arm_uncertainty(
-    arm: ArmValues, parameters: Parameters, covariance: Floats
-) -> ArmUncertainty:
-    """Leave effects out: their shifts need more than a posture."""
-    geometric = parameters.of_geometry()
-    n_free = geometric.n_free
-    return ArmUncertainty(arm.geometry, geometric, covariance[:n_free, :n_free])
+def arm_uncertainty(adjustment: Adjustment, covariance: Floats) -> ArmUncertainty:
+    """Take the geometry's part of a covariance of all free parameters."""
+    network, arm = adjustment.network, adjustment.state.arm
+    n_free = network.parameters.of_geometry().n_free
+
+    def columns(angles_rad: Floats) -> tuple[Floats, Floats]:
+        of_all, centres_mm = network.geometric_columns(arm, angles_rad)
+        return of_all[:, :, :n_free], centres_mm
+
+    return ArmUncertainty(arm.geometry, columns, covariance[:n_free, :n_free])
 
 
 def distance_deviations_mm(
@@ -199,8 +205,8 @@ def distance_deviations_mm(
 
     Of readings, (n_pairs, n_joints) each; (n_pairs,).
     """
-    first_mm, by_first = _columns(arm, first_rad)
-    second_mm, by_second = _columns(arm, second_rad)
+    by_first, first_mm = arm.columns(first_rad)
+    by_second, second_mm = arm.columns(second_rad)
     apart_mm = first_mm - second_mm
     lengths_mm = np.linalg.norm(apart_mm, axis=1, keepdims=True)
     units = apart_mm / np.maximum(lengths_mm, 1e-300)
@@ -232,16 +238,6 @@ def noise_deviations_mm(
         variances += np.einsum("nj,nj->n", slopes, slopes)
     deviations_mm: Floats = np.sqrt(variances)
     return deviations_mm
-
-
-def _columns(arm: ArmUncertainty, angles_rad: Floats) -> tuple[Floats, Floats]:
-    """Compute centres (n, 3) and derivatives by free parameters (n, 3, n_free)."""
-    derivatives = probe_derivatives(arm.geometry, angles_rad)
-    n_poses = len(angles_rad)
-    nothing = np.zeros(n_poses, dtype=np.int64)
-    poses = Poses(nothing, np.zeros(n_poses), nothing, nothing, angles_rad)
-    values = ArmValues(arm.geometry, np.empty(0))
-    return derivatives.centres_mm, arm.parameters.columns(values, derivatives, poses)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,27 +4,18 @@ A pose is tested as a whole. Where it is excluded although its position alone ag
 with the others, its orientation is taken out instead, and the pose takes part again.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from traverse.lab.adjustment.equations import fitted_mountings, orientation_errors
-from traverse.lab.adjustment.iterate import IteratedAdjustment
-from traverse.lab.adjustment.problem import Network, State
-from traverse.lab.adjustment.wrong_orientations import (
-    contradict_by_orientation,
-    without_orientations,
-)
+from traverse.arrays import Floats
+from traverse.lab.adjustment import ArmValues, IteratedAdjustment, Network
 from traverse.lab.campaign.campaign import Campaign
 
 _MOST_ROUNDS = 6
-
-
 # No arm is so far from its file, in the median, and an inverse rotation agrees better.
 _LARGE_RAD = 0.3
-
-
 _BETTER = 0.3
 
 
@@ -45,20 +36,23 @@ def without_wrong_orientations(
 
     Returns the campaign without them, its adjustment, and what was taken out, by line.
     """
-    found: list[WrongOrientation] = []
+    excluded: list[WrongOrientation] = []
     for _ in range(_MOST_ROUNDS):
-        wrong = contradict_by_orientation(run)
+        wrong = run.contradicted_by_orientation()
         if not np.any(wrong):
             break
         lines, w = campaign.poses.lines[wrong], run.statistics.w_orientation[wrong]
-        found += map(WrongOrientation, lines.tolist(), w.tolist())
-        campaign = without_orientations(campaign, wrong)
+        excluded += map(WrongOrientation, lines.tolist(), w.tolist())
+        campaign = campaign.without_orientations(wrong)
         run = adjusted(campaign)
-    return campaign, run, tuple(sorted(found, key=lambda one: one.line))
+    return campaign, run, tuple(sorted(excluded, key=lambda entry: entry.line))
 
 
-def are_inverse(network: Network, state: State) -> bool:
-    """Return whether orientations contradict a state, and their inverses do not."""
+def are_inverse(network: Network, arm: ArmValues, unknowns: Sequence[Floats]) -> bool:
+    """Return whether orientations contradict an arm, and their inverses do not.
+
+    The unknowns are of each station.
+    """
     medians_rad = []
     for signs in (np.ones(4), np.array([1.0, -1.0, -1.0, -1.0])):
         turned = tuple(
@@ -68,13 +62,11 @@ def are_inverse(network: Network, state: State) -> bool:
             for station in network.stations
             for touches in [station.touches]
         )
-        mountings = fitted_mountings(
-            replace(network, stations=turned), state.arm, state.unknowns
-        )
-        arm = replace(state.arm, mountings=mountings)
+        of_inverse = replace(network, stations=turned)
+        mounted = replace(arm, mountings=of_inverse.fitted_mountings(arm, unknowns))
         errors_rad = [
-            orientation_errors(network, station, arm, own)
-            for station, own in zip(turned, state.unknowns, strict=True)
+            network.orientation_errors_rad(station, mounted, own)
+            for station, own in zip(turned, unknowns, strict=True)
         ]
         sizes_rad = np.linalg.norm(np.concatenate(errors_rad), axis=1)
         medians_rad.append(float(np.nanmedian(sizes_rad)))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.lab.adjustment.prepare import IdentificationError
+from traverse.lab.adjustment import IdentificationError
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.holdout import SPLITS
 from traverse.lab.identification.identify import Options, identify

@@ -103,3 +103,26 @@ def excess_p_value(found: int, of: int, others_found: int, of_others: int) -> fl
     here = here[total - here <= of_others]
     logs = log_ways(of, here) + log_ways(of_others, total - here)
     return float(np.sum(np.exp(logs - log_ways(of + of_others, total))))
+
+
+def global_test(
+    sigma0: float, redundancy: float, *, noise_estimated: bool
+) -> GlobalTest:
+    """Test sigma0 against 1, two-sided; the redundancy counts independent squares."""
+    if redundancy <= 0:
+        return GlobalTest(p_value=None, noise_estimated=noise_estimated)
+    upper = chi_square_p_value(sigma0**2 * redundancy, redundancy)
+    p_value = 2.0 * min(upper, 1.0 - upper)
+    return GlobalTest(p_value=p_value, noise_estimated=noise_estimated)
+
+
+def variance_factor(sigma0: float, test: GlobalTest) -> float:
+    """Return the factor between cofactors and covariances.
+
+    One where the noise is known and sigma0 does not contradict it upwards: the
+    estimate of sigma0 would only add its own uncertainty. Else sigma0 squared.
+    """
+    believed = bool(test.passed) or sigma0 < 1.0
+    if believed and not test.noise_estimated:
+        return 1.0
+    return sigma0**2

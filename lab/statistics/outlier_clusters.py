@@ -52,6 +52,14 @@ class Cluster:
     log_p: float
 
 
+@dataclass(frozen=True, slots=True)
+class ExcludedCluster:
+    """Where excluded poses lay together, and whether they take part again."""
+
+    cluster: Cluster
+    taken_back: bool
+
+
 def find_outlier_cluster(
     lines: Sequence[Line],
     artefacts: Integers,

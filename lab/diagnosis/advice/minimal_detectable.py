@@ -29,10 +29,7 @@ from traverse.kinematics.effect_table import EFFECT_KINDS, Family, key_unit
 from traverse.kinematics.helmert.transformation import N_RIGID, motions
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
-from traverse.lab.adjustment.prepare import Options, prepared
-from traverse.lab.adjustment.problem import network_of
-from traverse.lab.adjustment.solve import adjust
-from traverse.lab.adjustment.starting_values import start_state
+from traverse.lab.adjustment import Options, Problem, adjust
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.library import absent_candidates, library_bank
 from traverse.lab.diagnosis.candidates.scoring import (
@@ -41,7 +38,6 @@ from traverse.lab.diagnosis.candidates.scoring import (
     project,
 )
 from traverse.lab.diagnosis.model.candidate import Bank, Candidate
-from traverse.lab.diagnosis.model.fit import free_effects
 from traverse.lab.diagnosis.model.observation_equations import (
     LEAST_EFFECT,
     ObservationEquations,
@@ -239,10 +235,8 @@ def planned(campaign: Campaign, arm: Arm) -> tuple[Detectable, ...]:
 
 def planned_equations(campaign: Campaign, arm: Arm) -> ObservationEquations:
     """Set up the rows of a campaign at the given arm, without misclosures."""
-    options = Options(free=free_effects(campaign, arm))
-    design, parameters = prepared(campaign, arm, options)
-    everyone = np.ones(len(campaign.poses), dtype=np.bool_)
-    network = network_of(campaign, arm.probe.radius_mm, everyone, parameters)
-    here = adjust(network, start_state(network, design), design, None, 0)
+    problem = Problem.of(campaign, arm, Options(free_effects=True))
+    network, design = problem.network(), problem.design
+    here = adjust(network, network.start(design), design, None, 0)
     rows = equations_of(here)
     return replace(rows, values=np.zeros(len(rows.values)))

@@ -19,9 +19,7 @@ from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.lab.adjustment.equations import station_centres
-from traverse.lab.adjustment.problem import State, stations
-from traverse.lab.adjustment.solve import Adjustment, adjust
+from traverse.lab.adjustment import Adjustment, adjust
 from traverse.lab.artefacts.touching import postures_touching
 from traverse.lab.campaign.poses import Poses
 from traverse.lab.diagnosis.candidates.library import library_bank
@@ -78,13 +76,12 @@ def extended_rows(adjustment: Adjustment, further: Poses) -> ObservationEquation
     poses = joined_poses([network.campaign.poses, further], network.campaign.poses)
     campaign = replace(network.campaign, poses=poses)
     included = np.append(network.included, np.ones(len(further), dtype=np.bool_))
-    radius_mm = network.stations[0].touches.radius_mm
-    everyone = stations(campaign, radius_mm, included)
+    everyone = network.stations_of(included, campaign)
     weights = np.ones(len(poses))
     wider = replace(network, campaign=campaign, stations=everyone, weights=weights)
     n_corrected = network.parameters.n_joints + 6
     nothing = tuple(np.zeros((len(s.poses), n_corrected)) for s in everyone)
-    state = State(adjustment.state.arm, adjustment.state.unknowns, nothing)
+    state = replace(adjustment.state, corrections=nothing)
     return equations_of(adjust(wider, state, state.arm, None, 0))
 
 
@@ -120,7 +117,7 @@ def _contacts(
         normals = came.equations.by_centre[:, 0]
         before = station.artefact.equations(
             state.unknowns[at],
-            station_centres(network, station, state.arm),
+            network.centres_mm(station, state.arm),
             station.touches,
         ).by_centre[like, 0]
         along = np.sum(before * poses.directions, axis=1, keepdims=True)

@@ -18,22 +18,12 @@ blunders would be more frequent than among the poses used for choosing, somethin
 is the matter, and none of them is a blunder.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 from scipy.spatial import cKDTree  # type: ignore[import-untyped] # ships no types
 
-from traverse.arrays import Booleans, Floats, Integers
-from traverse.lab.adjustment.datum import undetermined_scale
-from traverse.lab.adjustment.equations import station_centres, white_rows
-from traverse.lab.adjustment.linearise import certified, linearise
-from traverse.lab.adjustment.noise import Noise
-from traverse.lab.adjustment.prepare import Options
-from traverse.lab.adjustment.problem import Station, stations
-from traverse.lab.adjustment.rank import decide_rank
-from traverse.lab.adjustment.snooping import PoseStatistics, pose_statistics
-from traverse.lab.adjustment.solve import Adjustment
+from traverse.arrays import Booleans, Floats
+from traverse.lab.adjustment import Adjustment, Noise, Options, PoseStatistics
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import (
     HoldoutComparison,
@@ -47,96 +37,6 @@ from traverse.lab.statistics.distributions import (
     normal_quantile,
 )
 
-_STEPS = 8
-
-
-def with_noise(adjustment: Adjustment, noise: Noise) -> Adjustment:
-    """Weigh a fit with another noise; the estimates stay as they are."""
-    state, network = adjustment.state, replace(adjustment.network, noise=noise)
-    system, tolerances = linearise(network, state), network.parameters.free_tolerances
-    scale = undetermined_scale(network, state.arm)
-    n_determined = adjustment.split.n_determined
-    parts = decide_rank(system.upper, tolerances, scale, n_determined)
-    return replace(adjustment, network=network, system=system, split=parts)
-
-
-def predicted(
-    adjustment: Adjustment, poses: Booleans, radius_mm: float
-) -> PoseStatistics:
-    """Test poses that took no part, one by one, with the predictive covariance.
-
-    An artefact of which no pose took part is placed by its poses here: its
-    unknowns are projected out, and the degrees of freedom that are left are shared
-    equally among its equations. NaN for all other poses.
-    """
-    chosen = stations(adjustment.network.campaign, radius_mm, poses)
-    found = pose_statistics(adjustment, chosen)
-    known = {station.index for station in adjustment.network.stations}
-    for station in chosen:
-        if station.index not in known:
-            _add_unseen(found, adjustment, station)
-    return found
-
-
-def _add_unseen(
-    found: PoseStatistics, adjustment: Adjustment, station: Station
-) -> None:
-    """Fill in the statistics of an artefact that was held out whole."""
-    network, arm = adjustment.network, adjustment.state.arm
-    centres_mm = station_centres(network, station, arm)
-    unknowns = station.artefact.start(centres_mm, station.touches)
-    for _ in range(_STEPS):
-        white, own, _ = _predictive(adjustment, station, unknowns)
-        step = np.linalg.lstsq(own * station.scales, -white, rcond=1e-9)[0]
-        unknowns = station.artefact.moved(unknowns, station.scales * step)
-    white, own, of_pose = _predictive(adjustment, station, unknowns)
-    left, values, _ = np.linalg.svd(own * station.scales, full_matrices=False)
-    basis = left[:, values > 1e-9 * values[0]]
-    residuals = white - basis @ (basis.T @ white)
-    share = 1.0 - basis.shape[1] / len(white)
-    squares = residuals[: len(of_pose)] ** 2
-    mine = station.poses
-    n_rows = np.bincount(of_pose).astype(np.float64)
-    found.statistics[mine] = np.bincount(of_pose, weights=squares)
-    found.degrees[mine] = n_rows * share
-    # Like a chi-square of as many degrees as there are equations.
-    size = found.statistics[mine] / max(share, 1e-12)
-    found.w[mine] = equivalent_normal(size, n_rows)
-    for rows in white_rows(network, station, arm, unknowns):
-        n_mm = rows.misclosures_mm.shape[1]
-        found.misclosures_mm[mine[rows.part], :n_mm] = rows.misclosures_mm
-        if rows.by_turn is not None:
-            found.orientation_errors_rad[mine[rows.part]] = rows.unweighted[:, 3:]
-
-
-def _predictive(
-    adjustment: Adjustment, station: Station, unknowns: Floats
-) -> tuple[Floats, Floats, Integers]:
-    """Whiten a station's equations and certificates by I + Y Y^T of the arm.
-
-    Misclosures, (n,), how they change with the unknowns, (n, n_unknowns), and which of
-    the station's poses the first of them are of, (n_equations,).
-    """
-    network, arm = adjustment.network, adjustment.state.arm
-    certificates = certified(network, station, arm, unknowns)
-    n_unknowns = len(station.scales)
-    white, own, by_arm, of_pose = [], [], [], []
-    for rows in white_rows(network, station, arm, unknowns):
-        numbers = np.arange(len(station.poses))[rows.part]
-        of_pose.append(np.repeat(numbers, rows.misclosures.shape[1]))
-        white.append(rows.misclosures.ravel())
-        own.append(rows.by_unknowns.reshape(-1, n_unknowns))
-        by_arm.append(rows.by_parameters.reshape(len(white[-1]), -1))
-    white.append(-certificates[:, -1])
-    own.append(certificates[:, :n_unknowns])
-    by_arm.append(certificates[:, n_unknowns:-1])
-    moved = np.concatenate(by_arm) @ adjustment.split.inverse
-    lower = np.linalg.cholesky(np.eye(len(moved)) + moved @ moved.T)
-    joined = np.column_stack([np.concatenate(white), np.concatenate(own)])
-    solved = np.linalg.solve(lower, joined)
-    return solved[:, 0], solved[:, 1:], np.concatenate(of_pose)
-
-
 _VETO_LEVEL = 0.01
 # S contradicts a model that is said to be complete: by how much, how surely.
 _LEAST_MISFIT = 1.5
@@ -145,18 +45,16 @@ _MISFIT_LEVEL = 1e-3
 _GROSS_PART = 0.01
 
 
-def held_out_blunders(
-    before: Adjustment, held_out: Booleans, radius_mm: float
-) -> Booleans:
+def held_out_blunders(before: Adjustment, held_out: Booleans) -> Booleans:
     """Find blunders among held-out poses by their neighbours, (n_poses,).
 
     From a fit to the choosing poses, without terms.
     """
     if not np.any(held_out):
         return held_out.copy()
-    found = pose_statistics(before)
+    found = before.pose_statistics()
     outside = ~np.any(np.isfinite(found.misclosures_mm), axis=1)
-    found.fill(predicted(before, outside, radius_mm), outside)
+    found.fill(before.predicted(outside), outside)
     campaign = before.network.campaign
     return find_blunders(
         campaign,
@@ -171,7 +69,6 @@ def compare_on_holdout(
     before: Adjustment,
     after: Adjustment,
     held_out: Booleans,
-    radius_mm: float,
     *,
     blunders: Booleans | None = None,
     noise: Noise | None = None,
@@ -183,8 +80,8 @@ def compare_on_holdout(
     """
     noise = after.network.noise if noise is None else noise
     rest = held_out if blunders is None else held_out & ~blunders
-    first = predicted(with_noise(before, noise), held_out, radius_mm)
-    second = predicted(with_noise(after, noise), held_out, radius_mm)
+    first = before.with_noise(noise).predicted(held_out)
+    second = after.with_noise(noise).predicted(held_out)
     was, now = (
         _summary(model, found, held_out, rest)
         for model, found in ((before, first), (after, second))
@@ -197,7 +94,7 @@ def compare_on_holdout(
 
 
 def find_misfit(
-    model: Adjustment, held_out: Booleans, blunders: Booleans, radius_mm: float
+    model: Adjustment, held_out: Booleans, blunders: Booleans
 ) -> HoldoutMisfit | None:
     """Return where held-out poses contradict a model that explains the others.
 
@@ -211,7 +108,7 @@ def find_misfit(
     rest = held_out & ~blunders
     if not np.any(rest):
         return None
-    found = predicted(model, rest, radius_mm)
+    found = model.predicted(rest)
     figures = _summary(model, found, rest, rest)
     # The noise may be larger than stated.
     ratio = figures.chi2 / max(model.sigma0, 1.0) ** 2
@@ -242,7 +139,7 @@ def _volume_mm(model: Adjustment) -> float:
     """Return how large the measured volume is: the rms distance from its centre."""
     centres_mm = np.concatenate(
         [
-            station_centres(model.network, station, model.state.arm)
+            model.network.centres_mm(station, model.state.arm)
             for station in model.network.stations
         ]
     )

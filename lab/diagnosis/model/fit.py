@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from glob import escape
 
 import numpy as np
 
@@ -13,14 +12,13 @@ from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.correction import Correction
 from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.mechanics.deformations import Compliance
-from traverse.lab.adjustment.effect_model import EffectModel, effect_model
-from traverse.lab.adjustment.estimates import arm_of_adjustment
-from traverse.lab.adjustment.iterate import IteratedAdjustment, iterate
-from traverse.lab.adjustment.noise import Noise, a_priori_noise
-from traverse.lab.adjustment.parameters import Parameters
-from traverse.lab.adjustment.prepare import Options, prepared
-from traverse.lab.adjustment.problem import network_of
-from traverse.lab.adjustment.starting_values import with_tools_fitted
+from traverse.lab.adjustment import (
+    IteratedAdjustment,
+    Options,
+    Problem,
+    adjust_iteratively,
+    find_starting_values,
+)
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
@@ -67,36 +65,21 @@ def fitted(
         IdentificationError: The campaign lacks data that effects need.
     """
     arm = with_first_moments(arm)
-    free = free_effects(campaign, arm)
-    options = Options(coarse_start=False, n_suggestions=0, free=free, snooping=snooping)
-    design, parameters = prepared(campaign, arm, options)
-    radius_mm = arm.probe.radius_mm
+    options = Options(n_suggestions=0, free_effects=True, snooping=snooping)
+    problem = Problem.of(campaign, arm, options)
     noise = None if before is None else before.adjustment.network.noise
-    parameters = _as_coarse(parameters, noise or a_priori_noise(campaign))
-    network = network_of(campaign, radius_mm, eligible, parameters, noise)
-    first = None if before is None else before.included
-    found = iterate(
-        *(network, design, options, radius_mm),
-        first=first,
+    network = problem.network(eligible, noise)
+    coarse = network.parameters.with_effects_larger(coarseness(network.noise))
+    run = adjust_iteratively(
+        replace(network, parameters=coarse),
+        problem.design,
+        options,
+        first=None if before is None else before.included,
         staying=staying,
         most_iterations=_MOST_ITERATIONS,
     )
-    adapted = arm_of_adjustment(arm, found.adjustment)
-    of_run = {one.name: getattr(found, one.name) for one in fields(found)}
-    return Fit(**of_run, arm=adapted)
-
-
-def _as_coarse(parameters: Parameters, noise: Noise) -> Parameters:
-    """Let effects be as large as those of an arm with such readings plausibly are."""
-    effects = parameters.effects
-    if effects is None:
-        return parameters
-    factors = np.full(len(effects.names), coarseness(noise))
-    factors[effects.moments] = 1.0  # weight is no error
-    tolerances = parameters.tolerances.copy()
-    tolerances[-len(factors) :] *= factors
-    coarse = replace(effects, tolerances=factors * effects.tolerances)
-    return replace(parameters, tolerances=tolerances, effects=coarse)
+    of_run = {field.name: getattr(run, field.name) for field in fields(run)}
+    return Fit(**of_run, arm=run.adjustment.arm_as_estimated(arm))
 
 
 def with_tools_begun(campaign: Campaign, arm: Arm) -> Campaign:
@@ -107,19 +90,11 @@ def with_tools_begun(campaign: Campaign, arm: Arm) -> Campaign:
     """
     if not campaign.tools:
         return campaign
-    design, parameters = prepared(campaign, arm, Options())
-    fitted = with_tools_fitted(campaign, parameters, design, arm.probe.radius_mm)
+    options = Options(coarse_start=False)
+    begin = find_starting_values(Problem.of(campaign, arm, options), options)
     names = [tool.name for tool in campaign.tools]
-    vectors_mm = dict(zip(names, fitted.tools_mm, strict=True))
+    vectors_mm = dict(zip(names, begin.design.tools_mm, strict=True))
     return campaign.with_tools(vectors_mm, held=False)
-
-
-def free_effects(campaign: Campaign, arm: Arm) -> tuple[str, ...]:
-    """Name all that is estimated of an arm's effects, as patterns."""
-    if not arm.effects:
-        return ()
-    model = effect_model(arm, arm.effects, campaign)
-    return tuple(escape(name) for name in model.names)
 
 
 def with_effects(arm: Arm, effects: tuple[Effect, ...]) -> Arm:
@@ -137,7 +112,7 @@ class AddedTerm:
 
 def rows_without(rows: ObservationEquations, index: int) -> ObservationEquations:
     """Take an effect out of a fit, everything else linearised."""
-    model = _effects(rows)
+    model = rows.adjustment.network.parameters.required_effects
     coordinates = model.coordinates(rows.adjustment.state.arm.geometry, index)
     amplitudes = rows.adjustment.state.arm.amplitudes
     directions = model.directions(rows.adjustment.state.arm.geometry)
@@ -158,7 +133,7 @@ def rows_without(rows: ObservationEquations, index: int) -> ObservationEquations
 
 def _with_others_yielding(rows: ObservationEquations, index: int) -> Floats:
     """Compute A with first moments as if one effect did not yield to them."""
-    model = _effects(rows)
+    model = rows.adjustment.network.parameters.required_effects
     effects = model.at(rows.adjustment.state.arm.amplitudes)
     yielding = [
         one
@@ -210,7 +185,9 @@ def estimates_of(rows: ObservationEquations, index: int) -> dict[str, Estimate]:
     is that of the residuals.
     """
     amplitudes = rows.adjustment.state.arm.amplitudes
-    correction = _effects(rows).at(amplitudes).corrections[index]
+    correction = rows.adjustment.network.parameters.required_effects.at(
+        amplitudes
+    ).corrections[index]
     covariance = _value_covariance(rows, index)
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     as_stds = correction.with_values(stds).keys
@@ -225,7 +202,7 @@ def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
 
     How heavy the arm is would else be most of it where no mass is known.
     """
-    model = _effects(rows)
+    model = rows.adjustment.network.parameters.required_effects
     coordinates = model.coordinates(rows.adjustment.state.arm.geometry, index)
     own = _columns(rows, coordinates)
     at = [*range(own.start, own.stop)]
@@ -248,16 +225,11 @@ def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
     return found
 
 
-def _effects(rows: ObservationEquations) -> EffectModel:
-    model = rows.adjustment.network.parameters.effects
-    if model is None:
-        raise ValueError("the fit has no effects")
-    return model
-
-
 def _columns(rows: ObservationEquations, coordinates: slice) -> slice:
     """Find the columns of coordinates: all effects are free and last."""
-    first = rows.adjustment.network.parameters.n_free - len(_effects(rows).names)
+    first = rows.adjustment.network.parameters.n_free - len(
+        rows.adjustment.network.parameters.required_effects.names
+    )
     return slice(first + coordinates.start, first + coordinates.stop)
 
 

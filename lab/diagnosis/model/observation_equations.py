@@ -30,12 +30,7 @@ from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import angle_corrections
 from traverse.kinematics.model.derivatives import probe_derivatives, turn_derivatives
 from traverse.kinematics.model.geometry import Geometry
-from traverse.lab.adjustment.datum import undetermined_scale
-from traverse.lab.adjustment.equations import white_rows
-from traverse.lab.adjustment.linearise import certified
-from traverse.lab.adjustment.noise import Noise
-from traverse.lab.adjustment.problem import each_tool
-from traverse.lab.adjustment.solve import Adjustment
+from traverse.lab.adjustment import Adjustment, Noise
 
 # Combinations of unknowns, in units of what is plausible, that move the data by less
 # than this part of their noise do not count as estimated.
@@ -135,9 +130,9 @@ class ObservationEquations:
         return bool(np.any(self.by_turn))
 
     def each_tool(self, compute: Callable[[Geometry, Integers], Floats]) -> Floats:
-        """As `network.each_tool`, of the fit's arm and all poses of the campaign."""
+        """As `ArmValues.each_tool`, of the fit's arm and all poses of the campaign."""
         poses = self.adjustment.network.campaign.poses
-        return each_tool(poses, self.adjustment.state.arm, compute)
+        return self.adjustment.state.arm.each_tool(poses, compute)
 
     def angles_rad(self, geometry: Geometry, at: Integers) -> Floats:
         """Compute the joints' angles of some poses by the fit, (n, n_joints)."""
@@ -211,7 +206,7 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
         state.corrections,
         strict=True,
     ):
-        for rows in white_rows(network, station, state.arm, unknowns, corrections):
+        for rows in network.white_rows(station, state.arm, unknowns, corrections):
             n_poses, n_each = rows.misclosures.shape
             columns = np.zeros((n_poses * n_each, n_columns))
             columns[:, :n_free] = rows.by_parameters.reshape(-1, n_free)
@@ -226,7 +221,7 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
             values = -rows.misclosures.ravel()
             parts.append((values, columns, poses, by_centre, by_turn, sources))
             n_rows += len(poses)
-        found = certified(network, station, state.arm, unknowns)
+        found = network.certified(station, state.arm, unknowns)
         lengths = station.artefact.lengths(unknowns)
         certificate = station.artefact.certificate(unknowns, station.touches)
         for length in lengths:
@@ -252,7 +247,7 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
     columns[:, :n_free] *= parameters.free_tolerances
     # An undetermined scale was held by the fit. Misclosures grow with the arm, though:
     # left in, its column would pass for them and absorb them.
-    stretch = undetermined_scale(network, state.arm)
+    stretch = network.undetermined_scale(state.arm)
     columns[:, :n_free] -= columns[:, :n_free] @ stretch.T @ stretch
     return ObservationEquations(
         adjustment=adjustment,

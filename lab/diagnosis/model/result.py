@@ -8,8 +8,7 @@ import numpy as np
 
 from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm, Effect
-from traverse.lab.adjustment.iterate import IteratedAdjustment
-from traverse.lab.adjustment.solve import Adjustment
+from traverse.lab.adjustment import Adjustment, IteratedAdjustment
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.statistics.outlier_clusters import Cluster

@@ -16,10 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
-from traverse.lab.adjustment.equations import station_centres, white_rows
-from traverse.lab.adjustment.noise import Noise
-from traverse.lab.adjustment.problem import Station, stations
-from traverse.lab.adjustment.solve import Adjustment
+from traverse.lab.adjustment import Adjustment, Noise
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.pose_cells import texts, write_poses
 
@@ -108,11 +105,10 @@ def discrepancies(adjustment: Adjustment, noise: Noise | None = None) -> Discrep
         np.zeros((n_poses, 3, n_joints)),
         network.included,
     )
-    radius_mm = network.stations[0].touches.radius_mm
     arm = adjustment.state.arm
-    for station in stations(campaign, radius_mm, np.ones(n_poses, dtype=np.bool_)):
-        unknowns = _unknowns(adjustment, station)
-        for rows in white_rows(network, station, arm, unknowns):
+    for station in network.stations_of(np.ones(n_poses, dtype=np.bool_)):
+        unknowns = adjustment.unknowns_of(station)
+        for rows in network.white_rows(station, arm, unknowns):
             poses = station.poses[rows.part]
             n_rows = rows.misclosures_mm.shape[1]  # orientations are left out
             found.misclosures_mm[poses, :n_rows] = rows.misclosures_mm
@@ -121,14 +117,6 @@ def discrepancies(adjustment: Adjustment, noise: Noise | None = None) -> Discrep
             by_readings = rows.by_readings[:, :n_rows] / network.noise.encoder_rad
             found.by_readings[poses, :n_rows] = by_readings
     return found
-
-
-def _unknowns(adjustment: Adjustment, station: Station) -> Floats:
-    for at, known in enumerate(adjustment.network.stations):
-        if known.index == station.index:
-            return adjustment.state.unknowns[at]
-    centres_mm = station_centres(adjustment.network, station, adjustment.state.arm)
-    return station.artefact.start(centres_mm, station.touches)
 
 
 def write_discrepancies(

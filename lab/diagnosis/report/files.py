@@ -12,13 +12,7 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, parse_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
-from traverse.lab.adjustment.estimates import (
-    cartesian_covariance,
-    global_test,
-    mass_distribution,
-    variance_factor,
-)
-from traverse.lab.adjustment.iterate import IteratedAdjustment
+from traverse.lab.adjustment import IteratedAdjustment
 from traverse.lab.campaign.prior import family_json
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.fit import has_epoch, terms_without_epoch
@@ -42,6 +36,7 @@ from traverse.lab.outcomes.covariance import (
 )
 from traverse.lab.report.plain_values import picked, plain_values
 from traverse.lab.report.provenance import ReportProvenance
+from traverse.lab.statistics.distributions import global_test, variance_factor
 from traverse.strict_toml.arm_text import arm_text
 from traverse.strict_toml.files import bytes_of, text_of
 from traverse.strict_toml.problems import FileError
@@ -97,7 +92,7 @@ def diagnosis_json(
     lines = diagnosis.campaign.poses.lines
     noise, ids = diagnosis.noise, [one.id for one in diagnosis.campaign.artefacts]
     unwritten = terms_without_epoch(diagnosis)
-    masses = mass_distribution(diagnosis.all_terms)
+    masses = diagnosis.all_terms.mass_distribution()
     values = {
         "schema": SCHEMA,
         "provenance": (provenance or diagnosis.campaign.provenance()).values,
@@ -301,7 +296,7 @@ def covariance_of(final: IteratedAdjustment) -> CartesianCovariance:
     )
     inverse = adjustment.split.inverse
     factor = variance_factor(adjustment.sigma0, test)
-    return cartesian_covariance(adjustment, factor * inverse @ inverse.T)
+    return adjustment.cartesian_covariance(factor * inverse @ inverse.T)
 
 
 def arm_with_provenance(

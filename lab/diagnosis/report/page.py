@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from traverse.lab.adjustment.estimates import mass_distribution
 from traverse.lab.diagnosis.model.fit import terms_without_epoch
 from traverse.lab.diagnosis.model.outcome import outcome_of
 from traverse.lab.diagnosis.model.result import Diagnosis, Estimate
@@ -50,7 +49,7 @@ _FILTERS: Filters = {
     "moves_base": moves_base,
     "depends_on_time": depends_on_time,
     "terms_without_epoch": terms_without_epoch,
-    "mass_distribution": mass_distribution,
+    "mass_distribution": lambda adjustment: adjustment.mass_distribution(),
     "n_judged": _n_judged,
     "outcome": outcome_of,
     "estimate_rows": _estimate_rows,

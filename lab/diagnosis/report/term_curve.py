@@ -16,8 +16,7 @@ from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
-from traverse.lab.adjustment.parameters import ArmValues
-from traverse.lab.adjustment.problem import each_tool
+from traverse.lab.adjustment import ArmValues
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import Diagnosis, Term
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies
@@ -182,9 +181,8 @@ class _Scene:
 
     def _each(self, compute: Callable[[Geometry, Block], Floats]) -> Floats:
         block = self.campaign.block()
-        return each_tool(
+        return self.arm.each_tool(
             self.campaign.poses,
-            self.arm,
             lambda geometry, at: compute(geometry, block.part(at)),
         )
 

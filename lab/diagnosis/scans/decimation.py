@@ -13,24 +13,22 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.lab.adjustment.equations import misclosures_mm, station_centres
-from traverse.lab.adjustment.problem import Network, State, evenly, known_stations
-from traverse.lab.adjustment.solve import Adjustment
+from traverse.lab.adjustment import Adjustment
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.campaign.campaign import Campaign, touching_stretches
+from traverse.lab.campaign.poses import evenly
 from traverse.lab.diagnosis.model.fit import fitted
 
 
-def with_surface_directions(
-    campaign: Campaign, network: Network, state: State
-) -> Campaign:
+def with_surface_directions(campaign: Campaign, every: Adjustment) -> Campaign:
     """Return where spheres were touched: from the ball towards the material."""
+    network, state = every.network, every.state
     directions = np.full((len(campaign.poses), 3), np.nan)
     for station, unknowns in zip(network.stations, state.unknowns, strict=True):
         if not isinstance(station.artefact, Sphere | BallBar):  # no side is known
             continue
-        balls_mm = station_centres(network, station, state.arm)
+        balls_mm = network.centres_mm(station, state.arm)
         centres_mm, sense = unknowns[:3], 1.0
         if isinstance(station.artefact, BallBar):
             places_mm = unknowns[:6].reshape(2, 3)
@@ -94,12 +92,13 @@ def decimated(
     first = campaign.part(_spread(campaign))
     everyone = np.ones(len(first.poses), dtype=np.bool_)
     fit = fitted(first, arm, everyone)
-    network, state = undecimated_network(fit.adjustment, campaign, arm.probe.radius_mm)
+    every = undecimated(fit.adjustment, campaign)
+    network, state = every.network, every.state
     usual_s = _usual_s(campaign)
     stretches = touching_stretches(campaign, 1.5 * usual_s)
     lasting = np.ones(len(campaign.artefacts), dtype=np.int64)
     for station, unknowns in zip(network.stations, state.unknowns, strict=True):
-        found_mm = misclosures_mm(network, station, state.arm, unknowns)
+        found_mm = network.misclosures_mm(station, state.arm, unknowns)
         window = _window(campaign, station.poses)
         lasting[station.index] = _lasting(found_mm, stretches[station.poses], window)
     touched = np.isin(np.arange(len(lasting)), campaign.poses.artefacts)
@@ -107,7 +106,7 @@ def decimated(
     while len(poses) > most_poses:
         apart = np.ceil(apart * 1.02 * len(poses) / most_poses).astype(np.int64)
         poses = _every(campaign, stretches, apart)
-    return with_surface_directions(campaign, network, state), Decimation(
+    return with_surface_directions(campaign, every), Decimation(
         poses=poses,
         n_samples=len(campaign.poses),
         rate_hz=1.0 / usual_s,
@@ -116,22 +115,20 @@ def decimated(
     )
 
 
-def undecimated_network(
-    adjustment: Adjustment, campaign: Campaign, radius_mm: float
-) -> tuple[Network, State]:
-    """Set up the equations of all samples at a fit of some of them.
+def undecimated(adjustment: Adjustment, campaign: Campaign) -> Adjustment:
+    """Put the equations of all samples where a fit of some of them ended.
 
-    Artefacts that took no part in the fit are left out.
+    Artefacts that took no part in the fit are left out; nothing is linearised anew.
     """
     everyone = np.ones(len(campaign.poses), dtype=np.bool_)
-    found, unknowns = known_stations(
-        adjustment.network, adjustment.state, campaign, radius_mm, everyone
-    )
+    network, state = adjustment.network, adjustment.state
+    known, unknowns = network.known_stations(state, everyone, campaign)
     weights = np.ones(len(campaign.poses))
-    network = replace(
-        adjustment.network, campaign=campaign, stations=found, weights=weights
+    return replace(
+        adjustment,
+        network=replace(network, campaign=campaign, stations=known, weights=weights),
+        state=replace(state, unknowns=unknowns, corrections=()),
     )
-    return network, State(adjustment.state.arm, unknowns, ())
 
 
 def _spread(campaign: Campaign) -> Integers:

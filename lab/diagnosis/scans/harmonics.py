@@ -19,9 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.lab.adjustment.equations import WhiteRows, white_rows
-from traverse.lab.adjustment.linearise import certified
-from traverse.lab.adjustment.problem import Network, State, Station
+from traverse.lab.adjustment import Adjustment
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.library import HIGHEST_ORDER
 from traverse.lab.diagnosis.candidates.waves import HIGHEST_HARMONIC, harmonic_bank
@@ -30,7 +28,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     LEAST_EFFECT,
     ObservationEquations,
 )
-from traverse.lab.diagnosis.scans.decimation import undecimated_network
+from traverse.lab.diagnosis.scans.decimation import undecimated
 
 # What unknowns leave of a harmonic, of its square, below which it is undetectable.
 _LEAST_LEFT = 1e-6
@@ -59,11 +57,10 @@ class HarmonicFinding:
 
 
 def stream_harmonics(
-    rows: ObservationEquations, campaign: Campaign, radius_mm: float
+    rows: ObservationEquations, campaign: Campaign
 ) -> tuple[HarmonicFinding, ...]:
     """Test all harmonics on all samples: the most significant first."""
-    network, state = undecimated_network(rows.adjustment, campaign, radius_mm)
-    sums = _gathered(rows, network, state)
+    sums = _gathered(rows, undecimated(rows.adjustment, campaign))
     squares, turns = np.linalg.eigh(sums.gram)
     seen = squares > _LEAST_LEFT * squares[-1]
     root = turns[:, seen] / np.sqrt(squares[seen])
@@ -127,7 +124,8 @@ class _Sums:
     by_values: Floats
 
 
-def _gathered(rows: ObservationEquations, network: Network, state: State) -> _Sums:
+def _gathered(rows: ObservationEquations, every: Adjustment) -> _Sums:
+    network, state = every.network, every.state
     _, values, right = np.linalg.svd(rows.columns, full_matrices=False)
     kept = values > LEAST_EFFECT
     directions = right[kept].T / values[kept]
@@ -147,10 +145,14 @@ def _gathered(rows: ObservationEquations, network: Network, state: State) -> _Su
     ):
         of_unknowns = directions[own]
         of_unknowns = of_unknowns * station.scales[:, np.newaxis]
-        for part in white_rows(network, station, state.arm, unknowns):
-            _add(sums, network, station, part, (of_arm, of_unknowns))
+        for part in network.white_rows(station, state.arm, unknowns):
+            columns = part.by_parameters @ of_arm + part.by_unknowns @ of_unknowns
+            angles_rad = network.campaign.poses.angles_rad[station.poses[part.part]]
+            # A reading that is too large by d_alpha: the corrected one is smaller.
+            by_angles = -part.by_readings / network.noise.encoder_rad
+            _add(sums, columns, -part.misclosures, angles_rad, by_angles)
         # Certificates hold lengths, as often as there are samples for each pose.
-        found = certified(network, station, state.arm, unknowns)
+        found = network.certified(station, state.arm, unknowns)
         n_own = len(station.scales)
         columns = found[:, :n_own] @ of_unknowns + found[:, n_own:-1] @ of_arm
         sums.gram += columns.T @ columns
@@ -159,22 +161,12 @@ def _gathered(rows: ObservationEquations, network: Network, state: State) -> _Su
 
 
 def _add(
-    sums: _Sums,
-    network: Network,
-    station: Station,
-    part: WhiteRows,
-    directions: tuple[Floats, Floats],
+    sums: _Sums, columns: Floats, values: Floats, angles_rad: Floats, by_angles: Floats
 ) -> None:
     """Add some samples."""
-    of_arm, of_unknowns = directions
-    columns = part.by_parameters @ of_arm + part.by_unknowns @ of_unknowns
-    values = -part.misclosures
     flat = columns.reshape(-1, columns.shape[2])
     sums.gram += flat.T @ flat
     sums.unknowns_by_values += flat.T @ values.ravel()
-    angles_rad = network.campaign.poses.angles_rad[station.poses[part.part]]
-    # A reading that is too large by d_alpha: the corrected one is smaller.
-    by_angles = -part.by_readings / network.noise.encoder_rad
     for joint in range(angles_rad.shape[1]):
         waves = _waves(angles_rad[:, joint])
         own = by_angles[:, :, joint]

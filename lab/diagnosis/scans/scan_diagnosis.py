@@ -93,7 +93,7 @@ def diagnose_stream(
     while True:
         told("harmonics of all samples", 0.9)
         rows = equations_of(found.all_terms)
-        harmonics = stream_harmonics(rows, campaign, arm.probe.radius_mm)
+        harmonics = stream_harmonics(rows, campaign)
         best = first_significant(harmonics, level)
         if best is None or len(found.terms) + len(added) >= options.most_terms:
             break
@@ -123,13 +123,11 @@ def _together(
 ) -> Diagnosis:
     """Tell of harmonics of the stream as terms, in front of those found with them."""
     n_given = len(first.arm.effects)
-    radius_mm = first.arm.probe.radius_mm
     everything, gap = (
         compare_on_holdout(
             first.before,
             model,
             found.held_out,
-            radius_mm,
             blunders=found.blunders,
             noise=found.all_terms.network.noise,
         )

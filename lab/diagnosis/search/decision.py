@@ -8,11 +8,7 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
-from traverse.lab.adjustment.prepare import IdentificationError
-from traverse.lab.adjustment.wrong_orientations import (
-    contradict_by_orientation,
-    without_orientations,
-)
+from traverse.lab.adjustment import IdentificationError
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.candidate_scores import (
     CandidateScores,
@@ -331,9 +327,9 @@ def decide(
         search, names = _revised(
             forward_search(start, eligible, options, serial, progress), eligible
         )
-    turned = eligible & contradict_by_orientation(search.fit)
+    turned = eligible & search.fit.contradicted_by_orientation()
     if np.any(turned):
-        remaining = without_orientations(campaign, turned)
+        remaining = campaign.without_orientations(turned)
         return decide(remaining, arm, eligible, options, progress)
     return Decision(search, names, start, _stuck_rivals(search))
 

@@ -24,9 +24,7 @@ import numpy as np
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Booleans, Floats, Integers
-from traverse.lab.adjustment.prepare import Options
-from traverse.lab.adjustment.problem import State, known_stations
-from traverse.lab.adjustment.snooping import robust_scale
+from traverse.lab.adjustment import Options
 from traverse.lab.diagnosis.candidates.curves import generic_bank
 from traverse.lab.diagnosis.candidates.scoring import (
     ProjectedCandidate,
@@ -264,12 +262,9 @@ def equations_of_all_poses(fit: Fit, eligible: Booleans) -> ObservationEquations
     corrections = np.zeros((n_poses, n_joints + 6))  # three of orientations
     for station, of_poses in zip(network.stations, state.corrections, strict=True):
         corrections[station.poses, : of_poses.shape[1]] = of_poses
-    radius_mm = fit.arm.probe.radius_mm
-    known, unknowns = known_stations(
-        network, state, network.campaign, radius_mm, eligible
-    )
+    known, unknowns = network.known_stations(state, eligible)
     of_known = tuple(corrections[station.poses] for station in known)
-    everyone = State(state.arm, unknowns, of_known)
+    everyone = replace(state, unknowns=unknowns, corrections=of_known)
     return equations_of(
         replace(
             fit.adjustment, network=replace(network, stations=known), state=everyone
@@ -281,7 +276,7 @@ def _limits(fit: Fit, rows: ObservationEquations) -> dict[int, float]:
     """Return the statistic at which a pose is left out, by the number of its rows."""
     poses, sizes = np.unique(rows.poses[rows.poses >= 0], return_counts=True)
     level = Options().family_level / len(poses)
-    variance = max(robust_scale(fit.statistics), 1.0) ** 2
+    variance = max(fit.statistics.robust_scale, 1.0) ** 2
     return {
         int(size): variance * float(special.chdtri(size, level))
         for size in np.unique(sizes)

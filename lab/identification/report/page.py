@@ -5,8 +5,6 @@ from typing import Any
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.lab.adjustment.datum import probe_effects_mm
-from traverse.lab.adjustment.estimates import mass_distribution
 from traverse.lab.identification.report.pictures import pictures_of
 from traverse.lab.identification.results.evidence import outcome_of
 from traverse.lab.identification.results.result import Identification
@@ -28,7 +26,7 @@ _CLOSE = 0.9
 
 _FILTERS: Filters = {
     "combination": combination,
-    "mass_distribution": mass_distribution,
+    "mass_distribution": lambda adjustment: adjustment.mass_distribution(),
     "median": lambda values: float(np.median(list(values))),
     "rms_all_mm": lambda result: float(
         np.sqrt(np.nanmean(result.statistics.misclosures_mm**2))
@@ -40,10 +38,7 @@ WORDS = Words("identification/report/words.jinja", **_FILTERS)
 
 def result_map(result: Identification) -> UncertaintyMap:
     """Draw up the uncertainty map of a result."""
-    adjustment = result.adjustment
-    arm = arm_uncertainty(
-        adjustment.state.arm, adjustment.network.parameters, result.covariance
-    )
+    arm = arm_uncertainty(result.adjustment, result.covariance)
     return uncertainty_map(arm, result.campaign.poses.angles_rad[result.included])
 
 
@@ -62,7 +57,7 @@ def report_page(
     if result.parameters:  # of each parameter's standard deviation alone at the probe
         stds = np.diag([entry.std for entry in result.parameters])
         network, state = result.adjustment.network, result.adjustment.state
-        effects_mm = probe_effects_mm(network, state.arm, stds)
+        effects_mm = network.probe_effects_mm(state.arm, stds)
     return page(
         "identification/report/page.jinja",
         _FILTERS,

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from traverse.lab.adjustment.clusters import ExcludedCluster
 from traverse.lab.artefacts.artefact import Artefact
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.results.undetermined import combination
@@ -15,6 +14,7 @@ from traverse.lab.outcomes.identification import (
     SharedDeviation,
     identification_outcome,
 )
+from traverse.lab.statistics.outlier_clusters import ExcludedCluster
 
 # Of the reach: a bar that is shorter carries little of a length.
 _LONG_BAR = 0.66

@@ -9,7 +9,6 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, write_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
-from traverse.lab.adjustment.estimates import mass_distribution
 from traverse.lab.campaign.pose_cells import texts, write_poses
 from traverse.lab.campaign.prior import family_json
 from traverse.lab.identification.results.evidence import outcome_of
@@ -79,7 +78,7 @@ def identification_json(
     """Put a result into the plain values of `identification.json`."""
     judged = outcome_of(result)
     effects_mm = result.undetermined_effects_mm
-    masses = mass_distribution(result.adjustment)
+    masses = result.adjustment.mass_distribution()
     values = {
         "schema": SCHEMA,
         "provenance": (provenance or result.campaign.provenance()).values,

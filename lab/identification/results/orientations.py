@@ -7,11 +7,7 @@ from typing import Any
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
-from traverse.lab.adjustment.equations import orientation_errors
-from traverse.lab.adjustment.noise import VarianceSums
-from traverse.lab.adjustment.parameters import tool_key
-from traverse.lab.adjustment.problem import Network, State, known_stations
-from traverse.lab.adjustment.solve import Adjustment
+from traverse.lab.adjustment import Adjustment
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.wrong_orientations import WrongOrientation
 from traverse.lab.report.plain_values import picked, plain_values
@@ -62,12 +58,12 @@ class OrientationResult:
     @property
     def rms_after_rad(self) -> float:
         """Root mean square of the components of those that took part."""
-        return _rms(self.errors_rad[self.used])
+        return rms_rad(self.errors_rad[self.used])
 
     @property
     def rms_all_rad(self) -> float:
         """Of all."""
-        return _rms(self.errors_rad)
+        return rms_rad(self.errors_rad)
 
     @property
     def values(self) -> dict[str, Any]:
@@ -87,11 +83,10 @@ class OrientationResult:
 def orientation_result(
     adjustment: Adjustment,
     campaign: Campaign,
-    radius_mm: float,
     *,
     used: Booleans,
-    before: State,
-    sums: VarianceSums,
+    rms_before_rad: float,
+    squares_of_parts: Floats,
     stds: Mapping[str, float],
     excluded: tuple[WrongOrientation, ...],
 ) -> OrientationResult | None:
@@ -100,10 +95,10 @@ def orientation_result(
     Args:
         adjustment: The last one.
         campaign: With all orientations.
-        radius_mm: Of the probe's ball.
         used: Which took part, (n_poses,).
-        before: With the arm as given.
-        sums: Of the residuals.
+        rms_before_rad: With the arm as given.
+        squares_of_parts: Sums of squares of positions, and of orientations beyond what
+            these say, and below them their redundancies, (2, 2).
         stds: Of the free parameters, by name.
         excluded: What was taken out.
 
@@ -114,17 +109,17 @@ def orientation_result(
     if not network.parameters.mounted:
         return None
     return OrientationResult(
-        errors_rad=_errors(network, state, campaign, radius_mm),
+        errors_rad=network.orientation_errors_of(state, campaign),
         used=used,
-        rms_before_rad=_rms(_errors(network, before, campaign, radius_mm)),
+        rms_before_rad=rms_before_rad,
         noise_rad=network.noise.orientation_rad,
-        sigma0=_sigma0_of_parts(sums),
-        mountings=_mountings(network, state, stds),
+        sigma0=_sigma0_of_parts(squares_of_parts),
+        mountings=_mountings(adjustment, stds),
         excluded=excluded,
     )
 
 
-def _rms(errors_rad: Floats) -> float:
+def rms_rad(errors_rad: Floats) -> float:
     """Compute the root mean square of known components; 0 without any."""
     known = errors_rad[np.isfinite(errors_rad)]
     return float(np.sqrt(np.mean(known**2))) if len(known) else 0.0
@@ -137,43 +132,28 @@ def orientation_sizes(errors_rad: Floats) -> Floats:
     return sizes
 
 
-def _errors(
-    network: Network, state: State, campaign: Campaign, radius_mm: float
-) -> Floats:
-    """Compare all orientations of a campaign with a state, (n_poses, 3) [rad].
-
-    Those of artefacts without a place have none.
-    """
-    errors_rad = np.full((len(campaign.poses), 3), np.nan)
-    every = np.ones(len(errors_rad), dtype=np.bool_)
-    known, unknowns = known_stations(network, state, campaign, radius_mm, every)
-    whole = network.on(campaign)
-    for station, own in zip(known, unknowns, strict=True):
-        errors_rad[station.poses] = orientation_errors(whole, station, state.arm, own)
-    return errors_rad
-
-
-def _sigma0_of_parts(sums: VarianceSums) -> dict[str, float | None]:
+def _sigma0_of_parts(squares_of_parts: Floats) -> dict[str, float | None]:
     """Split sigma0 into that of positions and that of orientations."""
     return {
         name: float(np.sqrt(squares / redundancy)) if redundancy > 1e-6 else None
         for name, (squares, redundancy) in zip(
-            ("positions", "orientations"), sums.of_parts.T.tolist(), strict=True
+            ("positions", "orientations"), squares_of_parts.T.tolist(), strict=True
         )
     }
 
 
 def _mountings(
-    network: Network, state: State, stds: Mapping[str, float]
+    adjustment: Adjustment, stds: Mapping[str, float]
 ) -> dict[str, Mounting]:
     """Put mountings together, with the standard deviations by parameters' names."""
+    network, state = adjustment.network, adjustment.state
     names = [tool.name for tool in network.campaign.tools]
-    found = {}
+    mountings = {}
     for tool, quaternion in zip(
         network.parameters.mounted, state.arm.mountings.tolist(), strict=True
     ):
-        key = f"{tool_key(names, tool)}.mounting"
-        found[names[tool - 1] if tool else "probe"] = Mounting(
+        key = f"tool.{names[tool - 1]}.mounting" if tool else "probe.mounting"
+        mountings[names[tool - 1] if tool else "probe"] = Mounting(
             tuple(quaternion), tuple(stds.get(f"{key}.{axis}") for axis in "xyz")
         )
-    return found
+    return mountings

@@ -3,9 +3,7 @@
 import numpy as np
 
 from traverse.arrays import Floats, Integers
-from traverse.lab.adjustment.parameters import ArmValues
-from traverse.lab.adjustment.snooping import PoseStatistics
-from traverse.lab.adjustment.solve import Adjustment
+from traverse.lab.adjustment import Adjustment, ArmValues, PoseStatistics
 from traverse.lab.artefacts.artefact import Artefact, Length
 from traverse.lab.identification.results.result import (
     ArtefactResult,

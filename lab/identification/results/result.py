@@ -8,13 +8,7 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.lab.adjustment.clusters import ExcludedCluster
-from traverse.lab.adjustment.datum import probe_effects_mm
-from traverse.lab.adjustment.estimates import named
-from traverse.lab.adjustment.noise import Noise
-from traverse.lab.adjustment.prepare import Options
-from traverse.lab.adjustment.snooping import PoseStatistics
-from traverse.lab.adjustment.solve import Adjustment
+from traverse.lab.adjustment import Adjustment, Noise, Options, PoseStatistics
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.certificates import (
     ContactShift,
@@ -28,6 +22,7 @@ from traverse.lab.identification.stream_noise import SerialNoise
 from traverse.lab.outcomes.covariance import CartesianCovariance
 from traverse.lab.outcomes.progress import Iteration
 from traverse.lab.statistics.distributions import GlobalTest
+from traverse.lab.statistics.outlier_clusters import ExcludedCluster
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,14 +224,14 @@ class Identification:
         whole = np.array(rows) @ split.undetermined.T @ split.undetermined
         whole = whole / np.linalg.norm(whole, axis=1, keepdims=True)
         arm = self.adjustment.state.arm
-        return probe_effects_mm(network, arm, whole * split.tolerances)
+        return network.probe_effects_mm(arm, whole * split.tolerances)
 
     @property
     def moving(self) -> dict[str, float]:
         """Name what the last step would have changed, in plausible deviations."""
         parameters = self.adjustment.network.parameters
         step = self.adjustment.last_step / parameters.free_tolerances
-        return named(parameters, step) if len(step) else {}
+        return parameters.named(step) if len(step) else {}
 
     @property
     def correlations(self) -> Floats:

@@ -11,10 +11,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.model.geometry import Geometry
-from traverse.lab.adjustment.datum import probe_effects_mm, undetermined_scale
-from traverse.lab.adjustment.estimates import named
-from traverse.lab.adjustment.problem import Network
-from traverse.lab.adjustment.solve import Adjustment
+from traverse.lab.adjustment import Adjustment, Network
 from traverse.lab.identification.optimal_design import (
     JointCoverage,
     joint_coverage,
@@ -77,9 +74,9 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
     network = adjustment.network
     geometry = adjustment.state.arm.geometry
     rest = adjustment.split.undetermined
-    scale = undetermined_scale(network, adjustment.state.arm)
+    scale = network.undetermined_scale(adjustment.state.arm)
     found = [
-        Undetermined(named(network.parameters, direction), _NO_LENGTH, is_scale=True)
+        Undetermined(network.parameters.named(direction), _NO_LENGTH, is_scale=True)
         for direction in scale
     ]
     # The adjustment holds the scale by decree, as the last direction.
@@ -87,7 +84,7 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
     coverage = joint_coverage(network.campaign, network.poses)
     for direction in _sparse(rest):
         why = _reason(network, geometry, coverage, direction)
-        found.append(Undetermined(named(network.parameters, direction), why))
+        found.append(Undetermined(network.parameters.named(direction), why))
     return tuple(found)
 
 
@@ -102,13 +99,13 @@ def weak_directions(adjustment: Adjustment, factor: float) -> tuple[Weak, ...]:
     if len(stds) == 0:
         return ()
     steps = directions * parts.tolerances * stds[:, np.newaxis]
-    effects_mm = probe_effects_mm(network, adjustment.state.arm, steps)
+    effects_mm = network.probe_effects_mm(adjustment.state.arm, steps)
     limit_mm = _WEAK_IN_CONTACTS * sigma0 * float(network.noise.contact_mm.max())
     weak = np.flatnonzero((stds > _WEAK) | (effects_mm > limit_mm))
     weak = weak[np.argsort(-effects_mm[weak])]
     return tuple(
         Weak(
-            named(network.parameters, direction),
+            network.parameters.named(direction),
             float(std),
             float(effect_mm),
             _reason(network, geometry, coverage, direction),
@@ -156,7 +153,7 @@ def _reason(
     coverage: Sequence[JointCoverage],
     direction: Floats,
 ) -> str:
-    components = named(network.parameters, direction)
+    components = network.parameters.named(direction)
     joints = {name.split(".")[0] for name in components}
     still = [
         joint for joint in coverage if joint.joint in joints and joint.hardly_turned

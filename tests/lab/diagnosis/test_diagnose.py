@@ -116,8 +116,7 @@ def test_the_ledger_tells_every_step():
     assert start.sigma0 > 1.2 > last.sigma0
     s = [step.held_out.chi2 for step in found.ledger]
     assert found.gap.closed == pytest.approx((s[0] - s[1]) / (s[0] - 1.0))
-    radius_mm = found.arm.probe.radius_mm
-    again = compare_on_holdout(found.before, found.after, found.held_out, radius_mm)
+    again = compare_on_holdout(found.before, found.after, found.held_out)
     assert again.closed == pytest.approx(found.gap.closed)
 
 

@@ -8,8 +8,7 @@ import pytest
 from benchmarks.tools.handover import campaign_from_simulation
 from tests.simulator.effects.examples import heavy_arm, spec_of
 from traverse.kinematics.arm_file.arm import effect_from_table
-from traverse.lab.adjustment.equations import all_misclosures
-from traverse.lab.adjustment.prepare import prepared
+from traverse.lab.adjustment import Problem
 from traverse.lab.diagnosis.advice.minimal_detectable import planned_equations
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.diagnose import diagnose
@@ -117,12 +116,11 @@ def test_columns_of_effects_are_what_they_do_to_the_rows(poses):
             for sign in (1.0, -1.0):
                 table = {"kind": kind, "joint": joint, **sizes, name: sign * step}
                 arm = with_other_effects(ARM, (effect_from_table(table),))
-                values, parameters = prepared(campaign, arm, Options())
-                there = replace(
-                    state.arm, amplitudes=values.amplitudes, geometry=state.arm.geometry
-                )
-                other = replace(network, parameters=parameters)
-                found = all_misclosures(other, station, there, unknowns)
+                problem = Problem.of(campaign, arm, Options())
+                amplitudes = problem.design.amplitudes
+                there = replace(state.arm, amplitudes=amplitudes)
+                other = replace(network, parameters=problem.parameters)
+                found = other.all_misclosures(station, there, unknowns)
                 ends.append((white @ found[:, :, None]).ravel())
             # A model that has the effect misses by less where the arm has it.
             slope = (ends[0] - ends[1]) / 0.2

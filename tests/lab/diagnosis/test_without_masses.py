@@ -19,7 +19,6 @@ from traverse.kinematics.arm_file.arm import parse_arm, read_arm
 from traverse.kinematics.effects.arm_effects import effects_from_arm
 from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
-from traverse.lab.adjustment.estimates import mass_distribution
 from traverse.lab.diagnosis.advice.minimal_detectable import planned
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.report.files import write_diagnosis
@@ -60,8 +59,8 @@ def test_what_yields_is_named_and_predicts_nearly_as_with_the_true_masses(kind, 
     assert found.gap.after.rms_mm < 0.7 * found.gap.before.rms_mm
     compliance = term.estimates["compliance_rad_nm"]
     assert compliance.value > 10.0 * compliance.std
-    assert mass_distribution(known.all_terms) == {}
-    masses = mass_distribution(found.all_terms)
+    assert known.all_terms.mass_distribution() == {}
+    masses = found.all_terms.mass_distribution()
     assert 0 < len(masses["determined"]) < masses["combinations"]
 
 
@@ -110,7 +109,7 @@ def test_nothing_is_found_and_nothing_written_where_nothing_yields():
     found = diagnose(measured_with(), BARE, DECISION)
     assert found.verdict == "clean"
     assert found.adapted.effects == ()
-    assert mass_distribution(found.all_terms) == {}
+    assert found.all_terms.mass_distribution() == {}
 
 
 def test_an_eccentricity_is_none_of_it():

@@ -10,13 +10,8 @@ from benchmarks.tools.handover import campaign_from_simulation
 from tests.simulator.effects.examples import START, TABLES, example, heavy_arm, spec_of
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.kinematics.effects.base.context import utc_ns
+from traverse.lab.adjustment import IdentificationError, Problem
 from traverse.lab.adjustment.effect_model import effect_model
-from traverse.lab.adjustment.equations import rms_mm
-from traverse.lab.adjustment.linearise import certified
-from traverse.lab.adjustment.noise import a_priori_noise
-from traverse.lab.adjustment.prepare import IdentificationError, prepared
-from traverse.lab.adjustment.problem import Network, stations
-from traverse.lab.adjustment.starting_values import start_state
 from traverse.lab.identification.identify import Options, identify
 from traverse.simulator.campaigns import (
     BallBar,
@@ -71,16 +66,9 @@ def true_arm(poses, effects):
 
 
 def network_of(campaign, arm, options=OPTIONS):
-    values, parameters = prepared(campaign, arm, options)
-    everyone = np.ones(len(campaign.poses), dtype=np.bool_)
-    network = Network(
-        campaign,
-        stations(campaign, arm.probe.radius_mm, everyone),
-        parameters,
-        a_priori_noise(campaign),
-        np.ones(len(campaign.poses)),
-    )
-    return network, start_state(network, values)
+    problem = Problem.of(campaign, arm, options)
+    network = problem.network()
+    return network, network.start(problem.design)
 
 
 @pytest.mark.parametrize("kind", TABLES)
@@ -89,10 +77,10 @@ def test_an_effect_that_is_held_undoes_what_the_simulator_plays(kind):
     campaign = campaign_with(example(kind), noise=QUIET)
     network, state = network_of(campaign, true_arm(poses, poses.effects))
     assert not any(network.parameters.free[-len(network.parameters.effects.names) :])
-    assert rms_mm(network, state) < 2e-5
+    assert network.rms_mm(state) < 2e-5
     if kind not in ("artefact_length", "first_moment"):  # which move nothing
-        without = network_of(campaign, true_arm(poses, ()))
-        assert rms_mm(*without) > 1e-3
+        network, state = network_of(campaign, true_arm(poses, ()))
+        assert network.rms_mm(state) > 1e-3
 
 
 def test_a_standard_is_as_long_as_its_certificate_and_its_error_say():
@@ -102,7 +90,7 @@ def test_a_standard_is_as_long_as_its_certificate_and_its_error_say():
     for effects, expected_mm in (((wrong,), 0.0), ((), 80e-6 * 300.0)):
         network, state = network_of(campaign, true_arm(rigid(), effects))
         for station, unknowns in zip(network.stations, state.unknowns, strict=True):
-            whitened = certified(network, station, state.arm, unknowns)[:, -1]
+            whitened = network.certified(station, state.arm, unknowns)[:, -1]
             found_mm = CERTIFIED_MM * np.abs(whitened).sum()
             named = station.artefact.id == "short"
             assert found_mm == pytest.approx(expected_mm if named else 0.0, abs=1e-5)
@@ -314,7 +302,8 @@ def test_a_campaign_without_a_start_has_one_all_the_same():
 
 def test_coordinates_say_the_step_that_was_taken():
     tables = [{"kind": k, **TABLES[k]} for k in ("axis_wobble", "encoder_eccentricity")]
-    values, parameters = prepared(campaign_with(), design(*tables), OPTIONS)
+    problem = Problem.of(campaign_with(), design(*tables), OPTIONS)
+    values, parameters = problem.design, problem.parameters
     parameters = parameters.with_free(np.ones(len(parameters.names), dtype=np.bool_))
     step = 1e-7 * np.random.default_rng(2).normal(size=len(parameters.names))
     moved = parameters.moved(values, step)

@@ -23,11 +23,8 @@ from traverse.kinematics.model.quaternion import (
     multiply,
     rotation_vectors,
 )
+from traverse.lab.adjustment import IdentificationError, Problem
 from traverse.lab.adjustment.effect_model import effect_model
-from traverse.lab.adjustment.equations import all_misclosures, white_rows
-from traverse.lab.adjustment.prepare import IdentificationError, prepared
-from traverse.lab.adjustment.problem import network_of
-from traverse.lab.adjustment.starting_values import start_state
 from traverse.lab.campaign.campaign_file import Tool
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.prediction import (
@@ -165,20 +162,21 @@ def test_derivatives_are_those_of_differences():
     campaign, _ = measured(3, of=played)
     arm = ARM.model_copy(update={"effects": played.effects})
     options = replace(QUICK, free=("*",))
-    values, parameters = prepared(campaign, arm, options)
+    problem = Problem.of(campaign, arm, options)
+    parameters = problem.parameters
     some = np.zeros(len(campaign.poses), dtype=np.bool_)
     some[::6] = True
-    network = network_of(campaign, arm.probe.radius_mm, some, parameters)
-    state = start_state(network, values)
+    network = problem.network(some)
+    state = network.start(problem.design)
     (station,), (unknowns,) = network.stations, state.unknowns
-    (rows,) = white_rows(network, station, state.arm, unknowns)
+    (rows,) = network.white_rows(station, state.arm, unknowns)
     free = parameters.free_names
     steps = 1e-6 * np.array(
         [1e3 if unit == "mm" else 1 for unit in parameters.free_units]
     )
 
     def at(arm, own):
-        found = all_misclosures(network, station, arm, own)
+        found = network.all_misclosures(station, arm, own)
         return (rows.whiteners @ found[:, :, None])[:, :, 0]
 
     for k, name in enumerate(free):

@@ -14,7 +14,6 @@ import pytest
 from tests.lab.identification.words import said
 from tests.lab.report.pages import Page
 from tests.lab.simulated import DESIGN, DESIGN_ARM, bar, built, cones, simulate
-from traverse.lab.adjustment.datum import posture_columns
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.report.page import (
     WORDS,
@@ -224,7 +223,7 @@ def test_undetermined_scale_is_worth_what_it_moves(scaleless: Identification) ->
     (effect_mm,) = scaleless.undetermined_effects_mm
     network = scaleless.adjustment.network
     arm = scaleless.adjustment.state.arm
-    _, centres_mm = posture_columns(network, arm)
+    _, centres_mm = network.posture_columns(arm)
     spread_mm = np.sqrt(centres_mm.var(axis=0).sum())
     # J2 carries 60 mm and, along the axis of J3, 500 mm: they grow by 5 mm and a part.
     (direction,) = scaleless.undetermined

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from tests.lab.simulated import DESIGN, DESIGN_ARM, bar, built, cones, simulate
-from traverse.lab.adjustment.equations import white_rows, whiteners
+from traverse.lab.adjustment.equations import whiteners
 from traverse.lab.adjustment.rank import decide_rank, eliminate_unknowns, sequential_qr
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.statistics.distributions import (
@@ -49,7 +49,7 @@ def dense(result):
             right.append(certificate.misclosures_mm[value] / certificate.std_mm[value])
             poses.append(-1)
         corrections = state.corrections[index]
-        for part in white_rows(network, station, state.arm, unknowns, corrections):
+        for part in network.white_rows(station, state.arm, unknowns, corrections):
             for pose in range(len(part.misclosures)):
                 for equation in range(part.misclosures.shape[1]):
                     row = np.zeros(n_all)

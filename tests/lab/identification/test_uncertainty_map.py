@@ -21,14 +21,13 @@ from tests.lab.simulated import (
     simulate,
 )
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry
+from traverse.lab.adjustment import Adjustment, ArmValues, Problem, adjust
 from traverse.lab.adjustment.datum import with_datum
-from traverse.lab.adjustment.noise import a_priori_noise
-from traverse.lab.adjustment.parameters import ArmValues, arm_parameters
-from traverse.lab.adjustment.problem import Network, stations
-from traverse.lab.adjustment.solve import Adjustment, adjust
-from traverse.lab.adjustment.starting_values import start_state
+from traverse.lab.adjustment.parameters import arm_parameters
+from traverse.lab.campaign.poses import Poses
 from traverse.lab.identification.results.arm_comparison import (
     ComparisonError,
     compare_arms,
@@ -66,23 +65,30 @@ def adjusted(datum: tuple[str, ...]) -> Adjustment:
     geometry = TRUE.geometry()
     parameters = arm_parameters(geometry, campaign.joint_names)
     among = np.array([name.startswith((*datum, "origin")) for name in parameters.names])
-    network = Network(
-        campaign,
-        stations(campaign, 3.0, np.ones(len(campaign.poses), dtype=bool)),
-        with_datum(parameters, geometry, among),
-        a_priori_noise(campaign),
-        np.ones(len(campaign.poses)),
-    )
+    with_held = with_datum(parameters, geometry, among)
     design = ArmValues(geometry, np.empty(0))
-    return adjust(network, start_state(network, design), design)
+    network = Problem(campaign, design, with_held, 3.0).network()
+    return adjust(network, network.start(design), design)
 
 
 def known(datum: tuple[str, ...] = ("J1", "J2", "J3")) -> ArmUncertainty:
     adjustment = adjusted(datum)
     inverse = adjustment.split.inverse
-    return arm_uncertainty(
-        adjustment.state.arm, adjustment.network.parameters, inverse @ inverse.T
-    )
+    return arm_uncertainty(adjustment, inverse @ inverse.T)
+
+
+def uncertain(geometry, parameters, covariance) -> ArmUncertainty:
+    """An arm that nobody adjusted."""
+
+    def columns(angles_rad):
+        derivatives = probe_derivatives(geometry, angles_rad)
+        n, values = len(angles_rad), ArmValues(geometry, np.empty(0))
+        nothing = np.zeros(n, dtype=np.int64)
+        poses = Poses(nothing, np.zeros(n), nothing, nothing, angles_rad)
+        moves = parameters.columns(values, derivatives, poses)
+        return moves, derivatives.centres_mm
+
+    return ArmUncertainty(geometry, columns, covariance)
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +109,7 @@ def test_chord_of_a_clock_hand_grows_with_the_hand(turn_rad: float) -> None:
         if abs(row[0]) > 0.9
     )
     free = np.array([name == along for name in parameters.names])
-    arm = ArmUncertainty(geometry, parameters.with_free(free), np.array([[0.01**2]]))
+    arm = uncertain(geometry, parameters.with_free(free), np.array([[0.01**2]]))
     found = distance_deviations_mm(arm, np.zeros((1, 1)), np.array([[turn_rad]]))
     assert found[0] == pytest.approx(0.01 * 2.0 * np.sin(turn_rad / 2.0), rel=1e-12)
 
@@ -205,7 +211,7 @@ def test_a_small_arm_gets_shorter_distances() -> None:
     )
     parameters = arm_parameters(small, [f"J{k + 1}" for k in range(7)])
     parameters = with_datum(parameters, small)
-    arm = ArmUncertainty(small, parameters, np.eye(parameters.n_free) * 1e-6)
+    arm = uncertain(small, parameters, np.eye(parameters.n_free) * 1e-6)
     ranges_rad = np.stack([small.zeros_rad - 2.0, small.zeros_rad + 2.0])
     assert uncertainty_map(arm, ranges_rad).length_mm == 100.0
 

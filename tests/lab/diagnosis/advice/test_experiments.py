@@ -9,7 +9,6 @@ from scipy import stats
 
 from tests.lab.diagnosis.fitted_rows import measured, measured_rows
 from traverse.kinematics.arm_file.arm import effect_from_table
-from traverse.lab.adjustment.equations import station_centres
 from traverse.lab.diagnosis.advice.experiments import (
     gain_needed,
     known_pair,
@@ -102,7 +101,7 @@ def test_further_contacts_touch_within_the_travelled_ranges():
         there = replace(
             station, poses=mine, touches=campaign.touches(station.index, mine, 3.0)
         )
-        centres_mm = station_centres(network, there, adjustment.state.arm)
+        centres_mm = network.centres_mm(there, adjustment.state.arm)
         # Standards are as warm as in the pose that was taken as a model.
         equations = station.artefact.equations(
             adjustment.state.unknowns[at], centres_mm, there.touches

@@ -7,19 +7,14 @@ import numpy as np
 import pytest
 
 from tests.lab.diagnosis.fitted_rows import measured
-from tests.lab.simulated import PROBE_RADIUS_MM
 from traverse.kinematics.arm_file.arm import effect_from_table
-from traverse.lab.adjustment.equations import white_rows
-from traverse.lab.adjustment.noise import Noise
-from traverse.lab.adjustment.problem import stations
+from traverse.lab.adjustment import Noise
 from traverse.lab.campaign.holdout import split
 from traverse.lab.diagnosis.holdout.comparison import (
     compare_on_holdout,
     find_misfit,
     held_out_blunders,
     is_worse,
-    predicted,
-    with_noise,
 )
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
 from traverse.lab.diagnosis.model.observation_equations import equations_of
@@ -40,7 +35,7 @@ def fit_of(eccentric: bool, term: bool):
 
 
 def holdout_result(fit, held_out, noise=None):
-    return compare_on_holdout(fit, fit, held_out, PROBE_RADIUS_MM, noise=noise).after
+    return compare_on_holdout(fit, fit, held_out, noise=noise).after
 
 
 def test_the_closed_part_by_hand():
@@ -70,15 +65,15 @@ def test_statistics_are_those_of_the_dense_predictive_covariance():
     adjustment = fit.adjustment
     columns = equations_of(adjustment).columns
     cofactors = np.linalg.pinv(columns.T @ columns, rcond=1e-13, hermitian=True)
-    found = predicted(adjustment, held_out, PROBE_RADIUS_MM)
+    found = adjustment.predicted(held_out)
     network, state = adjustment.network, adjustment.state
     n_free = network.parameters.n_free
     first = n_free
-    for at, station in enumerate(stations(network.campaign, PROBE_RADIUS_MM, held_out)):
+    for at, station in enumerate(network.stations_of(held_out)):
         own = slice(first, first + len(station.scales))
         first = own.stop
         unknowns = state.unknowns[at]
-        for rows in white_rows(network, station, state.arm, unknowns):
+        for rows in network.white_rows(station, state.arm, unknowns):
             for pose in range(0, len(station.poses), 5):
                 full = np.zeros((rows.misclosures.shape[1], len(cofactors)))
                 full[:, :n_free] = (
@@ -97,7 +92,7 @@ def test_s_of_a_right_model_is_one():
     found = holdout_result(fit.adjustment, held_out)
     assert found.n == 3 * 48 + 24
     assert found.chi2 == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / found.n))
-    misclosures_mm = predicted(fit.adjustment, held_out, PROBE_RADIUS_MM).misclosures_mm
+    misclosures_mm = fit.adjustment.predicted(held_out).misclosures_mm
     finite = misclosures_mm[np.isfinite(misclosures_mm)]
     assert found.rms_mm == pytest.approx(np.sqrt(np.mean(finite**2)))
     assert found.mean_distance_mm is None
@@ -106,26 +101,20 @@ def test_s_of_a_right_model_is_one():
 def test_the_missing_term_closes_the_gap():
     before, held_out = fit_of(eccentric=True, term=False)
     after, _ = fit_of(eccentric=True, term=True)
-    gap = compare_on_holdout(
-        before.adjustment, after.adjustment, held_out, PROBE_RADIUS_MM
-    )
+    gap = compare_on_holdout(before.adjustment, after.adjustment, held_out)
     assert gap.before.chi2 > 2.0
     assert gap.closed == pytest.approx(1.0, abs=0.2)
     assert not gap.is_worse
     assert gap.after.n_poses == np.count_nonzero(held_out)
     assert gap.after.without_blunders is None
-    back = compare_on_holdout(
-        after.adjustment, before.adjustment, held_out, PROBE_RADIUS_MM
-    )
+    back = compare_on_holdout(after.adjustment, before.adjustment, held_out)
     assert back.is_worse
 
 
 def test_a_needless_term_brings_no_veto():
     before, held_out = fit_of(eccentric=False, term=False)
     after, _ = fit_of(eccentric=False, term=True)
-    gap = compare_on_holdout(
-        before.adjustment, after.adjustment, held_out, PROBE_RADIUS_MM
-    )
+    gap = compare_on_holdout(before.adjustment, after.adjustment, held_out)
     assert not gap.is_worse
     assert gap.closed is None
 
@@ -145,11 +134,9 @@ def test_blunders_are_counted_and_left_out_only_beside():
     choosing, held_out = split(of.campaign, 1)
     before = fitted(of.campaign, of.arm, choosing).adjustment
     after = fitted(of.campaign, with_effects(of.arm, (ECCENTRIC,)), choosing).adjustment
-    blunders = held_out_blunders(before, held_out, PROBE_RADIUS_MM)
+    blunders = held_out_blunders(before, held_out)
     assert np.flatnonzero(blunders).tolist() == bad.tolist()
-    gap = compare_on_holdout(
-        before, after, held_out, PROBE_RADIUS_MM, blunders=blunders
-    )
+    gap = compare_on_holdout(before, after, held_out, blunders=blunders)
     assert gap.after.n_poses == np.count_nonzero(held_out)
     assert gap.after.chi2 > 5.0
     assert gap.closed < 0.6
@@ -159,16 +146,16 @@ def test_blunders_are_counted_and_left_out_only_beside():
     assert rest.rms_mm < gap.after.rms_mm
     part = closed(gap.before.without_blunders.chi2, rest.chi2, rest.n)
     assert part == pytest.approx(1.0, abs=0.2)
-    assert find_misfit(after, held_out, blunders, PROBE_RADIUS_MM) is None
+    assert find_misfit(after, held_out, blunders) is None
 
 
 def test_too_many_contradictions_are_no_blunders():
     of, bad = with_blunders(20)
     choosing, held_out = split(of.campaign, 1)
     model = fitted(of.campaign, with_effects(of.arm, (ECCENTRIC,)), choosing).adjustment
-    blunders = held_out_blunders(model, held_out, PROBE_RADIUS_MM)
+    blunders = held_out_blunders(model, held_out)
     assert not np.any(blunders)
-    misfit = find_misfit(model, held_out, blunders, PROBE_RADIUS_MM)
+    misfit = find_misfit(model, held_out, blunders)
     assert misfit.figures.chi2 > 5.0
     assert misfit.n_contradicting == len(bad)
     assert misfit.figures.n_poses == np.count_nonzero(held_out)
@@ -181,7 +168,7 @@ def test_an_artefact_that_is_held_out_whole_is_predicted_but_for_its_place():
     for index in range(4):
         whole = of.campaign.poses.artefacts == index
         fit = fitted(of.campaign, of.arm, ~whole)
-        found = predicted(fit.adjustment, whole, PROBE_RADIUS_MM)
+        found = fit.adjustment.predicted(whole)
         assert np.sum(found.degrees[whole]) == pytest.approx(3 * 40 - 3)
         assert np.all(np.isnan(found.statistics[~whole]))
         statistics += float(np.sum(found.statistics[whole]))
@@ -199,15 +186,13 @@ def test_more_noise_makes_the_same_misclosures_smaller():
     # Certificates keep their own noise: a quarter, nearly.
     assert weighed.chi2 == pytest.approx(0.25 * plain.chi2, rel=0.01)
     assert weighed.rms_mm == plain.rms_mm
-    again = with_noise(with_noise(fit.adjustment, doubled), noise)
+    again = fit.adjustment.with_noise(doubled).with_noise(noise)
     assert holdout_result(again, of_cones).chi2 == pytest.approx(plain.chi2)
 
 
 def test_without_held_out_poses_there_is_nothing_to_say():
     fit, held_out = fit_of(eccentric=False, term=False)
-    gap = compare_on_holdout(
-        fit.adjustment, fit.adjustment, np.zeros_like(held_out), PROBE_RADIUS_MM
-    )
+    gap = compare_on_holdout(fit.adjustment, fit.adjustment, np.zeros_like(held_out))
     assert gap.before.n == 0
     assert np.isnan(gap.before.rms_mm)
     assert gap.closed is None
@@ -223,6 +208,6 @@ def test_mean_distances_are_reported_for_known_points():
     adjustment = replace(fit.adjustment, network=replace(network, campaign=campaign))
     found = holdout_result(adjustment, held_out)
     mine = held_out & (campaign.poses.artefacts == 0)
-    misclosures_mm = predicted(adjustment, mine, PROBE_RADIUS_MM).misclosures_mm[mine]
+    misclosures_mm = adjustment.predicted(mine).misclosures_mm[mine]
     expected_mm = np.mean(np.sqrt(np.sum(misclosures_mm**2, axis=1)))
     assert found.mean_distance_mm == pytest.approx(expected_mm)

@@ -11,7 +11,6 @@ from benchmarks.tools.handover import campaign_from_simulation
 from tests.lab.diagnosis.fitted_rows import measured
 from tests.simulator.effects.examples import heavy_arm, spec_of
 from traverse.kinematics.arm_file.arm import effect_from_table
-from traverse.lab.adjustment.problem import has_length
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import judge, project
 from traverse.lab.diagnosis.model.candidate import BankName
@@ -148,7 +147,7 @@ def test_without_any_length_misclosures_say_nothing_of_it():
     everyone = np.ones(len(campaign.poses), dtype=np.bool_)
     arm = with_effects(given.arm, (effect_from_table(dict(ECCENTRICITY)),))
     adjustment = fitted(campaign, arm, everyone, snooping=False).adjustment
-    assert not has_length(adjustment.network)
+    assert not adjustment.network.has_length()
     rows = equations_of(adjustment)
     assert rows.redundancy == adjustment.redundancy
     assert rows.sum_of_squares == pytest.approx(adjustment.system.sum_of_squares)

@@ -180,7 +180,7 @@ def test_harmonics_of_all_samples_are_those_of_the_dense_algebra(folders):
             ),
         )
     )
-    found = stream_harmonics(rows, included, arm.probe.radius_mm)
+    found = stream_harmonics(rows, included)
     by_name = {one.candidate.name: one for one in found}
     dense = judge(rows, project(rows, harmonic_bank(rows)))
     ratios, amplitudes = [], []
