@@ -85,11 +85,22 @@ def identify(
         from traverse.lab.runs import identification as runs
 
         options = _options(hold or [], free or [], masks)
-        kept = None if holdout is None else runs.KeptAside(holdout, holdout_by, seed)
         design, measured = read_noted(campaign, arm, family, prior)
         with adjustment_errors():
-            progress = _Progress if sys.stderr.isatty() else None
-            result = runs.identified(measured, design, options, kept, progress)
+            if holdout is not None:
+                from traverse.lab.runs.kept_aside import (
+                    KeptAside,
+                    identified_and_predicted,
+                )
+
+                kept = KeptAside(holdout, holdout_by, seed)
+                progress = _Progress if sys.stderr.isatty() else None
+                result = identified_and_predicted(
+                    measured, design, options, kept, progress
+                )
+            else:
+                show = _Progress(measured) if sys.stderr.isatty() else None
+                result = runs.identified(measured, design, options, show)
         provenance = result.campaign.provenance(operator)
         lines = runs.write_identified(
             result, out, provenance, unfit_arm=write_unfit_arm

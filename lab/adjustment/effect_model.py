@@ -19,7 +19,6 @@ from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.contacts.touching import ArtefactLength
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.campaign.plausible_sizes import plausible_values
 from traverse.lab.campaign.poses import Poses
 from traverse.lab.first_moments import AssumedMoments, assumed_moments, states_no_mass
 
@@ -149,7 +148,7 @@ def effect_model(
         names += [f"{prefix}.{name}" for name in own]
         units += [key_unit(name.partition(".")[0]) for name in own]
         # A vector about an axis has more components than freedoms, of one size.
-        sizes = plausible_values(correction, campaign)[: len(own)]
+        sizes = campaign.plausible_values(correction)[: len(own)]
         tolerances += [_HOPELESS * size for size in sizes]
     model = EffectModel(
         effects=built,

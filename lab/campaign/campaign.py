@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import Span, utc_ns
+from traverse.kinematics.effects.base.correction import Correction
 from traverse.lab.artefacts.artefact import Artefact, Touches
 from traverse.lab.artefacts.points import Points
 from traverse.lab.campaign.campaign_file import (
@@ -22,7 +24,6 @@ from traverse.lab.campaign.campaign_file import (
 from traverse.lab.campaign.pose_table import PoseTable, read_pose_table
 from traverse.lab.campaign.poses import Poses, without_copies
 from traverse.lab.campaign.prior import Prior
-from traverse.lab.campaign.stream_table import SUFFIX, read_stream_table
 from traverse.lab.report.provenance import (
     ReportProvenance,
     ReportSource,
@@ -45,6 +46,10 @@ _NO_ORIENTATIONS = (
     "only `traverse identify`, `diagnose` and `predict` take measured "
     "orientations; leave these columns out"
 )
+
+
+# Of recordings.
+SUFFIX = ".mcap"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,6 +152,20 @@ class Campaign:
             gravity_m_s2=None if gravity is None else np.array(gravity),
         )
 
+    def plausible_values(self, correction: Correction) -> tuple[float, ...]:
+        """Return a plausible standard deviation for each parameter, in its unit.
+
+        Orders of magnitude of arms of a metre or two. They decide what a campaign
+        cannot say anything about, and never how large an effect is estimated.
+        """
+        kind = EFFECT_KINDS[correction.kind]
+        size = kind.plausible_size(getattr(correction, "order", None))
+        if kind.is_size_of_campaign:
+            size /= max(float(np.ptp(self.poses.time_s)), 1.0)
+        return tuple(
+            1.0 if key == kind.phase else size for key in correction.parameters
+        )
+
     def without_orientations(self, which: Booleans) -> "Campaign":
         """Forget the orientations of some poses, (n_poses,)."""
         orientations = self.poses.orientations
@@ -241,6 +260,10 @@ def read_campaign(
         text = f"no poses yet: `traverse collect {path.parent}` writes {poses.name}"
         raise FileError(path, [Problem("poses", text)])
     if poses.suffix == SUFFIX:
+        from traverse.lab.campaign.stream_table import (  # noqa: PLC0415 - only recordings need it
+            read_stream_table,
+        )
+
         table = read_stream_table(poses, joint_names, features, file.start_utc)
     else:
         tools = [tool.name for tool in file.tools]

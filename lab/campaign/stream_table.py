@@ -116,7 +116,6 @@ def half_window(time_s: Floats) -> int:
     return int(np.clip(round(_HALF_WINDOW_S / usual_s), _LEAST_HALF, _LARGEST_HALF))
 
 
-SUFFIX = ".mcap"
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _LONG_GAP_S = 0.5
 

@@ -19,7 +19,6 @@ from traverse.kinematics.effects.base.bodies import bodies_from_arm
 from traverse.kinematics.effects.base.context import context_from_arm
 from traverse.kinematics.effects.base.correction import ContactCorrection, Correction
 from traverse.kinematics.effects.mechanics.deformations import Compliance
-from traverse.lab.campaign.plausible_sizes import plausible_values
 from traverse.lab.diagnosis.model.candidate import (
     Bank,
     BankName,
@@ -150,7 +149,7 @@ def _entries(rows: ObservationEquations, arm: Arm) -> list[_Entry]:
         effect = effect_of_candidate(plain, template, rows)
         correction = effect_class(plain.kind).from_file(effect, setting)
         # Its columns are all of one unit.
-        scales = plausible_values(correction, campaign)[:1] * plain.size
+        scales = campaign.plausible_values(correction)[:1] * plain.size
         candidate = replace(plain, scales=scales)
         if correction.uses_gravity and not np.any(are_known[correction.joints.start :]):
             beyond = plain.joint or setting.joint_names[0]
