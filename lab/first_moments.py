@@ -52,8 +52,10 @@ class AssumedMoments:
         counted with the element before, where it acts; of the innermost it may not act
         at all. The right side is last, (3 n + 1, 3 n + 1).
         """
-        joints = [one.joints.start for one in moments]
-        steps = self.moments_kg_m[joints] - np.array([one.values for one in moments])
+        joints = [moment.joints.start for moment in moments]
+        steps = self.moments_kg_m[joints] - np.array(
+            [moment.values for moment in moments]
+        )
         felt = self.moments_kg_m[joints].copy()
         for at in reversed(range(len(joints))):
             axis = self.axes[joints[at]]

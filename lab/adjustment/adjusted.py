@@ -208,11 +208,11 @@ class Adjustment:
         joints = model.effects.joint_names
         moments = model.at(self.state.arm.amplitudes).first_moments
         stds_kg_m = model.assumed.stds_of(moments)[is_free]
-        own = is_moment[parameters.free]
-        white = self.split.inverse[own] / stds_kg_m[:, np.newaxis]
+        are_moments = is_moment[parameters.free]
+        white = self.split.inverse[are_moments] / stds_kg_m[:, np.newaxis]
         squares, directions = np.linalg.eigh(white @ white.T)
         combinations = np.zeros((len(squares), parameters.n_free))
-        combinations[:, own] = directions.T
+        combinations[:, are_moments] = directions.T
         return {
             "assumed_mass_kg": model.assumed.mass_kg,
             "first_moments_kg_m": {joints[m.joints.start]: m.values for m in moments},

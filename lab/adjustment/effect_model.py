@@ -52,7 +52,9 @@ class EffectModel:
     def coordinates(self, geometry: Geometry, index: int) -> slice:
         """Find the coordinates of an effect among those of all."""
         corrections = self.effects.corrections
-        sizes = [one.free_directions(geometry).shape[1] for one in corrections]
+        sizes = [
+            correction.free_directions(geometry).shape[1] for correction in corrections
+        ]
         return slice(sum(sizes[:index]), sum(sizes[: index + 1]))
 
     def directions(self, geometry: Geometry) -> Floats:
@@ -79,7 +81,7 @@ class EffectModel:
     @property
     def moments(self) -> list[int]:
         """Coordinates that are first moments of mass."""
-        weighing = {self.effects.name(one) for one in self.effects.first_moments}
+        weighing = {self.effects.name(moment) for moment in self.effects.first_moments}
         return [n for n, x in enumerate(self.names) if x.rsplit(".", 2)[0] in weighing]
 
     def moments_with(self, free: Collection[str]) -> tuple[str, ...]:
@@ -102,12 +104,12 @@ class EffectModel:
         last, (n, n_coordinates + 1).
         """
         at = self.moments
-        found = np.zeros((len(at) + 1, len(self.names) + 1))
+        equations = np.zeros((len(at) + 1, len(self.names) + 1))
         if self.assumed is None or not np.any(free[at]):
-            return found[:0]
+            return equations[:0]
         rows = self.assumed.expectations(self.at(values).first_moments)
-        found[:, [*at, -1]] = rows
-        return found[[*free[at], True]]
+        equations[:, [*at, -1]] = rows
+        return equations[[*free[at], True]]
 
     def length_errors(self, values: Floats, artefact: str) -> tuple[float, Floats]:
         """Return by how many ppm a standard is longer than its certificate says.
@@ -143,12 +145,12 @@ def effect_model(
     units: list[str] = []
     tolerances: list[float] = []
     for correction in built.corrections:
-        own = _coordinate_names(correction)
+        coordinates = _coordinate_names(correction)
         prefix = built.name(correction)
-        names += [f"{prefix}.{name}" for name in own]
-        units += [key_unit(name.partition(".")[0]) for name in own]
+        names += [f"{prefix}.{name}" for name in coordinates]
+        units += [key_unit(name.partition(".")[0]) for name in coordinates]
         # A vector about an axis has more components than freedoms, of one size.
-        sizes = campaign.plausible_values(correction)[: len(own)]
+        sizes = campaign.plausible_values(correction)[: len(coordinates)]
         tolerances += [_HOPELESS * size for size in sizes]
     model = EffectModel(
         effects=built,

@@ -187,19 +187,23 @@ class Equations:
         In mm, and behind them of orientations in rad, zero where there is none.
         """
         centres_mm = self.centres_mm(station, arm, corrections)
-        found = np.zeros((len(centres_mm), station.most_rows))
+        misclosures = np.zeros((len(centres_mm), station.most_rows))
         for first in range(0, len(centres_mm), _CHUNK_POSES):
             part = slice(first, first + _CHUNK_POSES)
             touches = station.touches.part(part)
             equations = station.artefact.equations(unknowns, centres_mm[part], touches)
-            found[part, : station.artefact.rows_per_pose] = equations.misclosures_mm
+            misclosures[part, : station.artefact.rows_per_pose] = (
+                equations.misclosures_mm
+            )
         if station.touches.orientations is not None:
             for chunk in self._chunks(station, arm, corrections):
                 if chunk.turns is not None:
-                    found[chunk.part, 3:] = station.artefact.orientation_equations(
-                        unknowns, chunk.turns, station.touches.part(chunk.part)
-                    ).misclosures_rad
-        return found
+                    misclosures[chunk.part, 3:] = (
+                        station.artefact.orientation_equations(
+                            unknowns, chunk.turns, station.touches.part(chunk.part)
+                        ).misclosures_rad
+                    )
+        return misclosures
 
     def misclosures_mm(
         self, station: Station, arm: ArmValues, unknowns: Floats
@@ -208,19 +212,19 @@ class Equations:
 
         (n_poses, rows_per_pose)
         """
-        found = self.all_misclosures(station, arm, unknowns)
-        return found[:, : station.artefact.rows_per_pose]
+        misclosures = self.all_misclosures(station, arm, unknowns)
+        return misclosures[:, : station.artefact.rows_per_pose]
 
     def orientation_errors_rad(
         self, station: Station, arm: ArmValues, unknowns: Floats
     ) -> Floats:
         """Compute the misclosures of orientations, NaN without, (n_poses, 3) [rad]."""
-        found = np.full((len(station.poses), 3), np.nan)
+        errors_rad = np.full((len(station.poses), 3), np.nan)
         oriented = station.touches.oriented
         if np.any(oriented):
             every = self.all_misclosures(station, arm, unknowns)
-            found[oriented] = every[oriented, 3:]
-        return found
+            errors_rad[oriented] = every[oriented, 3:]
+        return errors_rad
 
     def centres_mm(
         self,

@@ -102,7 +102,7 @@ class IteratedAdjustment:
         ]
         lines.append(("time_s", None, poses.time_s))
         names = [artefact.id for artefact in campaign.artefacts]
-        staying = np.zeros(len(poses), dtype=np.bool_)
+        never_excluded = np.zeros(len(poses), dtype=np.bool_)
         clusters: list[ExcludedCluster] = []
         last = self
         # Neighbouring samples of a stream are out together because they are alike.
@@ -129,8 +129,8 @@ class IteratedAdjustment:
             clusters.append(ExcludedCluster(place, of_joint))
             if not of_joint:
                 break
-            staying |= there
-            last = again(staying)
+            never_excluded |= there
+            last = again(never_excluded)
         return last, tuple(clusters)
 
     def excluded_part(self, at: int) -> str:
@@ -150,14 +150,14 @@ def adjust_iteratively(
     options: Options,
     *,
     first: Booleans | None = None,
-    staying: Booleans | None = None,
+    never_excluded: Booleans | None = None,
     progress: Progress | None = None,
     most_iterations: int | None = None,
 ) -> IteratedAdjustment:
     """Adjust until neither the poses that take part nor the noise change.
 
     Poses of the network's stations may take part; the first ones do to begin with
-    (default all), the staying ones whatever they say (default none), (n_poses,) each.
+    (default all), and some are never excluded (default none), (n_poses,) each.
     """
     campaign = network.campaign
     # From where the family has its arms: there are undetermined directions held, too.
@@ -178,8 +178,10 @@ def adjust_iteratively(
         return adjustment, adjustment.pose_statistics()
 
     eligible = network.included
-    staying = np.zeros_like(eligible) if staying is None else eligible & staying
-    included = eligible if first is None else eligible & first | staying
+    never_excluded = (
+        np.zeros_like(eligible) if never_excluded is None else eligible & never_excluded
+    )
+    included = eligible if first is None else eligible & first | never_excluded
     adjustment, statistics = adjusted(included, design)
     if options.snooping and (
         not adjustment.converged
@@ -187,7 +189,7 @@ def adjust_iteratively(
     ):
         state = network.start(design)
         state, included = robust_state(network, state, design)
-        included = included & eligible | staying
+        included = included & eligible | never_excluded
         adjustment, statistics = adjusted(included, state.arm)
     critical = float("inf")
     visited: list[Booleans] = []
@@ -206,7 +208,7 @@ def adjust_iteratively(
                 family_level=options.family_level,
                 noise_known=not variances.estimates,
             )
-            going_on = following | staying
+            going_on = following | never_excluded
             n_changed = int(np.count_nonzero(going_on != included))
         n_bad += not adjustment.converged
         if (change < _NOISE_SETTLED and n_changed == 0) or n_bad == _MOST_BAD:
@@ -216,7 +218,7 @@ def adjust_iteratively(
             # Out for good: what remains cannot alternate by them.
             alternating |= np.any(circle, axis=0) & ~np.all(circle, axis=0)
             eligible = eligible & ~alternating
-            visited, going_on = [], going_on & eligible | staying
+            visited, going_on = [], going_on & eligible | never_excluded
         visited.append(going_on)
         included = going_on
         adjustment, statistics = adjusted(included, adjustment.state.arm, noise)

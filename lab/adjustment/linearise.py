@@ -75,7 +75,7 @@ def linearise(network: Network, state: State) -> System:
     expected = network.parameters.expectations(state.arm)
     total += float(np.sum(expected[:, -1] ** 2))
     reduced = sequential_qr(
-        [*(found.reduced for found in eliminations), expected], n_free + 1
+        [*(elimination.reduced for elimination in eliminations), expected], n_free + 1
     )
     whiteners, all_offsets, following = (
         tuple(of_station[at] for of_station in kept) for at in range(3)
@@ -91,9 +91,9 @@ def sum_of_squares(network: Network, state: State, system: System) -> float:
     total = float(np.sum(network.parameters.expectations(state.arm)[:, -1] ** 2))
     for at, station in enumerate(network.stations):
         unknowns, corrections = state.unknowns[at], state.corrections[at]
-        found = network.all_misclosures(station, state.arm, unknowns, corrections)
-        found = found - system.offsets[at]
-        white = system.whiteners[at] @ found[:, :, np.newaxis]
+        misclosures = network.all_misclosures(station, state.arm, unknowns, corrections)
+        misclosures = misclosures - system.offsets[at]
+        white = system.whiteners[at] @ misclosures[:, :, np.newaxis]
         certificates = network.certified(station, state.arm, unknowns)[:, -1]
         total += float(np.sum(white**2) + np.sum(certificates**2))
     return total

@@ -259,9 +259,9 @@ class Parameters:
         by_links = np.zeros((3 * n, len(self.names)))
         by_zeros = np.zeros((n, len(self.names)))
         for k in range(n):
-            own = slice(3 * k, 3 * k + 3)
-            by_axes[own, 4 * k : 4 * k + 2] = basis[k].T
-            by_links[own, 4 * k + 2 : 4 * k + 4] = basis[k].T
+            of_joint = slice(3 * k, 3 * k + 3)
+            by_axes[of_joint, 4 * k : 4 * k + 2] = basis[k].T
+            by_links[of_joint, 4 * k + 2 : 4 * k + 4] = basis[k].T
         vector = 5 * n + 3 + 3 * tool if tool else 4 * n + 3
         by_links[-3:, vector : vector + 3] = np.eye(3)
         by_zeros[:, 4 * n + 6 : 5 * n + 6] = np.eye(n)
@@ -316,14 +316,14 @@ class Parameters:
 
         The right side is last, (n, n_free + 1).
         """
-        found = self.family_expectations(arm)
+        of_family = self.family_expectations(arm)
         if self.effects is None:
-            return found
+            return of_family
         free = self.free[self.n_geometric :]
         of_masses = self.effects.expectations(arm.amplitudes, free)
         rows = np.zeros((len(of_masses), self.n_free + 1))
         rows[:, self.n_free - np.count_nonzero(free) :] = of_masses[:, [*free, True]]
-        return np.vstack([found, rows])
+        return np.vstack([of_family, rows])
 
     def named(self, direction: Floats) -> dict[str, float]:
         """Name the larger components of a direction of the free ones, largest first."""
@@ -354,10 +354,10 @@ class Parameters:
         by_free = np.zeros(self.n_free)
         if self.effects is None:
             return 0.0, by_free
-        found, by_values = self.effects.length_errors(values.amplitudes, artefact)
+        error_ppm, by_values = self.effects.length_errors(values.amplitudes, artefact)
         by_all = np.zeros(len(self.names))
         by_all[len(self.names) - len(by_values) :] = by_values
-        return found, by_all[self.free]
+        return error_ppm, by_all[self.free]
 
     def coordinates(self, to: ArmValues, at: ArmValues) -> Floats:
         """Return the step of all parameters from `at` to `to`, (n_all,)."""

@@ -100,7 +100,7 @@ def pose_statistics(
     with cofactors G G^T of the free parameters.
     """
     sign = -1.0 if outsiders is None else 1.0
-    found = _empty(network)
+    statistics = _empty(network)
     places = {station.index: at for at, station in enumerate(network.stations)}
     for station in network.stations if outsiders is None else outsiders:
         at = places.get(station.index)
@@ -115,24 +115,24 @@ def pose_statistics(
             block = _blocks(rows, elimination, inverse, sign)
             poses = station.poses[rows.part]
             corrections = np.einsum("nij,ni->nj", rows.by_readings, rows.misclosures)
-            found.corrections_rad[poses] = -corrections * network.noise.encoder_rad
-            _add_tests(found, poses, rows, block)
-            _add_variances(found.variances, station.index, rows, block)
-    return found
+            statistics.corrections_rad[poses] = -corrections * network.noise.encoder_rad
+            _add_tests(statistics, poses, rows, block)
+            _add_variances(statistics.variances, station.index, rows, block)
+    return statistics
 
 
 def _blocks(
     rows: WhiteRows, elimination: Elimination, inverse: Floats, sign: float
 ) -> Floats:
     """Compute I + sign Y Y^T of every pose, (n_poses, n_rows, n_rows)."""
-    own = rows.by_unknowns @ elimination.gain
-    arm = (rows.by_parameters - own @ elimination.left) @ inverse
-    by_own, by_arm = own @ own.swapaxes(1, 2), arm @ arm.swapaxes(1, 2)
+    of_unknowns = rows.by_unknowns @ elimination.gain
+    arm = (rows.by_parameters - of_unknowns @ elimination.left) @ inverse
+    by_own, by_arm = of_unknowns @ of_unknowns.swapaxes(1, 2), arm @ arm.swapaxes(1, 2)
     return np.eye(by_own.shape[1]) + sign * (by_own + by_arm)
 
 
 def _add_tests(
-    found: PoseStatistics,
+    statistics: PoseStatistics,
     poses: Integers,
     rows: WhiteRows,
     block: Floats,
@@ -142,34 +142,36 @@ def _add_tests(
     good = values > _UNCONTROLLED
     along = np.einsum("nij,ni->nj", vectors, rows.misclosures)
     safe = np.where(good, values, 1.0)
-    found.statistics[poses] = np.sum(np.where(good, along**2 / safe, 0.0), axis=1)
-    found.degrees[poses] = np.count_nonzero(good, axis=1)
-    found.w[poses] = equivalent_normal(found.statistics[poses], found.degrees[poses])
-    found.controllability[poses] = np.clip(np.mean(values, axis=1), 0.0, 1.0)
-    found.misclosures_mm[poses, : min(n_rows, 3)] = rows.misclosures_mm
+    statistics.statistics[poses] = np.sum(np.where(good, along**2 / safe, 0.0), axis=1)
+    statistics.degrees[poses] = np.count_nonzero(good, axis=1)
+    statistics.w[poses] = equivalent_normal(
+        statistics.statistics[poses], statistics.degrees[poses]
+    )
+    statistics.controllability[poses] = np.clip(np.mean(values, axis=1), 0.0, 1.0)
+    statistics.misclosures_mm[poses, : min(n_rows, 3)] = rows.misclosures_mm
     by_contact = rows.whiteners[:, :, :3]
     in_mm = by_contact.swapaxes(1, 2) @ block @ by_contact
     smallest = np.linalg.eigvalsh(in_mm)[:, 0]
     floor = _UNCONTROLLED * np.einsum("nij,nij->n", by_contact, by_contact)
-    found.detectable_mm[poses] = DETECTABLE / np.sqrt(np.maximum(smallest, floor))
+    statistics.detectable_mm[poses] = DETECTABLE / np.sqrt(np.maximum(smallest, floor))
     if n_rows > 3:
-        _add_parts(found, poses, rows, block)
+        _add_parts(statistics, poses, rows, block)
 
 
 def _add_parts(
-    found: PoseStatistics, poses: Integers, rows: WhiteRows, block: Floats
+    statistics: PoseStatistics, poses: Integers, rows: WhiteRows, block: Floats
 ) -> None:
     """Test position and orientation each by itself."""
     lower = np.linalg.inv(rows.whiteners)
     dispersion = lower @ block @ lower.swapaxes(1, 2)
     misclosures = (lower @ rows.misclosures[:, :, np.newaxis])[:, :, 0]
     for entries, part in (
-        (found.w_position, slice(0, 3)),
-        (found.w_orientation, slice(3, 6)),
+        (statistics.w_position, slice(0, 3)),
+        (statistics.w_orientation, slice(3, 6)),
     ):
         # In units of its own noise, so that millimetres and radians are alike.
-        own = lower[:, part] @ lower[:, part].swapaxes(1, 2)
-        white = np.linalg.inv(np.linalg.cholesky(own))
+        dispersion_of_noise = lower[:, part] @ lower[:, part].swapaxes(1, 2)
+        white = np.linalg.inv(np.linalg.cholesky(dispersion_of_noise))
         values, vectors = np.linalg.eigh(
             white @ dispersion[:, part, part] @ white.swapaxes(1, 2)
         )
@@ -179,7 +181,7 @@ def _add_parts(
         squares = np.where(good, along**2 / np.where(good, values, 1.0), 0.0)
         degrees = np.count_nonzero(good, axis=1).astype(np.float64)
         entries[poses] = equivalent_normal(np.sum(squares, axis=1), degrees)
-    found.orientation_errors_rad[poses] = rows.unweighted[:, 3:]
+    statistics.orientation_errors_rad[poses] = rows.unweighted[:, 3:]
 
 
 def _add_variances(
@@ -244,16 +246,16 @@ def predicted(
     equally among its equations. NaN for all other poses.
     """
     chosen = network.stations_of(poses)
-    found = pose_statistics(network, state, system, inverse, chosen)
+    statistics = pose_statistics(network, state, system, inverse, chosen)
     known = {station.index for station in network.stations}
     for station in chosen:
         if station.index not in known:
-            _add_unseen(found, network, state.arm, inverse, station)
-    return found
+            _add_unseen(statistics, network, state.arm, inverse, station)
+    return statistics
 
 
 def _add_unseen(
-    found: PoseStatistics,
+    statistics: PoseStatistics,
     network: Network,
     arm: ArmValues,
     inverse: Floats,
@@ -263,27 +265,27 @@ def _add_unseen(
     centres_mm = network.centres_mm(station, arm)
     unknowns = station.artefact.start(centres_mm, station.touches)
     for _ in range(_PLACING_STEPS):
-        white, own, _ = _predictive(network, arm, inverse, station, unknowns)
-        step = np.linalg.lstsq(own * station.scales, -white, rcond=1e-9)[0]
+        white, by_unknowns, _ = _predictive(network, arm, inverse, station, unknowns)
+        step = np.linalg.lstsq(by_unknowns * station.scales, -white, rcond=1e-9)[0]
         unknowns = station.artefact.moved(unknowns, station.scales * step)
-    white, own, of_pose = _predictive(network, arm, inverse, station, unknowns)
-    left, values, _ = np.linalg.svd(own * station.scales, full_matrices=False)
+    white, by_unknowns, of_pose = _predictive(network, arm, inverse, station, unknowns)
+    left, values, _ = np.linalg.svd(by_unknowns * station.scales, full_matrices=False)
     basis = left[:, values > 1e-9 * values[0]]
     residuals = white - basis @ (basis.T @ white)
     share = 1.0 - basis.shape[1] / len(white)
     squares = residuals[: len(of_pose)] ** 2
     mine = station.poses
     n_rows = np.bincount(of_pose).astype(np.float64)
-    found.statistics[mine] = np.bincount(of_pose, weights=squares)
-    found.degrees[mine] = n_rows * share
+    statistics.statistics[mine] = np.bincount(of_pose, weights=squares)
+    statistics.degrees[mine] = n_rows * share
     # Like a chi-square of as many degrees as there are equations.
-    size = found.statistics[mine] / max(share, 1e-12)
-    found.w[mine] = equivalent_normal(size, n_rows)
+    size = statistics.statistics[mine] / max(share, 1e-12)
+    statistics.w[mine] = equivalent_normal(size, n_rows)
     for rows in network.white_rows(station, arm, unknowns):
         n_mm = rows.misclosures_mm.shape[1]
-        found.misclosures_mm[mine[rows.part], :n_mm] = rows.misclosures_mm
+        statistics.misclosures_mm[mine[rows.part], :n_mm] = rows.misclosures_mm
         if rows.by_turn is not None:
-            found.orientation_errors_rad[mine[rows.part]] = rows.unweighted[:, 3:]
+            statistics.orientation_errors_rad[mine[rows.part]] = rows.unweighted[:, 3:]
 
 
 def _predictive(
@@ -300,18 +302,18 @@ def _predictive(
     """
     certificates = network.certified(station, arm, unknowns)
     n_unknowns = len(station.scales)
-    white, own, by_arm, of_pose = [], [], [], []
+    white, by_unknowns, by_arm, of_pose = [], [], [], []
     for rows in network.white_rows(station, arm, unknowns):
         numbers = np.arange(len(station.poses))[rows.part]
         of_pose.append(np.repeat(numbers, rows.misclosures.shape[1]))
         white.append(rows.misclosures.ravel())
-        own.append(rows.by_unknowns.reshape(-1, n_unknowns))
+        by_unknowns.append(rows.by_unknowns.reshape(-1, n_unknowns))
         by_arm.append(rows.by_parameters.reshape(len(white[-1]), -1))
     white.append(-certificates[:, -1])
-    own.append(certificates[:, :n_unknowns])
+    by_unknowns.append(certificates[:, :n_unknowns])
     by_arm.append(certificates[:, n_unknowns:-1])
     moved = np.concatenate(by_arm) @ inverse
     lower = np.linalg.cholesky(np.eye(len(moved)) + moved @ moved.T)
-    joined = np.column_stack([np.concatenate(white), np.concatenate(own)])
+    joined = np.column_stack([np.concatenate(white), np.concatenate(by_unknowns)])
     solved = np.linalg.solve(lower, joined)
     return solved[:, 0], solved[:, 1:], np.concatenate(of_pose)

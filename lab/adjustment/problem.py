@@ -107,11 +107,11 @@ class Network(Equations):
         """
         mountings = arm.mountings.copy()
         parts: dict[int, list[Floats]] = {}
-        for station, own in zip(self.stations, unknowns, strict=True):
+        for station, of_station in zip(self.stations, unknowns, strict=True):
             for chunk in self._chunks(station, arm, None):
                 if chunk.turns is not None:
                     touches = station.touches.part(chunk.part)
-                    seen = station.artefact.measured_orientations(own, touches)
+                    seen = station.artefact.measured_orientations(of_station, touches)
                     said = multiply(conjugate(chunk.body_turns), seen)
                     parts.setdefault(chunk.tool, []).append(said.T)
         for at, tool in enumerate(self.parameters.mounted):
@@ -138,8 +138,8 @@ class Network(Equations):
         Artefacts that take no part in the network are left out.
         """
         unknowns = {
-            station.index: own
-            for station, own in zip(self.stations, state.unknowns, strict=True)
+            station.index: of_station
+            for station, of_station in zip(self.stations, state.unknowns, strict=True)
         }
         known = tuple(
             station
@@ -160,9 +160,9 @@ class Network(Equations):
         every = np.ones(len(errors_rad), dtype=np.bool_)
         known, unknowns = self.known_stations(state, every, campaign)
         whole = self.on(campaign)
-        for station, own in zip(known, unknowns, strict=True):
+        for station, of_station in zip(known, unknowns, strict=True):
             errors_rad[station.poses] = whole.orientation_errors_rad(
-                station, state.arm, own
+                station, state.arm, of_station
             )
         return errors_rad
 

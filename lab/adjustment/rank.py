@@ -80,11 +80,11 @@ def eliminate_unknowns(upper: Floats, scales: Floats) -> Elimination:
     than the hopeless standard deviations is held, and its equation left to the arm.
     """
     n_unknowns = len(scales)
-    own, others = (
+    of_unknowns, others = (
         upper[:n_unknowns, :n_unknowns] * scales,
         upper[:n_unknowns, n_unknowns:],
     )
-    left, values, right = np.linalg.svd(own)
+    left, values, right = np.linalg.svd(of_unknowns)
     n_determined = int(np.count_nonzero(values > 1.0))
     turned = left.T @ others
     known = turned[:n_determined]

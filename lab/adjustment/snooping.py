@@ -24,7 +24,7 @@ _LEAST_PART = 0.5
 
 def snoop(
     adjustment: Adjustment,
-    found: PoseStatistics,
+    statistics: PoseStatistics,
     included: Booleans,
     eligible: Booleans,
     *,
@@ -39,7 +39,7 @@ def snoop(
     """
     n_poses = max(int(np.count_nonzero(included)), 1)
     level = family_level / n_poses
-    scale = found.robust_scale
+    scale = statistics.robust_scale
     if noise_known:
         scale = max(scale, 1.0)
         critical = returning = -normal_quantile(0.5 * level)
@@ -47,7 +47,7 @@ def snoop(
         # Those outside took no part in the estimate of the noise.
         critical = tau_critical(level, max(adjustment.redundancy, 2))
         returning = student_critical(level, adjustment.redundancy)
-    w = np.where(included, np.nan_to_num(found.w) / scale, 0.0)
+    w = np.where(included, np.nan_to_num(statistics.w) / scale, 0.0)
     worst = float(np.max(w, initial=0.0))
     leaving = w > max(critical, _NEAR_THE_WORST * worst)
     leaving &= _not_too_many(adjustment, w, leaving)

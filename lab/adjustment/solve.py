@@ -113,10 +113,10 @@ def adjust(
         if settled or number >= _RANK_SETTLES_AT:
             n_determined = parts.n_determined
         total, rms_mm = system.sum_of_squares, system.rms_mm
-        found = Iteration(number, total, rms_mm, size, fraction, parts.n_determined)
-        iterations.append(found)
+        iteration = Iteration(number, total, rms_mm, size, fraction, parts.n_determined)
+        iterations.append(iteration)
         if progress is not None:
-            progress(found)
+            progress(iteration)
         if converged or fraction == 0.0:
             # So small a step leaves the system as it is.
             break
@@ -166,7 +166,9 @@ def _split(
         return decide_rank(system.upper, tolerances, scale, n_before)
     parts = decide_rank(system.upper, tolerances, scale)
     explained = float(np.sum(parts.right[: parts.n_determined] ** 2))
-    explained += sum(float(np.sum(found.right**2)) for found in system.eliminations)
+    explained += sum(
+        float(np.sum(elimination.right**2)) for elimination in system.eliminations
+    )
     redundancy = max(_redundancy(network, state, system, parts), 1)
     left = max(system.sum_of_squares - explained, 0.0) / redundancy
     limit = float(np.sqrt(left)) if left > _LARGE else 1.0
@@ -209,8 +211,8 @@ def _stepped(
         limit = system.sum_of_squares * (1.0 + _ROUNDING) + 1.5 * max(cost, 0.0)
         limit += _LEFT_OUT * size * float(np.sqrt(system.sum_of_squares))
         unknowns = tuple(
-            station.artefact.moved(values, fraction * found.step(step))
-            for station, values, found in zip(
+            station.artefact.moved(values, fraction * elimination.step(step))
+            for station, values, elimination in zip(
                 network.stations, state.unknowns, system.eliminations, strict=True
             )
         )
@@ -230,8 +232,10 @@ def _stepped(
 def _length(system: System, step: Floats) -> float:
     """Compute the length of a step, unknowns included, in standard deviations."""
     size = float(np.linalg.norm(system.upper[:, :-1] @ step))
-    for found in system.eliminations:
-        size = float(np.hypot(size, np.linalg.norm(found.right - found.left @ step)))
+    for elimination in system.eliminations:
+        size = float(
+            np.hypot(size, np.linalg.norm(elimination.right - elimination.left @ step))
+        )
     return size
 
 
@@ -243,5 +247,5 @@ def _redundancy(
         for station, unknowns in zip(network.stations, state.unknowns, strict=True)
     )
     n_known = n_certified + len(network.parameters.expectations(state.arm))
-    determined = sum(len(found.right) for found in system.eliminations)
+    determined = sum(len(elimination.right) for elimination in system.eliminations)
     return network.n_rows + n_known - determined - parts.n_determined

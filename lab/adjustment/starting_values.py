@@ -147,7 +147,7 @@ def _coarse_start(problem: Problem, hold: Sequence[str]) -> StartingValues:
         return StartingValues(design, design, ())
     coarse = network.parameters
     network = replace(network, parameters=coarse.with_free(coarse.free | zeros))
-    found, found_mm = _best_zeros(network, design, zeros[of_zeros], _STARTS)
+    best, found_mm = _best_zeros(network, design, zeros[of_zeros], _STARTS)
     if found_mm > _GOOD_ENOUGH_MM and may_turn:
         for joint in range(n_joints):
             turned = reversed_joints(design, (joint,))
@@ -158,7 +158,7 @@ def _coarse_start(problem: Problem, hold: Sequence[str]) -> StartingValues:
                 return StartingValues(turned, other.arm, (joint,))
     if found_mm * _GAIN > before_mm:
         return StartingValues(design, design, ())
-    return StartingValues(design, found.arm, ())
+    return StartingValues(design, best.arm, ())
 
 
 def _is_near(
@@ -220,15 +220,15 @@ def _best_zeros(
         replace(design.geometry, zeros_rad=design.geometry.zeros_rad + offsets_rad)
         for offsets_rad in tries
     ]
-    states = [network.start(replace(design, geometry=one)) for one in moved]
+    states = [network.start(replace(design, geometry=geometry)) for geometry in moved]
     states.sort(key=lambda state: _median_mm(network, state))
     best = network.start(design)
     best_mm = _median_mm(network, best)
     for state in [best, *states[:n_adjusted]]:
-        found = adjust(network, state, design, most_iterations=12).state
-        found_mm = _median_mm(network, found)
+        adjusted = adjust(network, state, design, most_iterations=12).state
+        found_mm = _median_mm(network, adjusted)
         if found_mm < best_mm:
-            best, best_mm = found, found_mm
+            best, best_mm = adjusted, found_mm
     return best, best_mm
 
 

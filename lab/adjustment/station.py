@@ -53,7 +53,7 @@ def sorted_stations(
     order = np.lexsort((poses.oriented, tools, poses.artefacts))
     order = order[included[order]]
     indices = poses.artefacts[order]
-    found = []
+    stations = []
     for index, artefact in enumerate(campaign.artefacts):
         first, last = np.searchsorted(indices, (index, index + 1))
         if first == last:
@@ -61,5 +61,5 @@ def sorted_stations(
         mine = order[first:last]
         touches = campaign.touches(index, mine, radius_mm)
         scales = artefact.unknown_scales(touches)
-        found.append(Station(artefact, index, mine, touches, scales))
-    return tuple(found)
+        stations.append(Station(artefact, index, mine, touches, scales))
+    return tuple(stations)

@@ -288,8 +288,8 @@ def _campaign(
     notes = table.notes
     if not is_stream:
         # Samples of an arm at rest are alike.
-        poses, found = without_copies(poses, _places(file.artefacts, poses))
-        notes = (*notes, *(f"{file.poses}: {note}" for note in found))
+        poses, places = without_copies(poses, _places(file.artefacts, poses))
+        notes = (*notes, *(f"{file.poses}: {note}" for note in places))
     features = poses.features.copy()
     artefacts: list[Artefact] = []
     names: list[tuple[str, ...]] = []
@@ -329,9 +329,9 @@ def _check_lengths(path: Path, file: CampaignFile, poses: Poses) -> None:
     """Refuse poses without a length that should have one, and others that have one."""
     reads = np.array([artefact.reads_lengths for artefact in file.artefacts])
     expected = reads[poses.artefacts]
-    found = np.zeros(len(poses), dtype=np.bool_)
+    are_given = np.zeros(len(poses), dtype=np.bool_)
     if poses.lengths_mm is not None:
-        found = np.isfinite(poses.lengths_mm)
+        are_given = np.isfinite(poses.lengths_mm)
     problems = [
         Problem(
             f"line {poses.lines[at]}",
@@ -341,7 +341,7 @@ def _check_lengths(path: Path, file: CampaignFile, poses: Poses) -> None:
             else f"length_mm does not belong to "
             f"{file.artefacts[poses.artefacts[at]].id!r}; leave it empty",
         )
-        for at in np.flatnonzero(expected != found)[:_MOST_PROBLEMS]
+        for at in np.flatnonzero(expected != are_given)[:_MOST_PROBLEMS]
     ]
     if problems:
         raise FileError(path, problems)

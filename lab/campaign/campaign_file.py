@@ -132,12 +132,12 @@ def example_problems(file: CampaignFile) -> list[Problem]:
         keys = [key for key in artefacts[0].model_fields_set if _CERTIFIED.match(key)]
         ids = [artefact.id for artefact in artefacts]
         more = f" and {len(ids) - 3} more" if len(ids) > 3 else ""
-        told = (
+        message = (
             f"of {', '.join(ids[:3])}{more} is {shown(serial_number)}: "
             f"{', '.join(sorted(keys))} are an example and do not count; put in the "
             "values of your standard's certificate, and then its serial number"
         )
-        problems.append(Problem("artefacts.serial_number", told))
+        problems.append(Problem("artefacts.serial_number", message))
     return problems
 
 

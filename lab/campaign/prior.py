@@ -50,7 +50,7 @@ class Prior:
         contradicted = (*self.contradicted, (name, sigmas))
         n_all = len(self.names) + len(self.contradicted)
         is_of_it = len(contradicted) <= _MOST_CONTRADICTED * n_all
-        kept = np.array([is_of_it and one != name for one in self.names])
+        kept = np.array([is_of_it and known != name for known in self.names])
         return replace(
             self,
             names=tuple(compress(self.names, kept)),
@@ -134,7 +134,7 @@ def read_prior(path: Path, design: Arm, patterns: Sequence[str] = ()) -> Prior:
         design,
         family.arms,
         tuple(used),
-        np.array([one.mean for one in entries]),
-        np.array([one.std for one in entries]),
+        np.array([entry.mean for entry in entries]),
+        np.array([entry.std for entry in entries]),
         tuple(known),
     )

@@ -219,8 +219,8 @@ def _arm_problems(recording: Recording, arm: Arm) -> Iterator[Problem]:
             yield Problem("samples", f"{message}, its counts_per_turn")
 
 
-def _other_joints(found: Sequence[str], expected: Sequence[str]) -> str:
-    return f"has the joints {', '.join(found)}; expected {', '.join(expected)}"
+def _other_joints(recorded: Sequence[str], expected: Sequence[str]) -> str:
+    return f"has the joints {', '.join(recorded)}; expected {', '.join(expected)}"
 
 
 def _touched(
@@ -251,17 +251,17 @@ def _touched(
 def _conditions(recording: Recording) -> dict[str, Floats]:
     """Interpolate what was measured now and then, by column, (n,) each."""
     times_ns = recording.samples.sample_time_ns
-    found: dict[str, Floats] = {}
+    columns: dict[str, Floats] = {}
     for name in ("temperature_c", "force_n"):
         known = [
-            (float(one.sample_time_ns - times_ns[0]), value)
-            for one in recording.conditions
-            if (value := getattr(one, name)) is not None
+            (float(condition.sample_time_ns - times_ns[0]), value)
+            for condition in recording.conditions
+            if (value := getattr(condition, name)) is not None
         ]
         if known:
             at_ns, values = np.array(known).T
-            found[name] = np.interp(times_ns - times_ns[0], at_ns, values)
-    return found
+            columns[name] = np.interp(times_ns - times_ns[0], at_ns, values)
+    return columns
 
 
 def _notes(recording: Recording, since_s: Floats) -> Iterator[str]:

@@ -163,11 +163,11 @@ def as_identified(fit: Fit, eligible: Booleans) -> Fit:
             statistics=replace(whole_statistics, **arrays),
         )
 
-    def again(staying: Booleans) -> IteratedAdjustment:
+    def again(never_excluded: Booleans) -> IteratedAdjustment:
         nonlocal last
         stays = np.zeros_like(eligible)
-        stays[inside[staying]] = True
-        last = fitted(campaign, last.arm, eligible, last, staying=stays)
+        stays[inside[never_excluded]] = True
+        last = fitted(campaign, last.arm, eligible, last, never_excluded=stays)
         return part_of(last)
 
     part_of(fit).with_clusters_back(campaign.part(eligible), again)

@@ -119,14 +119,14 @@ class LostPoses:
 
 def lost_poses(campaign: Campaign, run: IteratedAdjustment) -> tuple[LostPoses, ...]:
     """List the artefacts that lost many of their poses."""
-    found = []
+    lost = []
     for index, artefact in enumerate(campaign.artefacts):
         mine = campaign.poses.artefacts == index
         n_poses = int(np.count_nonzero(mine))
         n_lost = int(np.count_nonzero(mine & ~run.included))
         if n_lost >= _FEW_POSES and n_lost > LARGE_PART * n_poses:
-            found.append(LostPoses(artefact.id, n_lost, n_poses))
-    return tuple(found)
+            lost.append(LostPoses(artefact.id, n_lost, n_poses))
+    return tuple(lost)
 
 
 def without_wrong_certificates(
@@ -140,29 +140,29 @@ def without_wrong_certificates(
     does. Returns the campaign without them, adjusted, which they are, and the shift of
     the contacts that was allowed for before.
     """
-    found: list[Contradiction] = []
+    contradictions: list[Contradiction] = []
     estimated = run.noise_estimated
     certified = [dict(artefact.certified_lengths) for artefact in campaign.artefacts]
     shift: ContactShift | None = None
     shifted: tuple[ContactShift, Campaign, IteratedAdjustment] | None = None
     if _suspicious(campaign, run, design):
         shifted = _with_contacts_shifted(campaign, run, adjusted)
-    while len(found) < _MOST_WRONG and _suspicious(campaign, run, design):
+    while len(contradictions) < _MOST_WRONG and _suspicious(campaign, run, design):
         noise = run.adjustment.network.noise
         hypotheses = [
             (key, other, adjusted(other, noise))
             for key, other in _without_one(campaign)
         ]
-        runs = [run, *(one for _, _, one in hypotheses)]
+        runs = [run, *(trial for _, _, trial in hypotheses)]
         # An arm that shrank to nothing fits everything: its noise is none.
         scales = [
-            one.statistics.robust_scale
-            for one in runs
-            if not _far_from_design(one, design)
+            trial.statistics.robust_scale
+            for trial in runs
+            if not _far_from_design(trial, design)
         ]
         least = 0.01 if estimated else 1.0
         variance = max(min(scales, default=1.0), least) ** 2
-        losses = [_loss(one, variance, design) for one in runs]
+        losses = [_loss(trial, variance, design) for trial in runs]
         order = np.argsort(losses[1:])
         best = min(losses)
         if shifted is not None:
@@ -200,8 +200,10 @@ def without_wrong_certificates(
             run = adjusted(campaign, None)
         if shift is None and _is_the_only_radius(campaign_before, name, length):
             rivals.append(OF_CONTACTS)
-        found.append(Contradiction(name, length, certified_mm, evidence, tuple(rivals)))
-    return campaign, run, tuple(found), shift
+        contradictions.append(
+            Contradiction(name, length, certified_mm, evidence, tuple(rivals))
+        )
+    return campaign, run, tuple(contradictions), shift
 
 
 # A rival of the only certified radius, which the measurements cannot tell from it.
@@ -247,10 +249,12 @@ def _slope(campaign: Campaign, run: IteratedAdjustment) -> tuple[float, float]:
     """Compute half of dS/dd at the campaign's certificates, and a step against it."""
     slope, steps_mm = 0.0, []
     network, unknowns = run.adjustment.network, run.adjustment.state.unknowns
-    for station, own in zip(network.stations, unknowns, strict=True):
+    for station, of_station in zip(network.stations, unknowns, strict=True):
         artefact = campaign.artefacts[station.index]
-        here = artefact.certificate(own, station.touches)
-        beyond = artefact.with_contact_shift(_UNIT_MM).certificate(own, station.touches)
+        here = artefact.certificate(of_station, station.touches)
+        beyond = artefact.with_contact_shift(_UNIT_MM).certificate(
+            of_station, station.touches
+        )
         if len(here.std_mm) == 0:
             continue
         known = np.isfinite(here.std_mm)
@@ -264,7 +268,9 @@ def _slope(campaign: Campaign, run: IteratedAdjustment) -> tuple[float, float]:
 
 
 def _shifted(campaign: Campaign, shift_mm: float) -> Campaign:
-    artefacts = [one.with_contact_shift(shift_mm) for one in campaign.artefacts]
+    artefacts = [
+        artefact.with_contact_shift(shift_mm) for artefact in campaign.artefacts
+    ]
     return replace(campaign, artefacts=tuple(artefacts))
 
 
@@ -308,7 +314,9 @@ def _is_to_blame(
         return True
     agrees = beyond_model if estimated else rest.adjustment.sigma0 < _AGREEING
     others = [
-        one for one in rest.adjustment.network.stations if one.artefact.id != name
+        station
+        for station in rest.adjustment.network.stations
+        if station.artefact.id != name
     ]
     known = replace(rest.adjustment.network, stations=tuple(others)).has_length()
     return agrees and known and not lost_poses(campaign, rest)
@@ -317,11 +325,11 @@ def _is_to_blame(
 def _length_mm(run: IteratedAdjustment, name: str, length: str) -> float:
     network, unknowns = run.adjustment.network, run.adjustment.state.unknowns
     return next(
-        found.value_mm
+        estimated.value_mm
         for station, state in zip(network.stations, unknowns, strict=True)
         if station.artefact.id == name
-        for found in station.artefact.lengths(state)
-        if found.name == length
+        for estimated in station.artefact.lengths(state)
+        if estimated.name == length
     )
 
 
@@ -365,9 +373,9 @@ def _farthest(run: IteratedAdjustment) -> float:
             continue
         elimination = adjustment.system.eliminations[at]
         std_mm = certificate.std_mm[known, np.newaxis]
-        own = certificate.by_unknowns[known] @ elimination.gain
-        arm = own @ elimination.left @ adjustment.split.inverse
-        variances = np.sum(own**2, axis=1) + np.sum(arm**2, axis=1)
+        by_unknowns = certificate.by_unknowns[known] @ elimination.gain
+        arm = by_unknowns @ elimination.left @ adjustment.split.inverse
+        variances = np.sum(by_unknowns**2, axis=1) + np.sum(arm**2, axis=1)
         used = variances[:, np.newaxis] / std_mm**2
         white = certificate.misclosures_mm[known, np.newaxis] / std_mm
         free = np.maximum(1.0 - used, 0.0)

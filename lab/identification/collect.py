@@ -126,15 +126,15 @@ def parameter_estimates(
 
 
 def artefact_results(
-    adjustment: Adjustment, found: PoseStatistics, factor: float, of_design: Floats
+    adjustment: Adjustment, statistics: PoseStatistics, factor: float, of_design: Floats
 ) -> tuple[ArtefactResult, ...]:
     """Summarise the result of every artefact, given `deviations_of_design`."""
     network, results = adjustment.network, []
     for at, station in enumerate(network.stations):
         artefact, unknowns = station.artefact, adjustment.state.unknowns[at]
         everyone = np.flatnonzero(network.campaign.poses.artefacts == station.index)
-        rms_mm, mean_distance_mm = _sizes(found, station.poses, artefact)
-        rms_all_mm, mean_distance_all_mm = _sizes(found, everyone, artefact)
+        rms_mm, mean_distance_mm = _sizes(statistics, station.poses, artefact)
+        rms_all_mm, mean_distance_all_mm = _sizes(statistics, everyone, artefact)
         results.append(
             ArtefactResult(
                 id=artefact.id,
@@ -167,10 +167,10 @@ def condition_number(adjustment: Adjustment) -> float:
 
 
 def _sizes(
-    found: PoseStatistics, poses: Integers, artefact: Artefact
+    statistics: PoseStatistics, poses: Integers, artefact: Artefact
 ) -> tuple[float, float | None]:
     """Return the rms of some misclosures, and of known points the mean length."""
-    own_mm = found.misclosures_mm[poses, : artefact.rows_per_pose]
+    own_mm = statistics.misclosures_mm[poses, : artefact.rows_per_pose]
     rms_mm = float(np.sqrt(np.mean(own_mm**2)))
     if artefact.kind != "points":
         return rms_mm, None
@@ -187,10 +187,10 @@ def _estimated_length(
     plus v / (1 - h), of the variance s^2 h / (1 - h).
     """
     elimination = adjustment.system.eliminations[at]
-    own = length.by_unknowns @ elimination.gain
-    arm = own @ elimination.left @ adjustment.split.inverse
-    variance_mm2 = float(own @ own + arm @ arm)
-    held = own @ elimination.left @ of_design
+    by_unknowns = length.by_unknowns @ elimination.gain
+    arm = by_unknowns @ elimination.left @ adjustment.split.inverse
+    variance_mm2 = float(by_unknowns @ by_unknowns + arm @ arm)
+    held = by_unknowns @ elimination.left @ of_design
     value_mm, row = length.value_mm, length.certificate_row
     if row is not None:
         station = adjustment.network.stations[at]

@@ -93,14 +93,17 @@ def read_family(paths: Sequence[Path]) -> FamilyResults:
     """
     if len(paths) < LEAST:
         raise ValueError(f"{len(paths)} arms; a family has at least {LEAST}")
-    found = [_read(path) for path in paths]
-    designs = {values["inputs"]["arm_digest"] for values in found}
+    results = [_read(path) for path in paths]
+    designs = {values["inputs"]["arm_digest"] for values in results}
     if len(designs) > 1:
         raise ValueError(
             f"the arms began with {len(designs)} designs (arm_digest in inputs); "
             "identify all with the same arm file"
         )
-    tables = [{one["name"]: one for one in values["parameters"]} for values in found]
+    tables = [
+        {parameter["name"]: parameter for parameter in values["parameters"]}
+        for values in results
+    ]
     common = [name for name in tables[0] if all(name in table for table in tables)]
     if not common:
         raise ValueError("the results have no parameter in common")
@@ -129,8 +132,13 @@ def _read(path: Path) -> dict[str, Any]:
         if values["converged"] is not True:
             raise ValueError("the adjustment did not converge")
         values["inputs"]["arm_digest"]
-        for one in values["parameters"]:
-            float(one["value"]), float(one["std"]), one["name"], one["unit"]
+        for parameter in values["parameters"]:
+            (
+                float(parameter["value"]),
+                float(parameter["std"]),
+                parameter["name"],
+                parameter["unit"],
+            )
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileError(file, reason) from error
@@ -158,8 +166,8 @@ def population_of(values: Floats, stds: Floats, level: float) -> Population:
             break
         inside[worst] = False
     statistics, p_values = _against_others(values, stds, inside)
-    found = _fitted(values[inside], stds[inside])
-    return Population(*found, statistics, p_values, p_values < level)
+    fitted = _fitted(values[inside], stds[inside])
+    return Population(*fitted, statistics, p_values, p_values < level)
 
 
 def _against_others(
@@ -217,16 +225,18 @@ def family_values(family: FamilyResults) -> dict[str, Any]:
     parameters: list[dict[str, Any]] = []
     alarms: list[dict[str, Any]] = []
     for column, name in enumerate(family.parameters):
-        found = population_of(family.values[:, column], family.stds[:, column], level)
+        population = population_of(
+            family.values[:, column], family.stds[:, column], level
+        )
         parameters.append(
             {
                 "name": name,
                 "unit": family.units[column],
-                "mean": found.mean,
-                "spread": found.spread,
-                "std": found.std,
+                "mean": population.mean,
+                "spread": population.spread,
+                "std": population.std,
                 "median_std": float(np.median(family.stds[:, column])),
-                "arms": n_arms - int(np.count_nonzero(found.strangers)),
+                "arms": n_arms - int(np.count_nonzero(population.strangers)),
             }
         )
         alarms += [
@@ -235,10 +245,10 @@ def family_values(family: FamilyResults) -> dict[str, Any]:
                 "parameter": name,
                 "unit": family.units[column],
                 "value": float(family.values[row, column]),
-                "spreads": float(found.spreads[row]),
-                "p_value": float(found.p_values[row]),
+                "spreads": float(population.spreads[row]),
+                "p_value": float(population.p_values[row]),
             }
-            for row in np.flatnonzero(found.strangers)
+            for row in np.flatnonzero(population.strangers)
         ]
     alarms.sort(key=itemgetter("p_value"))
     return {
@@ -267,8 +277,10 @@ def write_family(values: Mapping[str, Any], path: Path) -> None:
         "design": values["design"],
         "arms": len(values["arms"]),
         "parameters": {
-            one["name"]: {key: one[key] for key in ("unit", "mean", "spread", "std")}
-            for one in values["parameters"]
+            parameter["name"]: {
+                key: parameter[key] for key in ("unit", "mean", "spread", "std")
+            }
+            for parameter in values["parameters"]
         },
     }
     write_atomically(path, tomlkit.dumps(table))

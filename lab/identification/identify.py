@@ -192,9 +192,9 @@ def _test_hypotheses(start: Start, solution: Solution) -> Solution:
     def adjusted(
         campaign: Campaign,
         noise: Noise | None = None,
-        staying: Booleans | None = None,
+        never_excluded: Booleans | None = None,
     ) -> IteratedAdjustment:
-        return start.adjusted(campaign, noise, staying, solution.begin)
+        return start.adjusted(campaign, noise, never_excluded, solution.begin)
 
     campaign, run, wrong = without_wrong_orientations(
         solution.campaign, solution.run, adjusted
@@ -203,7 +203,8 @@ def _test_hypotheses(start: Start, solution: Solution) -> Solution:
         campaign, run, adjusted, solution.design
     )
     run, clusters = run.with_clusters_back(
-        campaign, lambda staying: adjusted(campaign, staying=staying)
+        campaign,
+        lambda never_excluded: adjusted(campaign, never_excluded=never_excluded),
     )
     return replace(
         solution,

@@ -56,18 +56,18 @@ class JointCoverage:
 
 def joint_coverage(campaign: Campaign, poses: Integers) -> tuple[JointCoverage, ...]:
     """Return where every joint has been in some poses."""
-    found = []
+    coverage = []
     for k, name in enumerate(campaign.joint_names):
         angles_rad = campaign.poses.angles_rad[poses, k]
         turns = np.mod(angles_rad / (2.0 * np.pi), 1.0)
         sectors = np.minimum((turns * _N_SECTORS).astype(np.int64), _N_SECTORS - 1)
         counts = np.bincount(sectors, minlength=_N_SECTORS)
-        found.append(
+        coverage.append(
             JointCoverage(
                 name, float(angles_rad.min()), float(angles_rad.max()), counts
             )
         )
-    return tuple(found)
+    return tuple(coverage)
 
 
 _SEED = 3
@@ -118,8 +118,8 @@ def most_helpful_poses(adjustment: Adjustment, n_wanted: int) -> tuple[Suggestio
     columns, _ = network.posture_columns(adjustment.state.arm)
     metric = np.einsum("nip,niq->pq", columns, columns) / len(columns)
     start = float(np.sum(metric * covariance[:n_free, :n_free]))
-    found: list[Suggestion] = []
-    while candidates and len(found) < n_wanted and start > 0.0:
+    suggestions: list[Suggestion] = []
+    while candidates and len(suggestions) < n_wanted and start > 0.0:
         gains = [_gain(c.rows, covariance, metric) for c in candidates]
         best = candidates.pop(int(np.argmax(gains)))
         cross = covariance @ best.rows.T
@@ -128,10 +128,10 @@ def most_helpful_poses(adjustment: Adjustment, n_wanted: int) -> tuple[Suggestio
         left = float(np.sum(metric * covariance[:n_free, :n_free]))
         station = network.stations[best.station]
         feature = station.touches.feature_names[best.feature]
-        found.append(
+        suggestions.append(
             Suggestion(station.artefact.id, feature, best.angles_rad, left / start)
         )
-    return tuple(found)
+    return tuple(suggestions)
 
 
 def _gain(rows: Floats, covariance: Floats, metric: Floats) -> float:
@@ -147,14 +147,14 @@ def _joint_covariance(adjustment: Adjustment) -> Floats:
     inverse = adjustment.split.inverse
     arm = inverse @ inverse.T
     chosen = adjustment.system.eliminations[:_MOST_ARTEFACTS]
-    maps = [-found.gain @ found.left for found in chosen]
+    maps = [-elimination.gain @ elimination.left for elimination in chosen]
     full = np.vstack([np.eye(len(arm)), *maps])
     covariance: Floats = full @ arm @ full.T
     at = len(arm)
-    for found in chosen:
-        width = len(found.gain)
-        own = slice(at, at + width)
-        covariance[own, own] += found.gain @ found.gain.T
+    for elimination in chosen:
+        width = len(elimination.gain)
+        of_station = slice(at, at + width)
+        covariance[of_station, of_station] += elimination.gain @ elimination.gain.T
         at += width
     return covariance
 
@@ -180,7 +180,7 @@ def _candidates(adjustment: Adjustment) -> list[_Candidate]:
     widths = [len(station.scales) for station in chosen]
     n_free = network.parameters.n_free
     offsets = n_free + np.concatenate([[0], np.cumsum(widths)])
-    found = []
+    candidates = []
     for at, station in enumerate(chosen):
         size = _TRIES_AN_ARTEFACT, network.parameters.n_joints
         tries_rad = rng.uniform(limits_rad[0], limits_rad[1], size)
@@ -208,5 +208,7 @@ def _candidates(adjustment: Adjustment) -> list[_Candidate]:
             full = np.zeros((rows.shape[1], int(offsets[-1])))
             full[:, :n_free] = rows[index, :, :n_free]
             full[:, offsets[at] : offsets[at + 1]] = rows[index, :, n_free:]
-            found.append(_Candidate(at, int(features[index]), reached_rad[index], full))
-    return found
+            candidates.append(
+                _Candidate(at, int(features[index]), reached_rad[index], full)
+            )
+    return candidates

@@ -162,12 +162,12 @@ def predict(
     if tools_mm is not None:
         campaign = campaign.with_tools(tools_mm)
     if np.any(is_missing[touched]):
-        found = placed(campaign.part(is_missing[touched]), arm)
-        own = places_of(found)
+        placing = placed(campaign.part(is_missing[touched]), arm)
+        own_places = places_of(placing)
         if tools_mm is None:
-            campaign = campaign.with_tools(found.tools_mm)
+            campaign = campaign.with_tools(placing.tools_mm)
     else:
-        own = {}
+        own_places = {}
     problem = Problem.of(campaign, arm, _PLACING)
     network, values, mounted = (
         problem.network(),
@@ -177,7 +177,9 @@ def predict(
     found_mm = np.full((len(touched), 3), np.nan)
     errors_rad = np.full((len(touched), 3), np.nan)
     states = [
-        station.artefact.transferred({**places, **own}[station.artefact.id], touches)
+        station.artefact.transferred(
+            {**places, **own_places}[station.artefact.id], touches
+        )
         for station in network.stations
         for touches in [station.touches]
     ]
@@ -195,7 +197,7 @@ def predict(
         )
         of_station_mm = network.misclosures_mm(station, values, state)
         found_mm[station.poses, : artefact.rows_per_pose] = of_station_mm
-    return Prediction(campaign, found_mm, frozenset(own), errors_rad)
+    return Prediction(campaign, found_mm, frozenset(own_places), errors_rad)
 
 
 def predicted(
@@ -208,10 +210,10 @@ def predicted(
     Raises:
         IdentificationError: Arm and campaigns do not fit together.
     """
-    found = placed(judged if fit_on is None else fit_on, arm, with_tool=with_tool)
-    places = {} if fit_on is None else places_of(found)
-    known = {} if fit_on is None else mountings_of(found)
-    return found.arm, predict(judged, found.arm, places, found.tools_mm, known)
+    placing = placed(judged if fit_on is None else fit_on, arm, with_tool=with_tool)
+    places = {} if fit_on is None else places_of(placing)
+    known = {} if fit_on is None else mountings_of(placing)
+    return placing.arm, predict(judged, placing.arm, places, placing.tools_mm, known)
 
 
 def curve_figures(

@@ -58,7 +58,7 @@ class Start:
         self,
         campaign: Campaign,
         noise: Noise | None = None,
-        staying: Booleans | None = None,
+        never_excluded: Booleans | None = None,
         begin: ArmValues | None = None,
     ) -> IteratedAdjustment:
         """Adjust a campaign, with a given noise only as long as a trial deserves."""
@@ -69,7 +69,7 @@ class Start:
             replace(self.problem, campaign=campaign).network(noise=noise),
             self.begin if begin is None else begin,
             options,
-            staying=staying,
+            never_excluded=never_excluded,
             progress=self.progress,
             most_iterations=most,
         )

@@ -78,11 +78,11 @@ def serial_noise(adjustment: Adjustment) -> SerialNoise:
     )
 
 
-def _in_window(found: Floats) -> Floats:
+def _in_window(rhos: Floats) -> Floats:
     """Cut correlations off at the lag that is some times tau up to there."""
-    taus = 1.0 + 2.0 * np.cumsum(found)
-    beyond = np.arange(1, len(found) + 1) >= _WINDOW * taus
-    return found[: int(np.argmax(beyond)) + 1] if np.any(beyond) else found
+    taus = 1.0 + 2.0 * np.cumsum(rhos)
+    beyond = np.arange(1, len(rhos) + 1) >= _WINDOW * taus
+    return rhos[: int(np.argmax(beyond)) + 1] if np.any(beyond) else rhos
 
 
 def correlations(adjustment: Adjustment) -> Floats:
@@ -95,8 +95,8 @@ def correlations(adjustment: Adjustment) -> Floats:
     ):
         blocks = network.white_rows(station, state.arm, unknowns, corrections)
         white = np.concatenate([rows.misclosures for rows in blocks])
-        own = stretches[station.poses]
-        ends = np.append(np.flatnonzero(np.diff(own)) + 1, len(own))
+        of_station = stretches[station.poses]
+        ends = np.append(np.flatnonzero(np.diff(of_station)) + 1, len(of_station))
         for first, end in zip(np.append(0, ends[:-1]), ends, strict=True):
             # Samples that were excluded leave holes.
             places = station.poses[first:end] - station.poses[first]
@@ -112,8 +112,8 @@ def correlations(adjustment: Adjustment) -> Floats:
     if n_lags < 2 or products[0] == 0.0:
         return np.zeros(0)
     means = products[:n_lags] / counts[:n_lags]
-    found: Floats = means[1:] / means[0]
-    return found
+    rhos: Floats = means[1:] / means[0]
+    return rhos
 
 
 def _lagged(values: Floats) -> Floats:

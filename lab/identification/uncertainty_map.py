@@ -264,21 +264,21 @@ class UncertaintyMap:
 
     def summary(self) -> dict[str, "MapFigures"]:
         """Sum up each of `DIRECTIONS` and `from reference`, where there are places."""
-        found = {}
+        summaries = {}
         for name, values_mm in zip(
             (*DIRECTIONS, "from reference"), self.deviations_mm, strict=True
         ):
             if not np.any(np.isfinite(values_mm)):
                 continue
             row, column = np.unravel_index(np.nanargmax(values_mm), values_mm.shape)
-            found[name] = MapFigures(
+            summaries[name] = MapFigures(
                 int(np.count_nonzero(np.isfinite(values_mm))),
                 float(np.nanmedian(values_mm)),
                 float(np.nanquantile(values_mm, 0.95)),
                 float(values_mm[row, column]),
                 (float(self.radii_mm[column]), float(self.heights_mm[row])),
             )
-        return found
+        return summaries
 
 
 @dataclass(frozen=True, slots=True)

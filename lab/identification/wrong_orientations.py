@@ -65,8 +65,8 @@ def are_inverse(network: Network, arm: ArmValues, unknowns: Sequence[Floats]) ->
         of_inverse = replace(network, stations=turned)
         mounted = replace(arm, mountings=of_inverse.fitted_mountings(arm, unknowns))
         errors_rad = [
-            network.orientation_errors_rad(station, mounted, own)
-            for station, own in zip(turned, unknowns, strict=True)
+            network.orientation_errors_rad(station, mounted, of_station)
+            for station, of_station in zip(turned, unknowns, strict=True)
         ]
         sizes_rad = np.linalg.norm(np.concatenate(errors_rad), axis=1)
         medians_rad.append(float(np.nanmedian(sizes_rad)))

@@ -42,23 +42,23 @@ class AcceptanceEvidence:
 Finding = Established | Sequence[Shortfall]
 
 
-def _complete(one: AcceptanceEvidence) -> Finding:
-    if not one.missing and one.figures:
-        return Established({"n_figures": len(one.figures)})
-    names = ", ".join(one.missing) or "all figures"
+def _complete(evidence: AcceptanceEvidence) -> Finding:
+    if not evidence.missing and evidence.figures:
+        return Established({"n_figures": len(evidence.figures)})
+    names = ", ".join(evidence.missing) or "all figures"
     text = f"Incomplete: {names} not computed."
-    return [Shortfall(text, _VERIFY, {"missing": list(one.missing)})]
+    return [Shortfall(text, _VERIFY, {"missing": list(evidence.missing)})]
 
 
-def _limited(one: AcceptanceEvidence) -> Finding:
-    names = [figure.name for figure in one.figures if figure.verdict is None]
+def _limited(evidence: AcceptanceEvidence) -> Finding:
+    names = [figure.name for figure in evidence.figures if figure.verdict is None]
     if not names:
-        return Established() if one.figures else []
+        return Established() if evidence.figures else []
     text = f"No limit is given for {', '.join(names)}: nothing is decided there."
     return [Shortfall(text, "Give the limits with --limits.", {"figures": names})]
 
 
-def _within(one: AcceptanceEvidence) -> Finding:
+def _within(evidence: AcceptanceEvidence) -> Finding:
     return [
         Shortfall(
             f"{figure.name} is rejected.",
@@ -66,12 +66,12 @@ def _within(one: AcceptanceEvidence) -> Finding:
             {"value_mm": figure.value_mm, "limit_mm": figure.limit_mm},
             State.BAD,
         )
-        for figure in one.figures
+        for figure in evidence.figures
         if figure.verdict == "reject"
     ] or Established()
 
 
-def _decided(one: AcceptanceEvidence) -> Finding:
+def _decided(evidence: AcceptanceEvidence) -> Finding:
     texts = {
         "neither": (
             "is neither accepted nor rejected: it lies within the uncertainty of the "
@@ -89,15 +89,15 @@ def _decided(one: AcceptanceEvidence) -> Finding:
             texts[figure.verdict][1],
             {"value_mm": figure.value_mm, "limit_mm": figure.limit_mm},
         )
-        for figure in one.figures
+        for figure in evidence.figures
         if figure.verdict in texts
     ] or Established()
 
 
-def _as_prescribed(one: AcceptanceEvidence) -> Finding:
+def _as_prescribed(evidence: AcceptanceEvidence) -> Finding:
     return [
         Shortfall(f"{figure.name}: {remark}.", "", {"figure": figure.name})
-        for figure in one.figures
+        for figure in evidence.figures
         for remark in figure.remarks
     ] or Established()
 

@@ -44,27 +44,27 @@ def _sentence(text: str) -> str:
     return f"{text[0].upper()}{text[1:].strip()}."
 
 
-def _tested(one: AlignmentEvidence) -> Finding:
+def _tested(evidence: AlignmentEvidence) -> Finding:
     values = {
-        "sigma0": one.sigma0,
-        "redundancy": one.redundancy,
-        "p_value": one.p_value,
+        "sigma0": evidence.sigma0,
+        "redundancy": evidence.redundancy,
+        "p_value": evidence.p_value,
     }
-    state = State.BAD if one.passed is False else State.DOUBT
+    state = State.BAD if evidence.passed is False else State.DOUBT
     shortfalls = [
         Shortfall(_sentence(text), "", {**values, "flag": code}, state)
-        for code, text in one.warnings
+        for code, text in evidence.warnings
         if code in _TESTED
     ]
-    if one.passed and not shortfalls:
+    if evidence.passed and not shortfalls:
         return Established(values)
     return shortfalls
 
 
-def _well_placed(one: AlignmentEvidence) -> Finding:
+def _well_placed(evidence: AlignmentEvidence) -> Finding:
     return [
         Shortfall(_sentence(text), "", {"flag": code})
-        for code, text in one.warnings
+        for code, text in evidence.warnings
         if code not in _TESTED
     ] or Established()
 

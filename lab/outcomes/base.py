@@ -85,7 +85,7 @@ class Outcome:
     @property
     def sentences(self) -> list[str]:
         """What was observed and what to do, the worst first."""
-        worst_first = sorted(self.reasons, key=lambda one: -_ORDER.index(one.state))
+        worst_first = sorted(self.reasons, key=lambda entry: -_ORDER.index(entry.state))
         return [reason.sentence for reason in worst_first]
 
 
@@ -138,8 +138,14 @@ def judge(table: Sequence[Condition[Evidence]], evidence: Evidence) -> Outcome:
             established[condition.code] = finding.values
             continue
         reasons += [
-            Reason(condition.code, one.state, one.text, one.remedy, one.values)
-            for one in finding or [_unknown(condition)]
+            Reason(
+                condition.code,
+                shortfall.state,
+                shortfall.text,
+                shortfall.remedy,
+                shortfall.values,
+            )
+            for shortfall in finding or [_unknown(condition)]
         ]
     if not table:
         reasons.append(

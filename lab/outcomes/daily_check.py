@@ -80,81 +80,85 @@ def _um(mm: float) -> str:
     return f"{1000.0 * mm:.1f} µm"
 
 
-def _values(one: JudgedFigure) -> dict[str, object]:
+def _values(figure: JudgedFigure) -> dict[str, object]:
     return {
-        "figure": one.name,
-        "value_mm": one.value_mm,
-        "permissible_mm": one.permissible_mm,
-        "is_stated": one.is_stated,
-        "half_width_mm": one.half_width_mm,
+        "figure": figure.name,
+        "value_mm": figure.value_mm,
+        "permissible_mm": figure.permissible_mm,
+        "is_stated": figure.is_stated,
+        "half_width_mm": figure.half_width_mm,
     }
 
 
 def _plausible(check: DailyCheckEvidence) -> Finding:
     return [
         Shortfall(
-            f"{one.name}: {_um(one.value_mm)} is beyond the plausible "
-            f"{_um(one.plausible_mm)}.",
+            f"{figure.name}: {_um(figure.value_mm)} is beyond the plausible "
+            f"{_um(figure.plausible_mm)}.",
             "See whether the right seat and sphere were touched, and check again.",
-            _values(one),
+            _values(figure),
             State.BAD,
         )
-        for one in check.figures
-        if abs(one.value_mm) > one.plausible_mm
+        for figure in check.figures
+        if abs(figure.value_mm) > figure.plausible_mm
     ] or Established()
 
 
 def _permitted(check: DailyCheckEvidence) -> Finding:
     return [
         Shortfall(
-            f"{one.name}: {_um(one.value_mm)} is beyond the permitted "
-            f"{_um(one.permissible_mm)}.",
+            f"{figure.name}: {_um(figure.value_mm)} is beyond the permitted "
+            f"{_um(figure.permissible_mm)}.",
             "Check again; if it stays so, do not measure before the arm is identified "
             "or repaired.",
-            _values(one),
+            _values(figure),
             State.BAD,
         )
-        for one in check.figures
-        if one.is_stated and one.exceeds
+        for figure in check.figures
+        if figure.is_stated and figure.exceeds
     ] or Established()
 
 
 def _no_alarm(check: DailyCheckEvidence) -> Finding:
     return [
         Shortfall(
-            f"{one.name}: {name}.",
+            f"{figure.name}: {name}.",
             "Check again; if it stays so, look for what has changed.",
-            {**_values(one), "rule": name},
+            {**_values(figure), "rule": name},
             State.BAD,
         )
-        for one in check.figures
-        for name in one.alarms
+        for figure in check.figures
+        for name in figure.alarms
     ] or Established()
 
 
 def _judged(check: DailyCheckEvidence) -> Finding:
     return [
-        Shortfall(_why_not_judged(one, check.n_checks), _STATE_LIMITS, _values(one))
-        for one in check.figures
-        if not one.is_stated and not (one.chart_judges and not one.exceeds)
+        Shortfall(
+            _why_not_judged(figure, check.n_checks), _STATE_LIMITS, _values(figure)
+        )
+        for figure in check.figures
+        if not figure.is_stated and not (figure.chart_judges and not figure.exceeds)
     ] or Established({"n_checks": check.n_checks})
 
 
-def _why_not_judged(one: JudgedFigure, n_checks: int) -> str:
-    if one.exceeds:
+def _why_not_judged(figure: JudgedFigure, n_checks: int) -> str:
+    if figure.exceeds:
         return (
-            f"{one.name}: {_um(one.value_mm)} is beyond the {_um(one.permissible_mm)} "
+            f"{figure.name}: {_um(figure.value_mm)} is beyond the "
+            f"{_um(figure.permissible_mm)} "
             "that are assumed where no permissible error is stated: no base for later "
             "checks."
         )
-    if one.half_width_mm is None:
+    if figure.half_width_mm is None:
         return (
-            f"{one.name}: the chart judges from the third check on, or later; "
+            f"{figure.name}: the chart judges from the third check on, or later; "
             f"{counted(n_checks, 'check')} since the base began."
         )
     return (
-        f"{one.name}: the chart's limits are {_um(one.half_width_mm)} wide, more than "
-        f"the {_um(one.permissible_mm)} that are assumed to be permitted: they judge "
+        f"{figure.name}: the chart's limits are {_um(figure.half_width_mm)} wide, more "
+        f"than the {_um(figure.permissible_mm)} that are assumed to be permitted: they "
+        "judge "
         "nothing yet."
     )
 

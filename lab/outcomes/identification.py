@@ -167,57 +167,61 @@ def _bad(text: str, remedy: str, **values: Any) -> list[Shortfall]:
     return [Shortfall(text, remedy, values, State.BAD)]
 
 
-def _converged(one: IdentificationEvidence) -> Finding:
-    if one.converged:
+def _converged(evidence: IdentificationEvidence) -> Finding:
+    if evidence.converged:
         return Established()
     text = "The adjustment did not converge: none of these figures may be used."
-    values = {"rms_mm": one.rms_mm, "redundancy": one.redundancy}
-    if one.travel_deg < LEAST_TRAVEL_DEG:
+    values = {"rms_mm": evidence.rms_mm, "redundancy": evidence.redundancy}
+    if evidence.travel_deg < LEAST_TRAVEL_DEG:
         same = (
             f"{text} All poses are nearly the same: no joint turned by more than "
-            f"{one.travel_deg:.2g} degrees."
+            f"{evidence.travel_deg:.2g} degrees."
         )
-        return _bad(same, "Measure in varied postures.", travel_deg=one.travel_deg)
-    if one.redundancy <= 0:
+        return _bad(same, "Measure in varied postures.", travel_deg=evidence.travel_deg)
+    if evidence.redundancy <= 0:
         more = f"{text} There are no more equations than unknowns (redundancy 0)."
         return _bad(more, "Measure more poses.", **values)
-    if one.rms_mm > MOST_MISCLOSURE * one.reach_mm:
-        left = f"{text} Misclosures of {length_mm(one.rms_mm)} are left."
+    if evidence.rms_mm > MOST_MISCLOSURE * evidence.reach_mm:
+        left = f"{text} Misclosures of {length_mm(evidence.rms_mm)} are left."
         return _bad(left, _CHECK_FILE, **values)
     steps = (
         f"{text} Its steps do not become small, although misclosures of "
-        f"{length_mm(one.rms_mm)} only are left: the poses hardly determine "
-        f"{one.moving}."
+        f"{length_mm(evidence.rms_mm)} only are left: the poses hardly determine "
+        f"{evidence.moving}."
     )
     hold = "Hold some of these (--hold), or measure more and more varied postures."
     return _bad(steps, hold, **values)
 
 
-def _explained(one: IdentificationEvidence) -> Finding:
-    limit_mm = MOST_MISCLOSURE * one.reach_mm
-    values = {"rms_mm": one.rms_mm, "limit_mm": limit_mm, "reach_mm": one.reach_mm}
-    if one.rms_mm <= limit_mm:
+def _explained(evidence: IdentificationEvidence) -> Finding:
+    limit_mm = MOST_MISCLOSURE * evidence.reach_mm
+    values = {
+        "rms_mm": evidence.rms_mm,
+        "limit_mm": limit_mm,
+        "reach_mm": evidence.reach_mm,
+    }
+    if evidence.rms_mm <= limit_mm:
         return Established(values)
     text = (
         f"The model does not explain the measurements at all: misclosures of "
-        f"{length_mm(one.rms_mm)} are left, more than {100.0 * MOST_MISCLOSURE:g} % of "
-        f"the arm's {length_mm(one.reach_mm)}. The arm file may be another arm's."
+        f"{length_mm(evidence.rms_mm)} are left, more than {100.0 * MOST_MISCLOSURE:g} % "
+        f"of the arm's {length_mm(evidence.reach_mm)}. The arm file may be another arm's."
     )
     return _bad(text, _CHECK_FILE, **values)
 
 
-def _same_size(one: IdentificationEvidence) -> Finding:
-    if LEAST_SIZE < one.size < MOST_SIZE:
-        return Established({"size": one.size})
+def _same_size(evidence: IdentificationEvidence) -> Finding:
+    if LEAST_SIZE < evidence.size < MOST_SIZE:
+        return Established({"size": evidence.size})
     text = (
-        f"The identified arm is {one.size:.3g} times as large as its design: no arm is "
-        "built so far off, and an arm that shrinks fits everything."
+        f"The identified arm is {evidence.size:.3g} times as large as its design: no arm "
+        "is built so far off, and an arm that shrinks fits everything."
     )
-    return _bad(text, _CHECK_FILE, size=one.size)
+    return _bad(text, _CHECK_FILE, size=evidence.size)
 
 
-def _like_design(one: IdentificationEvidence) -> Finding:
-    name, deviations = one.changed
+def _like_design(evidence: IdentificationEvidence) -> Finding:
+    name, deviations = evidence.changed
     values = {"parameter": name, "deviations": deviations}
     if deviations <= MOST_DEVIATION:
         return Established(values)
@@ -229,26 +233,28 @@ def _like_design(one: IdentificationEvidence) -> Finding:
     return [Shortfall(text, "Compare the identified links with the arm.", values)]
 
 
-def _redundant(one: IdentificationEvidence) -> Finding:
-    if one.redundancy <= 0:
+def _redundant(evidence: IdentificationEvidence) -> Finding:
+    if evidence.redundancy <= 0:
         text = (
             "There are no more equations than unknowns (redundancy 0): nothing checks "
             "this result."
         )
-        return _bad(text, "Measure more poses.", redundancy=one.redundancy)
-    unseen = _TWO_SIDED / (2.0 * one.redundancy / one.samples_per_square) ** 0.5
-    values = {"redundancy": one.redundancy, "unseen_part": unseen}
-    if one.redundancy >= LEAST_REDUNDANCY:
+        return _bad(text, "Measure more poses.", redundancy=evidence.redundancy)
+    unseen = (
+        _TWO_SIDED / (2.0 * evidence.redundancy / evidence.samples_per_square) ** 0.5
+    )
+    values = {"redundancy": evidence.redundancy, "unseen_part": unseen}
+    if evidence.redundancy >= LEAST_REDUNDANCY:
         return Established(values)
     text = (
-        f"A redundancy of {one.redundancy} is a weak check: noise that is wrong by "
-        f"less than about {100.0 * unseen:.0f} % would not be noticed."
+        f"A redundancy of {evidence.redundancy} is a weak check: noise that is wrong "
+        f"by less than about {100.0 * unseen:.0f} % would not be noticed."
     )
     return [Shortfall(text, "Measure more poses.", values)]
 
 
-def _scaled(one: IdentificationEvidence) -> Finding:
-    lost = [entry for entry in one.undetermined if entry.is_scale]
+def _scaled(evidence: IdentificationEvidence) -> Finding:
+    lost = [entry for entry in evidence.undetermined if entry.is_scale]
     if not lost:
         return Established()
     text = (
@@ -256,13 +262,13 @@ def _scaled(one: IdentificationEvidence) -> Finding:
         "the design is off by a plausible deviation, the probe is off by "
         f"{length_mm(lost[0].probe_mm)}."
     )
-    return _bad(text, one.scale_touches, probe_mm=lost[0].probe_mm)
+    return _bad(text, evidence.scale_touches, probe_mm=lost[0].probe_mm)
 
 
-def _determined(one: IdentificationEvidence) -> Finding:
-    missing = [entry for entry in one.undetermined if not entry.is_scale]
+def _determined(evidence: IdentificationEvidence) -> Finding:
+    missing = [entry for entry in evidence.undetermined if not entry.is_scale]
     if not missing:
-        return Established({"n_free": one.n_free})
+        return Established({"n_free": evidence.n_free})
     return [
         Shortfall(
             f"Undetermined: {entry.combination}. If the design is off by a plausible "
@@ -275,8 +281,8 @@ def _determined(one: IdentificationEvidence) -> Finding:
     ]
 
 
-def _well_determined(one: IdentificationEvidence) -> Finding:
-    if not one.weak:
+def _well_determined(evidence: IdentificationEvidence) -> Finding:
+    if not evidence.weak:
         return Established()
     shortfalls = [
         Shortfall(
@@ -285,19 +291,19 @@ def _well_determined(one: IdentificationEvidence) -> Finding:
             f"Cause and remedy: {entry.why}.",
             {"combination": entry.combination, "probe_mm": entry.probe_mm},
         )
-        for entry in one.weak[:MOST_WEAK]
+        for entry in evidence.weak[:MOST_WEAK]
     ]
-    n_more = len(one.weak) - MOST_WEAK
+    n_more = len(evidence.weak) - MOST_WEAK
     if n_more > 0:
         text = f"{counted(n_more, 'more combination')} of parameters poorly determined."
         shortfalls.append(Shortfall(text, _VARY, {"n_more": n_more}))
     return shortfalls
 
 
-def _certificates_agree(one: IdentificationEvidence) -> Finding:
-    if not one.certificates:
+def _certificates_agree(evidence: IdentificationEvidence) -> Finding:
+    if not evidence.certificates:
         return Established()
-    return [_contradicted(entry) for entry in one.certificates]
+    return [_contradicted(entry) for entry in evidence.certificates]
 
 
 def _contradicted(entry: ContradictedCertificate) -> Shortfall:
@@ -326,8 +332,8 @@ def _contradicted(entry: ContradictedCertificate) -> Shortfall:
     return Shortfall(text, remedy, values, State.BAD)
 
 
-def _radii_agree(one: IdentificationEvidence) -> Finding:
-    shared = one.shared
+def _radii_agree(evidence: IdentificationEvidence) -> Finding:
+    shared = evidence.shared
     if shared is None:
         return Established()
     sense = "larger" if shared.shift_mm > 0.0 else "smaller"
@@ -353,11 +359,15 @@ def _radii_agree(one: IdentificationEvidence) -> Finding:
     return [Shortfall(text, remedy, values)]
 
 
-def _noise_explains(one: IdentificationEvidence) -> Finding:
+def _noise_explains(evidence: IdentificationEvidence) -> Finding:
     """Compare residuals with the noise: too large is a fault, too small a remark."""
-    p_value = one.test.p_value
-    values = {"sigma0": one.sigma0, "redundancy": one.redundancy, "p_value": p_value}
-    if one.test.noise_estimated:
+    p_value = evidence.test.p_value
+    values = {
+        "sigma0": evidence.sigma0,
+        "redundancy": evidence.redundancy,
+        "p_value": p_value,
+    }
+    if evidence.test.noise_estimated:
         text = (
             "No noise is stated in the campaign: it was estimated from the same "
             "residuals, so that nothing tests whether the model fits."
@@ -367,20 +377,20 @@ def _noise_explains(one: IdentificationEvidence) -> Finding:
             "encoders and contacts should do."
         )
         return [Shortfall(text, remedy, values)]
-    if one.redundancy <= 0 or p_value is None:
+    if evidence.redundancy <= 0 or p_value is None:
         return []
-    if one.test.passed or one.sigma0 <= 1.0:
+    if evidence.test.passed or evidence.sigma0 <= 1.0:
         return Established(values)
-    if not one.noise_stated:
+    if not evidence.noise_stated:
         text = (
             "The campaign does not state its noise, so usual figures were assumed, and "
-            f"the residuals are {one.sigma0:.3g} times as large: the redundancy is too "
-            "small to estimate the noise."
+            f"the residuals are {evidence.sigma0:.3g} times as large: the redundancy is "
+            "too small to estimate the noise."
         )
         remedy = "Measure more poses, or state [noise] in campaign.toml."
         return [Shortfall(text, remedy, values)]
     text = (
-        f"The residuals are {one.sigma0:.3g} times as large as the stated noise "
+        f"The residuals are {evidence.sigma0:.3g} times as large as the stated noise "
         f"explains (p = {probability(p_value)}): either the noise is stated too small, "
         "or the arm does something that axes and links do not describe. All standard "
         "deviations are scaled by sigma0."
@@ -388,11 +398,11 @@ def _noise_explains(one: IdentificationEvidence) -> Finding:
     if p_value > BY_CHANCE:
         text += f" By chance {100.0 * p_value:.1g} % of campaigns are as far off."
     remedy = "Look for a pattern with traverse diagnose."
-    state = State.BAD if one.sigma0 > MOST_SIGMA0 else State.DOUBT
+    state = State.BAD if evidence.sigma0 > MOST_SIGMA0 else State.DOUBT
     return [Shortfall(text, remedy, values, state)]
 
 
-def _artefacts_agree(one: IdentificationEvidence) -> Finding:
+def _artefacts_agree(evidence: IdentificationEvidence) -> Finding:
     return [
         Shortfall(
             f"{entry.where} lost {entry.n} of {entry.n_all} poses, more than a fifth: "
@@ -401,11 +411,11 @@ def _artefacts_agree(one: IdentificationEvidence) -> Finding:
             "parameters are held.",
             {"artefact": entry.where, "n_lost": entry.n, "n": entry.n_all},
         )
-        for entry in one.lost
+        for entry in evidence.lost
     ] or Established()
 
 
-def _no_clusters(one: IdentificationEvidence) -> Finding:
+def _no_clusters(evidence: IdentificationEvidence) -> Finding:
     return [
         Shortfall(
             f"{entry.n} poses that contradict the others lie together, among "
@@ -413,25 +423,25 @@ def _no_clusters(one: IdentificationEvidence) -> Finding:
             "Look for it with traverse diagnose.",
             {"where": entry.where, "n_excluded": entry.n, "n": entry.n_all},
         )
-        for entry in one.clusters
+        for entry in evidence.clusters
     ] or Established()
 
 
-def _few_excluded(one: IdentificationEvidence) -> Finding:
-    values = {"n_excluded": one.n_excluded, "n": one.n_poses}
-    if one.n_excluded <= MOST_EXCLUDED * one.n_poses:
+def _few_excluded(evidence: IdentificationEvidence) -> Finding:
+    values = {"n_excluded": evidence.n_excluded, "n": evidence.n_poses}
+    if evidence.n_excluded <= MOST_EXCLUDED * evidence.n_poses:
         return Established(values)
-    text = f"{one.n_excluded} of {one.n_poses} poses contradict the others."
+    text = f"{evidence.n_excluded} of {evidence.n_poses} poses contradict the others."
     return [Shortfall(text, "Find out why before the arm is used.", values)]
 
 
-def _orientations_agree(one: IdentificationEvidence) -> Finding:
-    values = {"n_excluded": one.n_turned, "n": one.n_oriented}
-    if one.n_turned <= MOST_EXCLUDED * one.n_oriented:
+def _orientations_agree(evidence: IdentificationEvidence) -> Finding:
+    values = {"n_excluded": evidence.n_turned, "n": evidence.n_oriented}
+    if evidence.n_turned <= MOST_EXCLUDED * evidence.n_oriented:
         return Established(values)
     text = (
-        f"{one.n_turned} of {one.n_oriented} orientations contradict the positions and "
-        "were left out."
+        f"{evidence.n_turned} of {evidence.n_oriented} orientations contradict the "
+        "positions and were left out."
     )
     remedy = (
         "Check the order of the quaternions' components (w, x, y, z), the frame that "
@@ -440,7 +450,7 @@ def _orientations_agree(one: IdentificationEvidence) -> Finding:
     return [Shortfall(text, remedy, values)]
 
 
-def _file_fits(one: IdentificationEvidence) -> Finding:
+def _file_fits(evidence: IdentificationEvidence) -> Finding:
     shortfalls = [
         Shortfall(
             f"The arm file as given did not fit: {joint} turns the other way. It was "
@@ -449,11 +459,11 @@ def _file_fits(one: IdentificationEvidence) -> Finding:
             "has its axis reversed, and needs no other sign.",
             {"joint": joint},
         )
-        for joint in one.wrong_signs
+        for joint in evidence.wrong_signs
     ]
     far = {
         joint: rad
-        for joint, rad in one.offsets_rad.items()
+        for joint, rad in evidence.offsets_rad.items()
         if abs(rad) > LEAST_OFFSET_RAD
     }
     if far:
@@ -464,10 +474,10 @@ def _file_fits(one: IdentificationEvidence) -> Finding:
     return shortfalls or Established()
 
 
-def _family_agrees(one: IdentificationEvidence) -> Finding:
-    if not one.family:
+def _family_agrees(evidence: IdentificationEvidence) -> Finding:
+    if not evidence.family:
         return Established()
-    return [Shortfall(one.family, "Compare the arm with its family.")]
+    return [Shortfall(evidence.family, "Compare the arm with its family.")]
 
 
 CONDITIONS: tuple[Condition[IdentificationEvidence], ...] = (
@@ -517,7 +527,9 @@ def identification_outcome(evidence: IdentificationEvidence) -> IdentificationOu
     table = CONDITIONS
     if not evidence.converged:
         # No figure of it may be used, for a reason either.
-        table = tuple(one for one in CONDITIONS if one.code in _WITHOUT_FIGURES)
+        table = tuple(
+            condition for condition in CONDITIONS if condition.code in _WITHOUT_FIGURES
+        )
     outcome = judge(table, evidence)
     bad = {entry.code for entry in outcome.reasons if entry.state is State.BAD}
     return IdentificationOutcome(

@@ -41,12 +41,12 @@ def diagnosed(
             return stream.diagnosis, stream
         return diagnose(campaign, arm, options, progress), None
     except np.linalg.LinAlgError as error:
-        told = f"{broken_down(campaign, error)}; see `traverse identify`"
-        raise BreakdownError(told) from error
+        message = f"{broken_down(campaign, error)}; see `traverse identify`"
+        raise BreakdownError(message) from error
 
 
 def write_diagnosed(
-    found: tuple[Diagnosis, StreamDiagnosis | None],
+    results: tuple[Diagnosis, StreamDiagnosis | None],
     arm_file: Path,
     out: Path,
     provenance: ReportProvenance,
@@ -57,7 +57,7 @@ def write_diagnosed(
 
     An accepted arm replaces the arm file.
     """
-    result, stream = found
+    result, stream = results
     adapted = write_diagnosis(out, result, arm_file, date_of(provenance), provenance)
     files = "arm.toml, arm.cov.npz, diagnosis.json, discrepancies.csv, report.html"
     lines = [*summary_lines(result), f"wrote {out}: {files}, pictures"]

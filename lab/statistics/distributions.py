@@ -86,20 +86,20 @@ def median_of_chi_square(degrees: int) -> float:
     return float(special.chdtri(degrees, 0.5))
 
 
-def excess_p_value(found: int, of: int, others_found: int, of_others: int) -> float:
+def excess_p_value(n_found: int, of: int, others_found: int, of_others: int) -> float:
     """Return how likely at least so many are found here, if they are as many there.
 
     Fisher's exact test of a 2 x 2 table, one-sided: the tail of the hypergeometric
     distribution. `scipy.stats`, which has it, takes longer to import than all else.
     """
-    total = found + others_found
+    total = n_found + others_found
 
     def log_ways(n: int, k: Floats | int) -> Floats:
         ways: Floats = -special.gammaln(np.add(k, 1.0))
         ways -= special.gammaln(np.subtract(n, k) + 1.0)
         return ways + float(special.gammaln(n + 1.0))
 
-    here = np.arange(found, min(of, total) + 1.0)
+    here = np.arange(n_found, min(of, total) + 1.0)
     here = here[total - here <= of_others]
     logs = log_ways(of, here) + log_ways(of_others, total - here)
     return float(np.sum(np.exp(logs - log_ways(of + of_others, total))))
@@ -122,7 +122,7 @@ def variance_factor(sigma0: float, test: GlobalTest) -> float:
     One where the noise is known and sigma0 does not contradict it upwards: the
     estimate of sigma0 would only add its own uncertainty. Else sigma0 squared.
     """
-    believed = bool(test.passed) or sigma0 < 1.0
-    if believed and not test.noise_estimated:
+    is_plausible = bool(test.passed) or sigma0 < 1.0
+    if is_plausible and not test.noise_estimated:
         return 1.0
     return sigma0**2

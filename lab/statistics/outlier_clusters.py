@@ -175,9 +175,9 @@ def _log_tails(n_poses: int, n_out: int) -> Floats:
 
 
 def _log_choices(total: int, chosen: Integers) -> Floats:
-    found: Floats = (
+    logarithms: Floats = (
         special.gammaln(total + 1.0)
         - special.gammaln(chosen + 1.0)
         - special.gammaln(total - chosen + 1.0)
     )
-    return found
+    return logarithms

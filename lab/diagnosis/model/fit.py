@@ -52,13 +52,12 @@ def fitted(
     before: Fit | None = None,
     *,
     snooping: bool = True,
-    staying: Booleans | None = None,
+    never_excluded: Booleans | None = None,
 ) -> Fit:
     """Fit an arm and all its effects to eligible poses, (n_poses,).
 
     Contradicting poses are left out when snooping; poses left out of an earlier fit,
-    whose noise and poses are begun with, are tried again; staying ones, (n_poses,),
-    are never left out. The noise that the campaign
+    whose noise and poses are begun with, are tried again. The noise that the campaign
     does not state is estimated.
 
     Raises:
@@ -75,7 +74,7 @@ def fitted(
         problem.design,
         options,
         first=None if before is None else before.included,
-        staying=staying,
+        never_excluded=never_excluded,
         most_iterations=_MOST_ITERATIONS,
     )
     of_run = {field.name: getattr(run, field.name) for field in fields(run)}

@@ -42,14 +42,14 @@ def result_map(result: Identification) -> UncertaintyMap:
     return uncertainty_map(arm, result.campaign.poses.angles_rad[result.included])
 
 
-def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
+def summary_lines(result: Identification, uncertainty: UncertaintyMap) -> list[str]:
     """Return the most important results, a line each."""
-    return WORDS.lines("summary", result, found, outcome_of(result))
+    return WORDS.lines("summary", result, uncertainty, outcome_of(result))
 
 
 def report_page(
     result: Identification,
-    found: UncertaintyMap,
+    uncertainty: UncertaintyMap,
     provenance: ReportProvenance | None = None,
 ) -> str:
     """Make the page; the text is complete in itself. Provenance: this user, now."""
@@ -62,10 +62,10 @@ def report_page(
         "identification/report/page.jinja",
         _FILTERS,
         result=result,
-        found=found,
+        found=uncertainty,
         judged=outcome_of(result),
         words=WORDS,
-        pictures=pictures_of(result, found),
+        pictures=pictures_of(result, uncertainty),
         provenance=provenance or result.campaign.provenance(),
         controllability=_known(result, result.statistics.controllability),
         detectable_mm=_known(result, result.statistics.detectable_mm),

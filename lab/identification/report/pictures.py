@@ -35,7 +35,7 @@ _POSE = (BLUE, "o", None)
 
 
 def pictures_of(
-    result: Identification, found: UncertaintyMap
+    result: Identification, uncertainty: UncertaintyMap
 ) -> dict[str, bytes | None]:
     """Paint all pictures; those of parameters are None where none is free."""
     n_artefacts, n_joints = len(result.artefacts), len(result.campaign.joint_names)
@@ -52,9 +52,12 @@ def pictures_of(
         "coverage": picture(180.0, coverage_mm, _paint_coverage, result),
     }
     if result.parameters:
-        width, height = float(np.ptp(found.radii_mm)), float(np.ptp(found.heights_mm))
+        width, height = (
+            float(np.ptp(uncertainty.radii_mm)),
+            float(np.ptp(uncertainty.heights_mm)),
+        )
         map_mm = float(np.clip(36.0 * height / max(width, 1.0) + 24.0, 55.0, 130.0))
-        pictures["map"] = picture(180.0, map_mm, _paint_map, found)
+        pictures["map"] = picture(180.0, map_mm, _paint_map, uncertainty)
         size_mm = float(np.clip(45.0 + 3.6 * len(result.parameters), 80.0, 180.0))
         pictures["correlations"] = picture(
             size_mm + 8.0, 0.88 * size_mm, _paint_correlations, result
@@ -166,9 +169,11 @@ def _paint_normal(figure: Figure, result: Identification) -> None:
 
 def _scaled_w(result: Identification) -> Floats:
     """Compute |w| of the poses that took part if sigma0 were 1, sorted."""
-    found, taken = result.statistics, result.included
+    statistics, taken = result.statistics, result.included
     scale = max(result.sigma0, 1e-300)
-    w = equivalent_normal(found.statistics[taken] / scale**2, found.degrees[taken])
+    w = equivalent_normal(
+        statistics.statistics[taken] / scale**2, statistics.degrees[taken]
+    )
     return np.sort(w[np.isfinite(w)])
 
 
@@ -222,24 +227,27 @@ def _paint_coverage(figure: Figure, result: Identification) -> None:
     figure.colorbar(drawn, ax=axes).set_label(f"poses in {width_deg} degrees")
 
 
-def _paint_map(figure: Figure, found: UncertaintyMap) -> None:
+def _paint_map(figure: Figure, uncertainty: UncertaintyMap) -> None:
     """Draw a half plane through the first axis for each direction."""
     margins = Margins(16.0, 11.0, 10.0, right=12.0, between_columns=3.0)
     [panels] = axes_grid(figure, margins, n_columns=4)
-    some_mm = found.deviations_mm[np.isfinite(found.deviations_mm)]
+    some_mm = uncertainty.deviations_mm[np.isfinite(uncertainty.deviations_mm)]
     factor, unit = shown_unit(float(some_mm.max(initial=0.0)), "mm")
     some = factor * some_mm
     highest = float(some.max()) if len(some) else 1.0
     lowest = float(some.min()) if len(some) else 0.0
     titles = [
-        f"{found.length_mm:.0f} mm\nradially",
-        f"{found.length_mm:.0f} mm\nacross",
-        f"{found.length_mm:.0f} mm\nalong the axis",
+        f"{uncertainty.length_mm:.0f} mm\nradially",
+        f"{uncertainty.length_mm:.0f} mm\nacross",
+        f"{uncertainty.length_mm:.0f} mm\nalong the axis",
         "from the\nreference (+)",
     ]
-    radius_edges, height_edges = _edges(found.radii_mm), _edges(found.heights_mm)
+    radius_edges, height_edges = (
+        _edges(uncertainty.radii_mm),
+        _edges(uncertainty.heights_mm),
+    )
     for axes, title, values in zip(
-        panels, titles, factor * found.deviations_mm, strict=True
+        panels, titles, factor * uncertainty.deviations_mm, strict=True
     ):
         axes.set_facecolor("#eeeeee")
         drawn = axes.pcolormesh(
@@ -255,7 +263,7 @@ def _paint_map(figure: Figure, found: UncertaintyMap) -> None:
         axes.set_xlabel("radius [mm]")
         axes.set_xlim(0.0, radius_edges[-1])
         axes.set_ylim(height_edges[0], height_edges[-1])
-    radius_mm, height_mm = found.reference_place_mm
+    radius_mm, height_mm = uncertainty.reference_place_mm
     panels[3].plot(radius_mm, height_mm, "+", color="white", markersize=9.0)
     for axes in panels[1:]:
         axes.tick_params(labelleft=False)

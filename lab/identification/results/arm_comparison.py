@@ -116,12 +116,12 @@ def compare_arms(
 
 
 def _zones(parts: Floats, apart_mm: Floats) -> tuple[ZoneDifference, ...]:
-    found = []
+    zones = []
     for name, (least, most) in _ZONES.items():
         mine = apart_mm[(parts >= least) & (parts < most)]
         figures = (_rms(mine), float(mine.max())) if len(mine) else (np.nan, np.nan)
-        found.append(ZoneDifference(name, len(mine), *figures))
-    return tuple(found)
+        zones.append(ZoneDifference(name, len(mine), *figures))
+    return tuple(zones)
 
 
 def _rms(lengths_mm: Floats) -> float:
@@ -129,19 +129,21 @@ def _rms(lengths_mm: Floats) -> float:
 
 
 def comparison_values(
-    files: Sequence[Path], arms: Sequence[Arm], found: Comparison
+    files: Sequence[Path], arms: Sequence[Arm], comparison: Comparison
 ) -> dict[str, Any]:
     """Put a comparison into the plain values of `traverse identify --compare`."""
     names = [joint.name for joint in arms[0].joints]
     return {
         "arms": [_provenance(file, arm) for file, arm in zip(files, arms, strict=True)],
-        **picked(found, "n_postures", "rms_mm", "median_mm", "largest_mm"),
-        "largest_at_mm": found.largest_at_mm.tolist(),
-        "largest_at_rad": dict(zip(names, found.largest_at_rad.tolist(), strict=True)),
-        "taken_out": picked(found, "turn_rad", rms_mm="shift_rms_mm"),
+        **picked(comparison, "n_postures", "rms_mm", "median_mm", "largest_mm"),
+        "largest_at_mm": comparison.largest_at_mm.tolist(),
+        "largest_at_rad": dict(
+            zip(names, comparison.largest_at_rad.tolist(), strict=True)
+        ),
+        "taken_out": picked(comparison, "turn_rad", rms_mm="shift_rms_mm"),
         "zones": {
             zone.name: picked(zone, "n_postures", "rms_mm", "largest_mm")
-            for zone in found.zones
+            for zone in comparison.zones
         },
     }
 

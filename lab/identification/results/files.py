@@ -176,22 +176,27 @@ def _artefact(entry: ArtefactResult) -> dict[str, Any]:
 
 def _write_residuals(result: Identification, path: Path) -> None:
     """Write one line a pose: misclosures, tests, corrections of the readings."""
-    campaign, found = result.campaign, result.statistics
+    campaign, statistics = result.campaign, result.statistics
     header = [
         *("w1_mm", "w2_mm", "w3_mm", "w", "controllability", "detectable_mm"),
         "excluded",
         *(f"{name}_correction_rad" for name in campaign.joint_names),
     ]
-    columns = (found.misclosures_mm, found.w, found.controllability)
-    numbers = np.column_stack([*columns, found.detectable_mm])
+    columns = (statistics.misclosures_mm, statistics.w, statistics.controllability)
+    numbers = np.column_stack([*columns, statistics.detectable_mm])
     excluded = (~result.included).astype(int)
-    rest = found.corrections_rad
+    rest = statistics.corrections_rad
     if (of := result.orientations) is not None:
         header += [f"orientation_{axis}_rad" for axis in "xyz"]
         header += ["w_position", "w_orientation", "orientation_excluded"]
         measured = np.isfinite(of.errors_rad[:, 0])
         left_out = np.where(measured, (~of.used).astype(float), np.nan)
-        tests = (of.errors_rad, found.w_position, found.w_orientation, left_out)
+        tests = (
+            of.errors_rad,
+            statistics.w_position,
+            statistics.w_orientation,
+            left_out,
+        )
         rest = np.column_stack([rest, *tests])
     write_poses(
         path,

@@ -202,8 +202,10 @@ class Identification:
 
     def length_of(self, artefact: str, name: str) -> EstimatedLength:
         """Find a length of an artefact as estimated; of two radii the first."""
-        (found,) = (one for one in self.artefacts if one.id == artefact)
-        return next(length for length in found.lengths if length.name == name)
+        (result,) = (
+            candidate for candidate in self.artefacts if candidate.id == artefact
+        )
+        return next(length for length in result.lengths if length.name == name)
 
     @property
     def undetermined_effects_mm(self) -> Floats:

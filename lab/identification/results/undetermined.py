@@ -75,7 +75,7 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
     geometry = adjustment.state.arm.geometry
     rest = adjustment.split.undetermined
     scale = network.undetermined_scale(adjustment.state.arm)
-    found = [
+    directions = [
         Undetermined(network.parameters.named(direction), _NO_LENGTH, is_scale=True)
         for direction in scale
     ]
@@ -84,8 +84,8 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
     coverage = joint_coverage(network.campaign, network.poses)
     for direction in _sparse(rest):
         why = _reason(network, geometry, coverage, direction)
-        found.append(Undetermined(network.parameters.named(direction), why))
-    return tuple(found)
+        directions.append(Undetermined(network.parameters.named(direction), why))
+    return tuple(directions)
 
 
 def weak_directions(adjustment: Adjustment, factor: float) -> tuple[Weak, ...]:
@@ -130,8 +130,8 @@ def _sparse(rows: Floats) -> Floats:
         pivots.append(int(np.argmax(sizes)))
         unit = rest[:, pivots[-1]] / sizes[pivots[-1]]
         rest = rest - np.outer(unit, unit @ rest)
-    own = np.linalg.solve(rows[:, pivots], rows)
-    sparse: Floats = own / np.linalg.norm(own, axis=1, keepdims=True)
+    pivoted = np.linalg.solve(rows[:, pivots], rows)
+    sparse: Floats = pivoted / np.linalg.norm(pivoted, axis=1, keepdims=True)
     return sparse
 
 
