@@ -327,24 +327,9 @@ class _RowReader:
                 texts = [by_column[index] for index in places]
                 vectors = numbers[:, places]
                 what = quantity.removesuffix("s")
-<<<<<<< HEAD
                 for at, message in _unit_vector_problems(what, texts, vectors):
                     table.refuse(lines[at], message)
         return numbers
-=======
-                wrong += _unit_vector_problems(what, texts, numbers[:, at])
-        return numbers, wrong
-
-
-def _wrong_length(n_cells: int, expected: int) -> str:
-    if not n_cells:
-        return f"is empty; expected {expected}, as in the header"
-    hint = "; decimal commas need ';' or tabs between the columns"
-    return (
-        f"has {counted(n_cells, 'column')}; expected {expected}, as in the header"
-        f"{hint if n_cells > expected else ''}"
-    )
->>>>>>> ac2c2ea7 (Local names of adjustment, identification and outcomes say what they hold)
 
 
 def _unit_vector_problems(

@@ -66,7 +66,7 @@ def diagnose(
         IdentificationError: Arm and campaign do not fit together.
     """
     options = options or DiagnosisOptions()
-    told = progress or no_progress
+    report = progress or no_progress
     laps = [("start", perf_counter())]
 
     def lap(done: str) -> None:
@@ -88,10 +88,10 @@ def diagnose(
             break
         prior = campaign.prior.without(*contradicted)
         campaign = replace(campaign, prior=prior)
-    decision = decide(campaign, arm, choosing, options, told)
+    decision = decide(campaign, arm, choosing, options, report)
     search = decision.search
     lap("decision")
-    told("looking at the poses kept aside", 0.7)
+    report("looking at the poses kept aside", 0.7)
     fits = _ledger_fits(decision, options)
     blunders = held_out_blunders(fits[0].adjustment, held_out)
 
@@ -124,10 +124,10 @@ def diagnose(
         misfit=misfit,
     )
     exceeded = noise_exceeded(campaign, gaps[-1].after, search.fit.adjustment)
-    told("working out what could have been seen", 0.85)
+    report("working out what could have been seen", 0.85)
     seen = detectable_of(search) if options.details else ()
     library = search.stage.findings[BankName.LIBRARY].projected
-    n_visible = sum(one.shows_itself for one in library)
+    n_visible = sum(candidate.shows_itself for candidate in library)
     lap("detectable sizes")
     return Diagnosis(
         verdict=verdict_of(terms, blind=n_visible == 0, exceeded=exceeded),
@@ -225,22 +225,22 @@ _LOG_10 = float(np.log(10.0))
 
 def leftovers_of(search: SearchState) -> tuple[BankRemainder, ...]:
     """Return the remaining significance in every bank."""
-    found = []
+    remainders = []
     for name in BankName:
         choices = ranked(search.stage, (name,), search.joints_with_own_curve)
         if choices:
             first = min(choices, key=lambda choice: choice.log_p)
             threshold = search.thresholds[name] / _LOG_10
-            found.append(
+            remainders.append(
                 BankRemainder(name, first.candidate, first.log_p / _LOG_10, threshold)
             )
-    return tuple(found)
+    return tuple(remainders)
 
 
 def detectable_of(search: SearchState) -> tuple[Detectable, ...]:
     """Compute the minimal detectable sizes."""
     rows, arm = search.stage.rows, search.fit.arm
-    found = detectable(
+    sizes = detectable(
         rows,
         search.stage.banks[BankName.LIBRARY],
         absent_candidates(rows, arm),
@@ -248,4 +248,4 @@ def detectable_of(search: SearchState) -> tuple[Detectable, ...]:
     )
     # What was found is in the model, and cannot be detected again.
     known = {term.candidate.identity for term in search.terms}
-    return tuple(one for one in found if one.candidate.identity not in known)
+    return tuple(size for size in sizes if size.candidate.identity not in known)

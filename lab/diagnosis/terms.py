@@ -174,4 +174,4 @@ def verdict_of(
     if exceeded is not None:
         statuses.add("unexplained")
     nothing: Verdict = "unknown" if blind else "clean"
-    return next((one for one in _STATUSES if one in statuses), nothing)
+    return next((status for status in _STATUSES if status in statuses), nothing)

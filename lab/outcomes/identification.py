@@ -204,8 +204,9 @@ def _explained(evidence: IdentificationEvidence) -> Finding:
         return Established(values)
     text = (
         f"The model does not explain the measurements at all: misclosures of "
-        f"{length_mm(evidence.rms_mm)} are left, more than {100.0 * MOST_MISCLOSURE:g} % "
-        f"of the arm's {length_mm(evidence.reach_mm)}. The arm file may be another arm's."
+        f"{length_mm(evidence.rms_mm)} are left, more than "
+        f"{100.0 * MOST_MISCLOSURE:g} % of the arm's {length_mm(evidence.reach_mm)}. "
+        "The arm file may be another arm's."
     )
     return _bad(text, _CHECK_FILE, **values)
 
@@ -214,8 +215,8 @@ def _same_size(evidence: IdentificationEvidence) -> Finding:
     if LEAST_SIZE < evidence.size < MOST_SIZE:
         return Established({"size": evidence.size})
     text = (
-        f"The identified arm is {evidence.size:.3g} times as large as its design: no arm "
-        "is built so far off, and an arm that shrinks fits everything."
+        f"The identified arm is {evidence.size:.3g} times as large as its design: no "
+        "arm is built so far off, and an arm that shrinks fits everything."
     )
     return _bad(text, _CHECK_FILE, size=evidence.size)
 
@@ -384,8 +385,8 @@ def _noise_explains(evidence: IdentificationEvidence) -> Finding:
     if not evidence.noise_stated:
         text = (
             "The campaign does not state its noise, so usual figures were assumed, and "
-            f"the residuals are {evidence.sigma0:.3g} times as large: the redundancy is "
-            "too small to estimate the noise."
+            f"the residuals are {evidence.sigma0:.3g} times as large: the redundancy "
+            "is too small to estimate the noise."
         )
         remedy = "Measure more poses, or state [noise] in campaign.toml."
         return [Shortfall(text, remedy, values)]

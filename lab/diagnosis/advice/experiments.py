@@ -65,9 +65,9 @@ def known_pair(
             is_vertical(rows, base_joint),
         )
     if first.joint is not None and first.joint == second.joint:
-        found = _of_one_joint(first.joint, kinds, set(families), rows)
-        if found is not None:
-            return found
+        of_joint = _of_one_joint(first.joint, kinds, set(families), rows)
+        if of_joint is not None:
+            return of_joint
     if kinds == {ProbeRadius.kind, StylusBending.kind}:
         return KnownPair(
             "along the normal of a surface both are the same for a constant force",
@@ -149,31 +149,33 @@ _NEARLY_ALIAS = 0.99
 
 def separate_by(naming: NamedTerm, rows: ObservationEquations, arm: Arm) -> str:
     """Return which experiment separates a finding from its alternatives, if any."""
-    own = naming.own.candidate
-    told, apart = [], []
+    candidate = naming.own.candidate
+    sentences, apart = [], []
     named = [o for o in naming.alternatives if not o.candidate.is_curve]
-    if not named or own.is_curve:
+    if not named or candidate.is_curve:
         if not naming.alternatives:
             return ""
-        return WORDS.curve(own if own.is_curve else naming.alternatives[0].candidate)
+        return WORDS.curve(
+            candidate if candidate.is_curve else naming.alternatives[0].candidate
+        )
     for other in named:
-        known = known_pair(own, other.candidate, rows)
+        known = known_pair(candidate, other.candidate, rows)
         if _is_structural(other, known):
-            told.append(WORDS.alias(own, other.candidate, known))
+            sentences.append(WORDS.alias(candidate, other.candidate, known))
         else:
             apart.append(other)
     if not apart:
-        return " ".join(told[:1])
+        return " ".join(sentences[:1])
     for n in (_MOST_RIVALS, 1) if len(apart) > 1 else (1,):
         others = apart[:n]  # all others, or at least the best one
-        found = optimal_experiment(naming, others, rows, arm)
-        if found is not None:
-            told.insert(0, _poses_in_words(own, others, found, rows))
+        plan = optimal_experiment(naming, others, rows, arm)
+        if plan is not None:
+            sentences.insert(0, _poses_in_words(candidate, others, plan, rows))
             break
     else:
-        known = known_pair(own, apart[0].candidate, rows)
-        told.insert(0, WORDS.experiment(own, apart[0], known, _MOST_POSES))
-    return " ".join(told[:2])
+        known = known_pair(candidate, apart[0].candidate, rows)
+        sentences.insert(0, WORDS.experiment(candidate, apart[0], known, _MOST_POSES))
+    return " ".join(sentences[:2])
 
 
 def optimal_experiment(
@@ -188,21 +190,21 @@ def optimal_experiment(
     beyond it in the joints of the effects. None where it does not depend on poses, or
     where more poses than anyone likes to measure would be needed.
     """
-    own = naming.own
-    effects = (own.candidate, *(other.candidate for other in others))
+    chosen = naming.own
+    effects = (chosen.candidate, *(other.candidate for other in others))
     of_poses = [EFFECT_KINDS[effect.kind].depends_on_posture for effect in effects]
     if not of_poses[0] and not all(of_poses[1:]):
         return None
-    amplitudes, _ = own.found.amplitudes(own.residuals)
+    amplitudes, _ = chosen.found.amplitudes(chosen.residuals)
     gains = [
-        gain_needed(own.score - other.log_bayes_factor - other.candidate.log_prior)
+        gain_needed(chosen.score - other.log_bayes_factor - other.candidate.log_prior)
         for other in others
     ]
-    joints = {one.joint for one in effects}
+    joints = {involved.joint for involved in effects}
     names = rows.adjustment.network.campaign.joint_names
     beyond_rad = np.array([_BEYOND_RAD * (name in joints) for name in names])
     for wider_rad in (np.zeros(len(names)), beyond_rad):
-        found = experiment(
+        plan = experiment(
             effects,
             amplitudes,
             rows,
@@ -212,8 +214,8 @@ def optimal_experiment(
             wider_rad=wider_rad,
             n_most=_MOST_POSES,
         )
-        if found is None or found.is_enough:
-            return found
+        if plan is None or plan.is_enough:
+            return plan
     return None
 
 
@@ -268,20 +270,22 @@ def _is_structural(other: Alternative, known: KnownPair | None) -> bool:
 
 
 def _poses_in_words(
-    own: Candidate,
+    candidate: Candidate,
     others: Sequence[Alternative],
-    found: Experiment,
+    plan: Experiment,
     rows: ObservationEquations,
 ) -> str:
     """Describe the poses (number, place, gain) and the known experiment."""
-    n, campaign = len(found.poses), rows.adjustment.network.campaign
-    effects = (own, *(other.candidate for other in others))
-    joints = dict.fromkeys(one.joint for one in effects if one.joint is not None)
-    where = postures_text(found.poses.angles_rad, campaign, tuple(joints))
-    touched = np.bincount(found.poses.artefacts, minlength=len(campaign.artefacts))
+    n, campaign = len(plan.poses), rows.adjustment.network.campaign
+    effects = (candidate, *(other.candidate for other in others))
+    joints = dict.fromkeys(
+        effect.joint for effect in effects if effect.joint is not None
+    )
+    where = postures_text(plan.poses.angles_rad, campaign, tuple(joints))
+    touched = np.bincount(plan.poses.artefacts, minlength=len(campaign.artefacts))
     best = int(np.argmax(touched))
     at = f"{'' if touched[best] == n else 'mostly '}at {campaign.artefacts[best].id}"
-    chance = max(100.0 * float(np.max(found.chances[-1])), 0.1)
+    chance = max(100.0 * float(np.max(plan.chances[-1])), 0.1)
     names = [other.candidate.name for other in others]
-    known = known_pair(own, others[0].candidate, rows)
-    return WORDS.poses(own, names, n, where, at, chance, known)
+    known = known_pair(candidate, others[0].candidate, rows)
+    return WORDS.poses(candidate, names, n, where, at, chance, known)

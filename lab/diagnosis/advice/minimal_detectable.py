@@ -122,22 +122,22 @@ def detectable(
     projected = project(rows, bank)
     amplitudes = np.zeros((bank.columns.shape[1], len(projected)))
     sizes = np.zeros((len(projected), 2))
-    for at, (one, part) in enumerate(zip(projected, bank.slices, strict=True)):
-        if len(one.singular_values):
-            root = _root_of_needed(len(one.singular_values), rows.redundancy, log_p)
-            found = sigma * root / one.singular_values
-            directions = one.combinations * np.array(one.candidate.scales)[:, None]
-            along = found * np.linalg.norm(directions, axis=0)
+    for at, (entry, part) in enumerate(zip(projected, bank.slices, strict=True)):
+        if len(entry.singular_values):
+            root = _root_of_needed(len(entry.singular_values), rows.redundancy, log_p)
+            least_sizes = sigma * root / entry.singular_values
+            directions = entry.combinations * np.array(entry.candidate.scales)[:, None]
+            along = least_sizes * np.linalg.norm(directions, axis=0)
             worst = int(np.argmax(along))
-            amplitudes[part, at] = found[worst] * one.combinations[:, worst]
+            amplitudes[part, at] = least_sizes[worst] * entry.combinations[:, worst]
             sizes[at] = along[worst], along.min()
     probe_mm = left_at_probe_mm(rows, bank.columns @ amplitudes)
     lengths = np.linalg.norm(bank.columns, axis=0)
     moved = [np.linalg.norm(lengths[part]) for part in bank.slices]
     return (
         *(
-            _entry(rows, one, sizes[at], float(probe_mm[at]), float(moved[at]))
-            for at, one in enumerate(projected)
+            _entry(rows, entry, sizes[at], float(probe_mm[at]), float(moved[at]))
+            for at, entry in enumerate(projected)
         ),
         *(_unseen(candidate, why) for candidate, why in absent),
     )
@@ -148,11 +148,11 @@ def _of_own_keys(bank: Bank) -> Bank:
     candidates, kept = [], []
     for candidate, part in zip(bank.candidates, bank.slices, strict=True):
         keys = EFFECT_KINDS[candidate.kind].keys
-        own = [name.partition(".")[0] in keys for name in candidate.parameters]
-        parameters = tuple(compress(candidate.parameters, own))
-        scales = tuple(compress(candidate.scales, own))
+        is_of_effect = [name.partition(".")[0] in keys for name in candidate.parameters]
+        parameters = tuple(compress(candidate.parameters, is_of_effect))
+        scales = tuple(compress(candidate.scales, is_of_effect))
         candidates.append(replace(candidate, parameters=parameters, scales=scales))
-        kept += np.arange(part.start, part.stop)[own].tolist()
+        kept += np.arange(part.start, part.stop)[is_of_effect].tolist()
     return Bank(tuple(candidates), bank.columns[:, kept])
 
 
@@ -188,8 +188,8 @@ def left_at_probe_mm(rows: ObservationEquations, changes: Floats) -> Floats:
     rigid = motions(places_mm, N_RIGID) * np.repeat([1.0, 1e-3], 3)
     rigid = (inverses @ squares @ rigid).reshape(len(moves), N_RIGID)
     moves = moves - rigid @ np.linalg.lstsq(rigid, moves, rcond=1e-9)[0]
-    found: Floats = np.sqrt(np.sum(moves**2, axis=0) / max(len(poses), 1))
-    return found
+    rms_mm: Floats = np.sqrt(np.sum(moves**2, axis=0) / max(len(poses), 1))
+    return rms_mm
 
 
 def _root_of_needed(degrees: int, redundancy: int, log_p: float) -> float:
@@ -202,13 +202,13 @@ def _root_of_needed(degrees: int, redundancy: int, log_p: float) -> float:
 
 def _entry(
     rows: ObservationEquations,
-    one: ProjectedCandidate,
+    projected: ProjectedCandidate,
     sizes: Floats,
     probe_mm: float,
     moved: float,
 ) -> Detectable:
-    candidate = one.candidate
-    if not len(one.singular_values):
+    candidate = projected.candidate
+    if not len(projected.singular_values):
         return _unseen(candidate, reason(rows, candidate, moved))
     worst, best = sizes.tolist()
     return replace(_unseen(candidate, ""), minimum=worst, best=best, probe_mm=probe_mm)

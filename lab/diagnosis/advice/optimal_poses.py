@@ -50,11 +50,11 @@ def further_contacts(
     limits_rad = np.stack(
         [travelled_rad.min(axis=0) - wider_rad, travelled_rad.max(axis=0) + wider_rad]
     )
-    found = [
+    contacts = [
         _contacts(adjustment, at, limits_rad, n_tries, rng)
         for at in range(len(network.stations))
     ]
-    return joined_poses(found, network.campaign.poses)
+    return joined_poses(contacts, network.campaign.poses)
 
 
 def joined_poses(parts: list[Poses], like: Poses) -> Poses:
@@ -151,8 +151,8 @@ class Experiment:
     @property
     def chances(self) -> Floats:
         """Of taking another effect for this one, (n_poses + 1, n_others)."""
-        found: Floats = special.ndtr(-0.5 * np.sqrt(self.separations))
-        return found
+        chances: Floats = special.ndtr(-0.5 * np.sqrt(self.separations))
+        return chances
 
 
 def experiment(
@@ -182,28 +182,28 @@ def experiment(
     blocks = _blocks(wider, arm, effects)
     if blocks is None:
         return None
-    own = blocks[0] @ (amplitudes / np.array(effects[0].scales))
+    signal = blocks[0] @ (amplitudes / np.array(effects[0].scales))
     unknowns = (wider if index is None else rows_without(wider, index)).columns
     n_measured = len(adjustment.network.campaign.poses)
     contests = [
-        _Contest(own, np.hstack([unknowns, block]), wider.poses - n_measured, gain)
+        _Contest(signal, np.hstack([unknowns, block]), wider.poses - n_measured, gain)
         for block, gain in zip(blocks[1:], gains, strict=True)
     ]
     chosen: list[int] = []
     while len(chosen) < min(n_most, len(further)) and (
-        len(chosen) < _LEAST_POSES or any(one.lacking > 0.0 for one in contests)
+        len(chosen) < _LEAST_POSES or any(contest.lacking > 0.0 for contest in contests)
     ):
-        worst = max(contests, key=lambda one: one.lacking)
+        worst = max(contests, key=lambda contest: contest.lacking)
         growths = worst.growths()
         growths[chosen] = -1.0
         chosen.append(int(np.argmax(growths)))
-        for one in contests:
-            one.add(chosen[-1])
-    separations = np.array([one.separations for one in contests]).T
+        for contest in contests:
+            contest.add(chosen[-1])
+    separations = np.array([contest.separations for contest in contests]).T
     return Experiment(
         further.part(np.array(chosen, dtype=np.int64)),
         np.maximum(separations, 0.0),
-        all(one.lacking <= 0.0 for one in contests),
+        all(contest.lacking <= 0.0 for contest in contests),
     )
 
 
@@ -231,8 +231,8 @@ def _blocks(
         bank = banks[effect.bank]
         places = [
             part
-            for one, part in zip(bank.candidates, bank.slices, strict=True)
-            if one.identity == effect.identity
+            for candidate, part in zip(bank.candidates, bank.slices, strict=True)
+            if candidate.identity == effect.identity
         ]
         if not places:
             return None
@@ -251,19 +251,19 @@ class _Contest:
     """
 
     def __init__(
-        self, own: Floats, columns: Floats, numbers: Integers, gain: float
+        self, signal: Floats, columns: Floats, numbers: Integers, gain: float
     ) -> None:
         measured = numbers < 0
         _, values, turned = np.linalg.svd(columns[measured], full_matrices=False)
         # Unknowns of unit variance: N is the unit matrix before anything is added.
         columns = columns @ (turned.T / np.sqrt(values**2 + _LEAST_EFFECT**2))
         self._inverse = np.eye(columns.shape[1])
-        self._best = columns[measured].T @ own[measured]
-        left = own[measured] - columns[measured] @ self._best
-        self.separations = [float(own[measured] @ left)]
+        self._best = columns[measured].T @ signal[measured]
+        left = signal[measured] - columns[measured] @ self._best
+        self.separations = [float(signal[measured] @ left)]
         self._gain = gain
         self._columns = rows_by_pose(numbers, columns)
-        self._own = rows_by_pose(numbers, own)
+        self._own = rows_by_pose(numbers, signal)
 
     @property
     def lacking(self) -> float:
@@ -276,8 +276,8 @@ class _Contest:
         covariances = covariances + np.eye(self._own.shape[1])
         misses = (self._own - self._columns @ self._best)[:, :, np.newaxis]
         solved = np.linalg.solve(covariances, misses)
-        found: Floats = np.sum(misses * solved, axis=(1, 2))
-        return found
+        growths: Floats = np.sum(misses * solved, axis=(1, 2))
+        return growths
 
     def add(self, pose: int) -> None:
         """Measure a further pose."""

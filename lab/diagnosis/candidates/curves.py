@@ -61,11 +61,13 @@ def generic_bank(rows: ObservationEquations) -> Bank:
     used = rows.used_poses
     n_fine = min(N_FINE_KNOTS, len(used) // _POSES_A_KNOT)
 
-    def base_moves(found: CovariateColumn, knots: Knots, curves: Floats) -> None:
-        candidates.append(_candidate(found, knots, None, "shift", ("x", "y", "z")))
+    def base_moves(covariate: CovariateColumn, knots: Knots, curves: Floats) -> None:
+        candidates.append(_candidate(covariate, knots, None, "shift", ("x", "y", "z")))
         parts.append(_products(rows.by_centre * _CURVE_MM, curves))
-        if found.name not in _OF_ALL:  # else the first axis tilts below
-            candidates.append(_candidate(found, knots, joints[0], "tilt", ("v", "w")))
+        if covariate.name not in _OF_ALL:  # else the first axis tilts below
+            candidates.append(
+                _candidate(covariate, knots, joints[0], "tilt", ("v", "w"))
+            )
             parts.append(_products(by_tilts[:, 0] * _CURVE_RAD, curves))
 
     for found in approach_columns(rows):
@@ -84,13 +86,15 @@ def generic_bank(rows: ObservationEquations) -> Bank:
             if found.joint not in (None, joint) and not found.is_reading:
                 continue
             candidates.append(_candidate(found, knots, name, "angle", ()))
-            own = rows.by_readings[:, joint : joint + 1]
-            parts.append(_products(own * _CURVE_RAD, curves))
+            by_reading = rows.by_readings[:, joint : joint + 1]
+            parts.append(_products(by_reading * _CURVE_RAD, curves))
             is_own = found.is_reading and found.joint == joint
             if is_own and n_fine > N_KNOTS:
                 fine = spline_knots(found.values[used], n_fine)
                 candidates.append(_candidate(found, fine, name, "angle", ()))
-                parts.append(_products(own * _CURVE_RAD, _curves(rows, found, fine)))
+                parts.append(
+                    _products(by_reading * _CURVE_RAD, _curves(rows, found, fine))
+                )
             if found.name in _OF_ALL or is_own:
                 candidates.append(_candidate(found, knots, name, "tilt", ("v", "w")))
                 parts.append(_products(by_tilts[:, joint] * _CURVE_RAD, curves))
@@ -102,7 +106,7 @@ def generic_bank(rows: ObservationEquations) -> Bank:
 
 
 def _artefact_curves(
-    rows: ObservationEquations, found: CovariateColumn
+    rows: ObservationEquations, covariate: CovariateColumn
 ) -> Iterator[tuple[Candidate, Floats]]:
     """Let each artefact of several shift steadily, (n_rows, 3 * n_knots) each."""
     artefacts = rows.adjustment.network.campaign.poses.artefacts
@@ -111,13 +115,13 @@ def _artefact_curves(
         return  # the base as well
     for index in touched.tolist():
         mine = rows.used_poses[artefacts[rows.used_poses] == index]
-        knots = spline_knots(found.values[mine], N_ARTEFACT_KNOTS)
+        knots = spline_knots(covariate.values[mine], N_ARTEFACT_KNOTS)
         if len(mine) < _POSES_A_KNOT * len(knots) or len(knots) < 2:
             continue
-        curves = _curves(rows, found, knots)
+        curves = _curves(rows, covariate, knots)
         is_there = (rows.poses >= 0) & (artefacts[rows.poses] == index)
         moved = -rows.by_centre * _CURVE_MM * is_there[:, np.newaxis]
-        plain = _candidate(found, knots, None, "shift", ("x", "y", "z"))
+        plain = _candidate(covariate, knots, None, "shift", ("x", "y", "z"))
         of = rows.adjustment.network.campaign.artefacts[index].id
         yield replace(plain, artefact=of), _products(moved, curves)
 
@@ -141,9 +145,11 @@ def spline_knots(values: Floats, most: int = N_KNOTS) -> Knots:
     return tuple(knots)
 
 
-def _curves(rows: ObservationEquations, found: CovariateColumn, knots: Knots) -> Floats:
+def _curves(
+    rows: ObservationEquations, covariate: CovariateColumn, knots: Knots
+) -> Floats:
     """Unit curves at every row, their mean taken out, (n_rows, n_knots)."""
-    curves = spline_amounts(knots, found.values).T
+    curves = spline_amounts(knots, covariate.values).T
     curves = curves - curves[rows.used_poses].mean(axis=0)
     at_rows: Floats = curves[rows.poses]
     return at_rows
@@ -189,7 +195,7 @@ def _carried(geometry: Geometry, angles_rad: Floats) -> Floats:
 
 
 def _candidate(
-    found: CovariateColumn,
+    covariate: CovariateColumn,
     knots: Knots,
     joint: str | None,
     component: str,
@@ -207,8 +213,8 @@ def _candidate(
         kind=Empirical.kind,
         joint=joint,
         component=component,
-        covariate=found.name,
+        covariate=covariate.name,
         parameters=parameters,
         scales=(scale,) * len(parameters),
-        keys=(("covariate", found.name), ("knots", knots)),
+        keys=(("covariate", covariate.name), ("knots", knots)),
     )

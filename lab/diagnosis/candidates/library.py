@@ -90,9 +90,9 @@ def _applied(rows: ObservationEquations, arm: Arm) -> ArmEffects:
     )
     if not states_no_mass(arm):
         return applied
-    known = {one.joints.start for one in applied.first_moments}
+    known = {moment.joints.start for moment in applied.first_moments}
     assumed = effects_of(arm, first_moments(arm), span).first_moments
-    more = [one for one in assumed if one.joints.start not in known]
+    more = [moment for moment in assumed if moment.joints.start not in known]
     return replace(applied, corrections=(*applied.corrections, *more))
 
 
@@ -110,9 +110,9 @@ def _with_moments(
     """
     stds_kg_m = assumed_moments(arm).stds_kg_m
     carried = [
-        one
-        for one in applied.first_moments
-        if one.joints.start >= correction.joints.start
+        moment
+        for moment in applied.first_moments
+        if moment.joints.start >= correction.joints.start
     ]
     unit = replace(correction, values=(1.0,))
     names = [f"{arm.joints[m.joints.start].name}.{c}" for m in carried for c in "xyz"]
@@ -141,7 +141,7 @@ def _entries(rows: ObservationEquations, arm: Arm) -> list[_Entry]:
     campaign = rows.adjustment.network.campaign
     setting = context_from_arm(arm, campaign.span)
     are_known = bodies_from_arm(arm).are_known | states_no_mass(arm)
-    found = []
+    entries = []
     for plain in _candidates(rows):
         # Lobes of unit size: their columns are the derivatives there.
         template = np.zeros(plain.size)
@@ -156,8 +156,8 @@ def _entries(rows: ObservationEquations, arm: Arm) -> list[_Entry]:
             reason: str | None = f"no mass is known from {beyond} outwards"
         else:
             reason = _silence(rows, correction)
-        found.append(_Entry(candidate, correction, reason))
-    return found
+        entries.append(_Entry(candidate, correction, reason))
+    return entries
 
 
 def _candidates(rows: ObservationEquations) -> Iterator[Candidate]:

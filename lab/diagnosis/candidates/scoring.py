@@ -103,12 +103,12 @@ class BankScores:
     @property
     def candidates(self) -> tuple[Candidate, ...]:
         """In the order of the arrays."""
-        return tuple(one.candidate for one in self.projected)
+        return tuple(projected.candidate for projected in self.projected)
 
     @property
     def scores(self) -> Floats:
         """Evidence with the preference for each kind: for ranking only."""
-        priors = [one.candidate.log_prior for one in self.projected]
+        priors = [projected.candidate.log_prior for projected in self.projected]
         scores: Floats = self.evidences + np.array(priors)
         return scores
 
@@ -120,7 +120,7 @@ def project(rows: ObservationEquations, bank: Bank) -> tuple[ProjectedCandidate,
     slices = bank.slices
     sizes = np.array([candidate.size for candidate in bank.candidates])
     n = bank.columns.shape[1]
-    found: dict[int, ProjectedCandidate] = {}
+    projected: dict[int, ProjectedCandidate] = {}
     for size in np.unique(sizes):
         members = np.flatnonzero(sizes == size)
         # A size at a time: all projected columns of a large campaign fill the memory.
@@ -135,13 +135,13 @@ def project(rows: ObservationEquations, bank: Bank) -> tuple[ProjectedCandidate,
             visible = squares > least
             singular_values = np.sqrt(squares[visible])
             combinations = turns[:, visible]
-            found[int(at)] = ProjectedCandidate(
+            projected[int(at)] = ProjectedCandidate(
                 bank.candidates[at],
                 block.T @ (combinations / singular_values),
                 singular_values,
                 combinations,
             )
-    return tuple(found[at] for at in range(len(bank.candidates)))
+    return tuple(projected[at] for at in range(len(bank.candidates)))
 
 
 def judge(
@@ -154,9 +154,9 @@ def judge(
     widest = int(degrees.max(initial=0))
     along = np.zeros((n, widest))
     squares = np.zeros((n, widest))
-    for at, one in enumerate(projected):
-        along[at, : degrees[at]] = one.directions.T @ rows.residuals
-        squares[at, : degrees[at]] = (coarseness * one.singular_values) ** 2
+    for at, candidate in enumerate(projected):
+        along[at, : degrees[at]] = candidate.directions.T @ rows.residuals
+        squares[at, : degrees[at]] = (coarseness * candidate.singular_values) ** 2
     statistics = np.sum(along**2, axis=1)
     return BankScores(
         projected,
@@ -185,8 +185,8 @@ def log_evidences(
         explained = np.sum(grown / (1.0 + grown) * along_squared, axis=-1)
         part = np.minimum(explained / total, 1.0 - 1e-12)
         occam = 0.5 * np.sum(np.log1p(grown), axis=-1)
-        found = -0.5 * redundancy * np.log1p(-part) - occam - cost
-        best = np.maximum(best, found)
+        evidences = -0.5 * redundancy * np.log1p(-part) - occam - cost
+        best = np.maximum(best, evidences)
     return best
 
 
@@ -206,8 +206,8 @@ def log_p_values(parts: Floats, degrees: Integers, redundancy: int) -> Floats:
         # the series stops where terms no longer count: x is small in the far tail.
         front = a * np.log(rest) + b * np.log(parts) - np.log(a) - special.betaln(a, b)
     series = np.log(_series(a, b, rest))
-    found: Floats = np.where(plain > -600.0, plain, front + series)
-    return np.where((degrees > 0) & (degrees < redundancy), found, 0.0)
+    logarithms: Floats = np.where(plain > -600.0, plain, front + series)
+    return np.where((degrees > 0) & (degrees < redundancy), logarithms, 0.0)
 
 
 def _series(a: Floats, b: Floats, x: Floats) -> Floats:

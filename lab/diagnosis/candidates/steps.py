@@ -60,22 +60,22 @@ class StepSums:
         if self.root is not None:
             vectors = linalg.solve_triangular(self.root, vectors, lower=True, trans="T")
         vectors, pieces = vectors[self.order], pieces[self.order]
-        found = np.empty((len(self.at_s), pieces.shape[1], vectors.shape[1]))
+        sums = np.empty((len(self.at_s), pieces.shape[1], vectors.shape[1]))
         for at, piece in enumerate(pieces.T):
             of_poses = np.add.reduceat(piece[:, np.newaxis] * vectors, self.starts)
-            found[:, at] = self._later(of_poses)
-        return found
+            sums[:, at] = self._later(of_poses)
+        return sums
 
     def squares(self, pieces: Floats) -> Floats:
         """Compute c^T c of such columns, (n_gaps, n_columns, n_columns)."""
         pieces = pieces[self.order]
         n_columns = pieces.shape[1]
-        found = np.empty((len(self.at_s), n_columns, n_columns))
+        sums = np.empty((len(self.at_s), n_columns, n_columns))
         for i in range(n_columns):
             for j in range(i + 1):
                 of_poses = self._of_poses(pieces[:, i], pieces[:, j])
-                found[:, i, j] = found[:, j, i] = self._later(of_poses)
-        return found
+                sums[:, i, j] = sums[:, j, i] = self._later(of_poses)
+        return sums
 
     def _of_poses(self, a: Floats, b: Floats) -> Floats:
         """Contributions of poses to a^T b of itself and all later ones, (n_used,)."""
@@ -217,7 +217,10 @@ def scan_steps(rows: ObservationEquations) -> tuple[StepScan, ...]:
 def step_bank(rows: ObservationEquations, scans: tuple[StepScan, ...]) -> Bank:
     """Take the step at the best gap of each scan, as `step_columns`."""
     parts = [np.empty((len(rows.poses), 0))]
-    parts += [step_columns(rows, one.joint, float(one.at_s[one.best])) for one in scans]
+    parts += [
+        step_columns(rows, best_step.joint, float(best_step.at_s[best_step.best]))
+        for best_step in scans
+    ]
     candidates = tuple(scan.candidate for scan in scans)
     return Bank(candidates, np.concatenate(parts, axis=1))
 

@@ -72,7 +72,7 @@ class Periodogram:
 
 def periodograms(rows: ObservationEquations) -> tuple[Periodogram, ...]:
     """Compute the waves of every joint that has travelled far enough."""
-    found = []
+    periodograms_of_joints = []
     used = rows.used_poses
     for joint, name in enumerate(rows.adjustment.network.campaign.joint_names):
         travel_rad = float(np.ptp(rows.block.angles_rad[used, joint]))
@@ -82,19 +82,21 @@ def periodograms(rows: ObservationEquations) -> tuple[Periodogram, ...]:
         least = max(HIGHEST_ORDER + 0.5, _LEAST_PERIODS * period)
         cycles = np.arange(least, MOST_CYCLES, period / _STEPS_A_PERIOD)
         if len(cycles):
-            found.append(_periodogram(rows, joint, name, cycles))
-    return tuple(found)
+            periodograms_of_joints.append(_periodogram(rows, joint, name, cycles))
+    return tuple(periodograms_of_joints)
 
 
 def transmission_bank(
-    rows: ObservationEquations, found: tuple[Periodogram, ...]
+    rows: ObservationEquations, searched: tuple[Periodogram, ...]
 ) -> Bank:
     """Take the best wave of each joint, as `wave_columns`."""
     banks = [
-        wave_bank(rows, one.joint, one.best) for one in found if one.best is not None
+        wave_bank(rows, entry.joint, entry.best)
+        for entry in searched
+        if entry.best is not None
     ]
     parts = [np.empty((len(rows.poses), 0)), *(bank.columns for bank in banks)]
-    candidates = tuple(one for bank in banks for one in bank.candidates)
+    candidates = tuple(entry for bank in banks for entry in bank.candidates)
     return Bank(candidates, np.concatenate(parts, axis=1))
 
 
@@ -102,16 +104,18 @@ def wave_bank(rows: ObservationEquations, joint: str, cycles: float) -> Bank:
     """Make the wave of a joint with known cycles; see `transmission_bank`."""
     columns = wave_columns(rows, joint, np.array([cycles]))
     kind, fixed = TransmissionError.kind, {"cycles": cycles}
-    one = candidate_of_kind(BankName.TRANSMISSION, kind, joint, fixed, _SIZE_RAD)
-    return Bank((one,), columns)
+    candidate = candidate_of_kind(BankName.TRANSMISSION, kind, joint, fixed, _SIZE_RAD)
+    return Bank((candidate,), columns)
 
 
-def log_p_of_search(found: tuple[Periodogram, ...], level: float) -> float:
+def log_p_of_search(searched: tuple[Periodogram, ...], level: float) -> float:
     """Return the log p below which the best of all waves is significant.
 
     Each of the cycles that were looked at counts as a test of its own.
     """
-    return float(np.log(level / max(sum(len(one.cycles) for one in found), 1)))
+    return float(
+        np.log(level / max(sum(len(periodogram.cycles) for periodogram in searched), 1))
+    )
 
 
 def wave_columns(rows: ObservationEquations, joint: str, cycles: Floats) -> Floats:
@@ -123,8 +127,8 @@ def wave_columns(rows: ObservationEquations, joint: str, cycles: Floats) -> Floa
     phases_rad = rows.block.angles_rad[:, at, np.newaxis] * cycles
     waves = np.stack([np.cos(phases_rad), np.sin(phases_rad)], axis=2)
     waves = waves.reshape(len(waves), -1)
-    own = _SIZE_RAD * rows.by_readings[:, at, np.newaxis]
-    return rows.decorrelated(own * waves[rows.poses])
+    by_reading = _SIZE_RAD * rows.by_readings[:, at, np.newaxis]
+    return rows.decorrelated(by_reading * waves[rows.poses])
 
 
 def _by_poses(
@@ -137,13 +141,15 @@ def _by_poses(
     products with the residuals, (n_cycles, 2).
     """
     is_pose = rows.poses >= 0
-    own = np.where(is_pose, _SIZE_RAD * rows.by_readings[:, joint], 0.0)
+    by_reading = np.where(is_pose, _SIZE_RAD * rows.by_readings[:, joint], 0.0)
     others = np.column_stack([rows.basis, rows.residuals])
     readings_rad = rows.block.angles_rad[:, joint]
     of_poses = np.zeros((len(readings_rad), others.shape[1]))
-    np.add.at(of_poses, rows.poses[is_pose], (own[:, np.newaxis] * others)[is_pose])
+    np.add.at(
+        of_poses, rows.poses[is_pose], (by_reading[:, np.newaxis] * others)[is_pose]
+    )
     weights = np.zeros(len(readings_rad))
-    np.add.at(weights, rows.poses[is_pose], (own**2)[is_pose])
+    np.add.at(weights, rows.poses[is_pose], (by_reading**2)[is_pose])
 
     def normal_equations(cycles: Floats) -> tuple[Floats, Floats]:
         phases_rad = np.outer(cycles, readings_rad)
@@ -228,7 +234,7 @@ def harmonic_bank(rows: ObservationEquations, lowest_order: int = 1) -> Bank:
         for joint in rows.adjustment.network.campaign.joint_names
         for order in orders.tolist()
     )
-    scales = np.array([one.scales for one in candidates[: len(orders)]])
+    scales = np.array([candidate.scales for candidate in candidates[: len(orders)]])
     phases_rad = rows.block.angles_rad[:, :, np.newaxis] * orders
     waves = np.stack([np.cos(phases_rad), np.sin(phases_rad)], axis=3) * scales
     columns = rows.by_readings[:, :, np.newaxis, np.newaxis] * waves[rows.poses]

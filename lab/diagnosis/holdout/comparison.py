@@ -52,16 +52,16 @@ def held_out_blunders(before: Adjustment, held_out: Booleans) -> Booleans:
     """
     if not np.any(held_out):
         return held_out.copy()
-    found = before.pose_statistics()
-    outside = ~np.any(np.isfinite(found.misclosures_mm), axis=1)
-    found.fill(before.predicted(outside), outside)
+    statistics = before.pose_statistics()
+    outside = ~np.any(np.isfinite(statistics.misclosures_mm), axis=1)
+    statistics.fill(before.predicted(outside), outside)
     campaign = before.network.campaign
     return find_blunders(
         campaign,
-        found.misclosures_mm,
+        statistics.misclosures_mm,
         ~held_out,
         held_out,
-        orientation_errors_rad=found.orientation_errors_rad,
+        orientation_errors_rad=statistics.orientation_errors_rad,
     )
 
 
@@ -83,8 +83,8 @@ def compare_on_holdout(
     first = before.with_noise(noise).predicted(held_out)
     second = after.with_noise(noise).predicted(held_out)
     was, now = (
-        _summary(model, found, held_out, rest)
-        for model, found in ((before, first), (after, second))
+        _summary(model, statistics, held_out, rest)
+        for model, statistics in ((before, first), (after, second))
     )
     worse = [
         is_worse(first.statistics[part], second.statistics[part], second.degrees[part])
@@ -108,21 +108,23 @@ def find_misfit(
     rest = held_out & ~blunders
     if not np.any(rest):
         return None
-    found = model.predicted(rest)
-    figures = _summary(model, found, rest, rest)
+    statistics = model.predicted(rest)
+    figures = _summary(model, statistics, rest, rest)
     # The noise may be larger than stated.
     ratio = figures.chi2 / max(model.sigma0, 1.0) ** 2
-    degrees = float(np.sum(found.degrees[rest]))
+    degrees = float(np.sum(statistics.degrees[rest]))
     p_value = float(special.fdtrc(degrees, max(model.redundancy, 1), ratio))
     is_gross = figures.rms_mm > _GROSS_PART * _volume_mm(model)
     if not is_gross and (ratio < _LEAST_MISFIT or p_value > _MISFIT_LEVEL):
         return None
     network = model.network
     artefacts = network.campaign.poses.artefacts
-    excess = np.nan_to_num(np.where(rest, found.statistics - found.degrees, 0.0))
+    excess = np.nan_to_num(
+        np.where(rest, statistics.statistics - statistics.degrees, 0.0)
+    )
     worst = int(np.argmax(np.bincount(artefacts, weights=excess)))
     level = Options().family_level / figures.n_poses
-    contradicts = rest & (found.w > -normal_quantile(0.5 * level))
+    contradicts = rest & (statistics.w > -normal_quantile(0.5 * level))
     there = rest & (artefacts == worst)
     return HoldoutMisfit(
         artefact=network.campaign.artefacts[worst].id,
@@ -150,12 +152,12 @@ def _volume_mm(model: Adjustment) -> float:
 _SAME = 0.999
 
 
-def is_better(one: HoldoutResult, other: HoldoutResult) -> bool:
+def is_better(result: HoldoutResult, other: HoldoutResult) -> bool:
     """Return whether poses are predicted nearer than by another model, blunders aside.
 
     Both by their rms and in units of the uncertainty.
     """
-    first, second = one.without_blunders or one, other.without_blunders or other
+    first, second = result.without_blunders or result, other.without_blunders or other
     return first.rms_mm < _SAME * second.rms_mm and first.chi2 < _SAME * second.chi2
 
 
@@ -208,23 +210,25 @@ def is_worse(
 
 
 def _summary(
-    adjustment: Adjustment, found: PoseStatistics, poses: Booleans, rest: Booleans
+    adjustment: Adjustment, statistics: PoseStatistics, poses: Booleans, rest: Booleans
 ) -> HoldoutResult:
     """Summarise the poses kept aside, beside it those that are no blunders."""
     without = None
     if np.any(poses & ~rest):
-        without = _summary(adjustment, found, rest, rest)
-    n = int(np.count_nonzero(np.isfinite(found.misclosures_mm[poses])))
+        without = _summary(adjustment, statistics, rest, rest)
+    n = int(np.count_nonzero(np.isfinite(statistics.misclosures_mm[poses])))
     if n == 0:
         return HoldoutResult(float("nan"), float("nan"), 0, None)
-    misclosures_mm = found.misclosures_mm[poses]
+    misclosures_mm = statistics.misclosures_mm[poses]
     campaign = adjustment.network.campaign
     kinds = np.array([artefact.kind for artefact in campaign.artefacts])
     at_points = kinds[campaign.poses.artefacts[poses]] == "points"
     distances_mm = np.linalg.norm(misclosures_mm[at_points], axis=1)
     return HoldoutResult(
         rms_mm=float(np.sqrt(np.nanmean(misclosures_mm**2))),
-        chi2=float(np.sum(found.statistics[poses]) / np.sum(found.degrees[poses])),
+        chi2=float(
+            np.sum(statistics.statistics[poses]) / np.sum(statistics.degrees[poses])
+        ),
         n=n,
         mean_distance_mm=float(np.mean(distances_mm)) if np.any(at_points) else None,
         n_poses=int(np.count_nonzero(poses)),
@@ -272,14 +276,14 @@ def find_blunders(
             w[mine] = np.maximum(w[mine], _sizes(differences))
     n_judged = max(int(np.count_nonzero(held_out)), 1)
     contradicts = w > -normal_quantile(0.5 * _FAMILY_LEVEL / n_judged)
-    found = held_out & contradicts
+    blunders = held_out & contradicts
     p_value = excess_p_value(
-        int(np.count_nonzero(found)),
+        int(np.count_nonzero(blunders)),
         int(np.count_nonzero(held_out)),
         int(np.count_nonzero(choosing & contradicts)),
         int(np.count_nonzero(choosing)),
     )
-    return found if p_value >= _SHARE_LEVEL else np.zeros_like(held_out)
+    return blunders if p_value >= _SHARE_LEVEL else np.zeros_like(held_out)
 
 
 def _from_neighbours(angles_rad: Floats, misclosures_mm: Floats) -> Floats:
@@ -294,8 +298,10 @@ def _from_neighbours(angles_rad: Floats, misclosures_mm: Floats) -> Floats:
     others = nearest != np.arange(n_poses)[:, np.newaxis]
     others[np.all(others, axis=1), -1] = False
     neighbours = nearest[others].reshape(n_poses, N_NEIGHBOURS)
-    found: Floats = misclosures_mm - np.median(misclosures_mm[neighbours], axis=1)
-    return found
+    differences_mm: Floats = misclosures_mm - np.median(
+        misclosures_mm[neighbours], axis=1
+    )
+    return differences_mm
 
 
 def _sizes(differences_mm: Floats) -> Floats:
@@ -303,14 +309,14 @@ def _sizes(differences_mm: Floats) -> Floats:
     squares = differences_mm**2
     degrees = np.count_nonzero(np.isfinite(squares), axis=1)
     known = degrees > 0
-    found = np.zeros(len(squares))
+    sizes = np.zeros(len(squares))
     if np.count_nonzero(known) <= N_NEIGHBOURS:
-        return found
+        return sizes
     sums = np.nansum(squares[known], axis=1)
     n_rows = int(degrees[known][0])
     typical = float(np.median(sums)) / median_of_chi_square(n_rows)
     if typical > 0.0:
-        found[known] = equivalent_normal(
+        sizes[known] = equivalent_normal(
             sums / typical, degrees[known].astype(np.float64)
         )
-    return found
+    return sizes

@@ -83,10 +83,10 @@ class Candidate:
     def name(self) -> str:
         """In words for people: `encoder_harmonic 5 J3`."""
         parts = (self.kind, self.component, self.order, self.joint, self.artefact)
-        told = " ".join(str(part) for part in parts if part is not None)
+        words = " ".join(str(part) for part in parts if part is not None)
         if self.covariate is not None:
-            told += f" over {self.covariate}"
-        return told
+            words += f" over {self.covariate}"
+        return words
 
     @property
     def identity(self) -> tuple[str, str | None, int | None, str | None, str | None]:

@@ -122,14 +122,14 @@ def covariate_columns(rows: ObservationEquations) -> list[CovariateColumn]:
         "temperature_c": Covariate.TEMPERATURE,
         "force_n": Covariate.FORCE,
     }
-    own = {"temperature_c": Covariate.TEMPERATURE, "speed_rad_s": Covariate.SPEED}
+    of_joints = {"temperature_c": Covariate.TEMPERATURE, "speed_rad_s": Covariate.SPEED}
     if block.joint_temperatures_c is None:
-        del own["temperature_c"]
+        del of_joints["temperature_c"]
     wanted = [
         *((name, Need(of)) for name, of in whole.items()),
         *(
             (f"{name}_{suffix}", Need(of, joint))
-            for suffix, of in own.items()
+            for suffix, of in of_joints.items()
             for joint, name in enumerate(names)
         ),
     ]

@@ -121,12 +121,12 @@ def rows_without(rows: ObservationEquations, index: int) -> ObservationEquations
     phase = EFFECT_KINDS[correction.kind].phase
     if phase is not None:  # its column is no size
         moved[correction.parameters.index(phase)] = 0.0
-    own = _columns(rows, coordinates)
-    values = rows.values + rows.columns[:, own] @ moved
+    of_effect = _columns(rows, coordinates)
+    values = rows.values + rows.columns[:, of_effect] @ moved
     left = rows.columns
     if correction.uses_gravity and model.effects.first_moments:
         left = _with_others_yielding(rows, index)
-    left = np.delete(left, np.arange(own.start, own.stop), axis=1)
+    left = np.delete(left, np.arange(of_effect.start, of_effect.stop), axis=1)
     return replace(rows, values=values, columns=left, basis=orthonormal_basis(left))
 
 
@@ -135,15 +135,15 @@ def _with_others_yielding(rows: ObservationEquations, index: int) -> Floats:
     model = rows.adjustment.network.parameters.required_effects
     effects = model.at(rows.adjustment.state.arm.amplitudes)
     yielding = [
-        one
-        for at, one in enumerate(effects.corrections)
-        if isinstance(one, Compliance) and at != index
+        correction
+        for at, correction in enumerate(effects.corrections)
+        if isinstance(correction, Compliance) and at != index
     ]
-    found = rows.columns.copy()
+    changed = rows.columns.copy()
     moved = effect_columns(rows, effects, effects.first_moments, yielding)
     first = _columns(rows, slice(0, 0)).start
-    found[:, first:][:, model.moments] = moved * model.tolerances[model.moments]
-    return found
+    changed[:, first:][:, model.moments] = moved * model.tolerances[model.moments]
+    return changed
 
 
 def effect_columns(
@@ -203,13 +203,13 @@ def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
     """
     model = rows.adjustment.network.parameters.required_effects
     coordinates = model.coordinates(rows.adjustment.state.arm.geometry, index)
-    own = _columns(rows, coordinates)
-    at = [*range(own.start, own.stop)]
+    of_effect = _columns(rows, coordinates)
+    at = [*range(of_effect.start, of_effect.stop)]
     if model.effects.corrections[index].uses_gravity:
         at += [_columns(rows, slice(0, 0)).start + moment for moment in model.moments]
     others = np.delete(rows.columns, at, axis=1)
     basis = orthonormal_basis(others)
-    mine = rows.columns[:, own]
+    mine = rows.columns[:, of_effect]
     left = mine - basis @ (basis.T @ mine)
     variance = rows.sum_of_squares / max(rows.redundancy, 1)
     scales = model.tolerances[coordinates]
@@ -220,8 +220,8 @@ def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
     covariance = variance * scales[:, np.newaxis] * cofactors * scales
     geometry = rows.adjustment.state.arm.geometry
     directions = model.effects.corrections[index].free_directions(geometry)
-    found: Floats = directions @ covariance @ directions.T
-    return found
+    of_values: Floats = directions @ covariance @ directions.T
+    return of_values
 
 
 def _columns(rows: ObservationEquations, coordinates: slice) -> slice:

@@ -113,7 +113,9 @@ class ObservationEquations:
                 probe_derivatives(geometry, self.angles_rad(geometry, at)).by_angles
             )
         )
-        found: Floats = -np.einsum("ri,rik->rk", self.by_centre, by_angles[self.poses])
+        changes: Floats = -np.einsum(
+            "ri,rik->rk", self.by_centre, by_angles[self.poses]
+        )
         if self.has_turns:
             turned = self.each_tool(
                 lambda geometry, at: turn_derivatives(
@@ -121,8 +123,8 @@ class ObservationEquations:
                     probe_derivatives(geometry, self.angles_rad(geometry, at)),
                 )[0]
             )
-            found -= np.einsum("ri,rik->rk", self.by_turn, turned[self.poses])
-        return found
+            changes -= np.einsum("ri,rik->rk", self.by_turn, turned[self.poses])
+        return changes
 
     @cached_property
     def has_turns(self) -> bool:
@@ -151,10 +153,10 @@ class ObservationEquations:
         unit of each column, of every pose of the campaign, (n_poses, 3, n_columns)
         each, to C, (n_rows, n_columns).
         """
-        found: Floats = np.einsum("ri,rik->rk", self.by_centre, moves[self.poses])
+        changes: Floats = np.einsum("ri,rik->rk", self.by_centre, moves[self.poses])
         if turns is not None:
-            found += np.einsum("ri,rik->rk", self.by_turn, turns[self.poses])
-        return self.decorrelated(found)
+            changes += np.einsum("ri,rik->rk", self.by_turn, turns[self.poses])
+        return self.decorrelated(changes)
 
     def by_artefact_length(self, artefact: str) -> Floats:
         """Compute the change where a standard is 1 ppm longer, (n_rows, 1)."""
@@ -168,8 +170,8 @@ class ObservationEquations:
         """Take serial correlation out of columns that do not know of it yet."""
         if self.root is None:
             return columns
-        found: Floats = linalg.solve_triangular(self.root, columns, lower=True)
-        return found
+        solved: Floats = linalg.solve_triangular(self.root, columns, lower=True)
+        return solved
 
     def project(self, columns: Floats) -> Floats:
         """Take out what the unknowns absorb, (n_rows, n_columns)."""
@@ -199,7 +201,7 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
     certificates: list[tuple[int, str, float]] = []
     n_sources = parameters.n_joints + 7
     n_rows = 0
-    for station, own, unknowns, corrections in zip(
+    for station, of_station, unknowns, corrections in zip(
         network.stations,
         network.unknown_columns,
         state.unknowns,
@@ -210,8 +212,8 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
             n_poses, n_each = rows.misclosures.shape
             columns = np.zeros((n_poses * n_each, n_columns))
             columns[:, :n_free] = rows.by_parameters.reshape(-1, n_free)
-            columns[:, own] = rows.by_unknowns.reshape(n_poses * n_each, -1)
-            columns[:, own] *= station.scales
+            columns[:, of_station] = rows.by_unknowns.reshape(n_poses * n_each, -1)
+            columns[:, of_station] *= station.scales
             by_centre = rows.by_centre.reshape(-1, 3)
             by_turn = np.zeros_like(by_centre)
             if rows.by_turn is not None:
@@ -221,7 +223,7 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
             values = -rows.misclosures.ravel()
             parts.append((values, columns, poses, by_centre, by_turn, sources))
             n_rows += len(poses)
-        found = network.certified(station, state.arm, unknowns)
+        certificate_rows = network.certified(station, state.arm, unknowns)
         lengths = station.artefact.lengths(unknowns)
         certificate = station.artefact.certificate(unknowns, station.touches)
         for length in lengths:
@@ -231,12 +233,20 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
                 # Longer than certified: the certificate's misclosure falls.
                 change = -size_mm / float(certificate.std_mm[row])
                 certificates.append((n_rows + row, station.artefact.id, change))
-        columns = np.zeros((len(found), n_columns))
-        columns[:, own] = found[:, : len(station.scales)] * station.scales
-        columns[:, :n_free] = found[:, len(station.scales) : -1]
+        columns = np.zeros((len(certificate_rows), n_columns))
+        columns[:, of_station] = (
+            certificate_rows[:, : len(station.scales)] * station.scales
+        )
+        columns[:, :n_free] = certificate_rows[:, len(station.scales) : -1]
         # The right side of an adjustment is less the misclosure already.
-        parts.append((found[:, -1], columns, *_of_no_pose(len(found), n_sources)))
-        n_rows += len(found)
+        parts.append(
+            (
+                certificate_rows[:, -1],
+                columns,
+                *_of_no_pose(len(certificate_rows), n_sources),
+            )
+        )
+        n_rows += len(certificate_rows)
     expected = parameters.expectations(state.arm)
     columns = np.zeros((len(expected), n_columns))
     columns[:, :n_free] = expected[:, :-1]
@@ -274,15 +284,15 @@ def _sources(by_readings: Floats, by_contact: Floats) -> Floats:
     A hand that presses harder for a while is off along every surface's own normal.
     """
     n_poses, n_each, n_joints = by_readings.shape
-    found = np.zeros((n_poses * n_each, n_joints + 7))
-    found[:, :n_joints] = by_readings.reshape(-1, n_joints)
+    sources = np.zeros((n_poses * n_each, n_joints + 7))
+    sources[:, :n_joints] = by_readings.reshape(-1, n_joints)
     if n_each == 1:
-        found[:, n_joints + 3] = np.linalg.norm(by_contact[:, 0], axis=1)
-        return found
-    found[:, n_joints : n_joints + 3] = by_contact[:, :, :3].reshape(-1, 3)
+        sources[:, n_joints + 3] = np.linalg.norm(by_contact[:, 0], axis=1)
+        return sources
+    sources[:, n_joints : n_joints + 3] = by_contact[:, :, :3].reshape(-1, 3)
     if n_each > 3:
-        found[:, n_joints + 4 :] = by_contact[:, :, 3:].reshape(-1, 3)
-    return found
+        sources[:, n_joints + 4 :] = by_contact[:, :, 3:].reshape(-1, 3)
+    return sources
 
 
 def orthonormal_basis(columns: Floats) -> Floats:
@@ -327,14 +337,14 @@ def is_serially_correlated(
     weights = _TEST_PHI ** np.arange(1, _MOST_LAG + 1)
     many = np.column_stack([rows.residuals, draws])
     products, _ = _lagged(rows, many)
-    found = weights @ products / np.einsum("rd,rd->d", many, many)
-    return bool(found[0] > np.quantile(found[1:], 1.0 - level))
+    correlations = weights @ products / np.einsum("rd,rd->d", many, many)
+    return bool(correlations[0] > np.quantile(correlations[1:], 1.0 - level))
 
 
 def serial_correlation(rows: ObservationEquations) -> SerialCorrelation:
     """Estimate share and correlation from the products of residuals at every lag."""
-    one = rows.residuals[:, np.newaxis]
-    products, weights = _lagged(rows, one)
+    residuals = rows.residuals[:, np.newaxis]
+    products, weights = _lagged(rows, residuals)
     variance = rows.sum_of_squares / rows.redundancy
     best, least = SerialCorrelation(0.0, 0.0), np.inf
     lags = np.arange(1, _MOST_LAG + 1)
@@ -342,8 +352,8 @@ def serial_correlation(rows: ObservationEquations) -> SerialCorrelation:
         model = weights * phi**lags
         share = float(products[:, 0] @ phi**lags / variance / (model @ phi**lags))
         share = float(np.clip(share, 0.0, _LARGEST_SHARE))
-        found = products[:, 0] / variance / np.maximum(weights, 1e-12)
-        misfit = float(np.sum(weights * (found - share * phi**lags) ** 2))
+        correlations = products[:, 0] / variance / np.maximum(weights, 1e-12)
+        misfit = float(np.sum(weights * (correlations - share * phi**lags) ** 2))
         if misfit < least:
             best, least = SerialCorrelation(share, phi), misfit
     return best
@@ -385,9 +395,9 @@ def rows_by_pose(numbers: Integers, values: Floats) -> Floats:
     poses = numbers[rows]
     within = np.arange(len(rows)) - np.searchsorted(poses, poses)
     n_each = 6 if np.any(within >= 3) else 3
-    found = np.zeros((int(poses.max(initial=-1)) + 1, n_each, *values.shape[1:]))
-    found[poses, within] = values[rows]
-    return found
+    by_pose = np.zeros((int(poses.max(initial=-1)) + 1, n_each, *values.shape[1:]))
+    by_pose[poses, within] = values[rows]
+    return by_pose
 
 
 def _lagged(rows: ObservationEquations, residuals: Floats) -> tuple[Floats, Floats]:

@@ -48,8 +48,8 @@ class Discrepancies:
         """Root mean square of a pose's misclosures in sigma, (n_poses,)."""
         n_rows = np.count_nonzero(np.isfinite(self.misclosures_mm), axis=1)
         total = np.sum(self.whitened**2, axis=1)
-        found: Floats = np.sqrt(total / np.maximum(n_rows, 1))
-        return found
+        sizes: Floats = np.sqrt(total / np.maximum(n_rows, 1))
+        return sizes
 
     def along(self, directions: Floats) -> tuple[Floats, Floats]:
         """Compute the ball's error along directions, (n_poses, 3), for each pose alone.
@@ -70,11 +70,11 @@ class Discrepancies:
     def as_reading_rad(self, joint: int, moves_mm: Floats) -> Floats:
         """Say which error of a reading does the same as moves of the ball, (n, 3)."""
         moved = np.einsum("nij,nj->ni", self.by_centre, moves_mm)
-        own = -self.by_readings[:, :, joint]
-        squares = np.sum(own**2, axis=1)
+        by_reading = -self.by_readings[:, :, joint]
+        squares = np.sum(by_reading**2, axis=1)
         safe = np.where(squares > 0.0, squares, np.nan)
-        found: Floats = np.sum(own * moved, axis=1) / safe
-        return found
+        errors_rad: Floats = np.sum(by_reading * moved, axis=1) / safe
+        return errors_rad
 
     def _amount(self, effects: Floats) -> tuple[Floats, Floats]:
         squares = np.sum(effects**2, axis=1)
@@ -97,7 +97,7 @@ def discrepancies(adjustment: Adjustment, noise: Noise | None = None) -> Discrep
     network = replace(
         network, noise=noise or network.noise, weights=np.ones(n_poses, dtype=float)
     )
-    found = Discrepancies(
+    compared = Discrepancies(
         campaign,
         np.full((n_poses, 3), np.nan),
         np.zeros((n_poses, 3)),
@@ -111,12 +111,12 @@ def discrepancies(adjustment: Adjustment, noise: Noise | None = None) -> Discrep
         for rows in network.white_rows(station, arm, unknowns):
             poses = station.poses[rows.part]
             n_rows = rows.misclosures_mm.shape[1]  # orientations are left out
-            found.misclosures_mm[poses, :n_rows] = rows.misclosures_mm
-            found.whitened[poses, :n_rows] = rows.misclosures[:, :n_rows]
-            found.by_centre[poses, :n_rows] = rows.by_centre[:, :n_rows]
+            compared.misclosures_mm[poses, :n_rows] = rows.misclosures_mm
+            compared.whitened[poses, :n_rows] = rows.misclosures[:, :n_rows]
+            compared.by_centre[poses, :n_rows] = rows.by_centre[:, :n_rows]
             by_readings = rows.by_readings[:, :n_rows] / network.noise.encoder_rad
-            found.by_readings[poses, :n_rows] = by_readings
-    return found
+            compared.by_readings[poses, :n_rows] = by_readings
+    return compared
 
 
 def write_discrepancies(

@@ -90,7 +90,10 @@ def diagnosis_json(
 ) -> dict[str, Any]:
     """Put a diagnosis into the plain values of `diagnosis.json`."""
     lines = diagnosis.campaign.poses.lines
-    noise, ids = diagnosis.noise, [one.id for one in diagnosis.campaign.artefacts]
+    noise, ids = (
+        diagnosis.noise,
+        [artefact.id for artefact in diagnosis.campaign.artefacts],
+    )
     unwritten = terms_without_epoch(diagnosis)
     masses = diagnosis.all_terms.mass_distribution()
     values = {
@@ -207,10 +210,10 @@ def _term(term: Term, *, written: bool) -> dict[str, Any]:
         "log10_p": term.log10_p,
         "alternatives": [
             {
-                **_identity(one.candidate),
-                **picked(one, "log_bayes_factor", "correlation", "alias"),
+                **_identity(alternative.candidate),
+                **picked(alternative, "log_bayes_factor", "correlation", "alias"),
             }
-            for one in term.alternatives
+            for alternative in term.alternatives
         ],
         "separate_by": term.separate_by,
         "accepted": term.accepted,

@@ -121,7 +121,7 @@ def depends_on_time(term: Term) -> bool:
 
 def step_names(diagnosis: Diagnosis) -> list[str]:
     """Name the steps of the ledger."""
-    found = ["nothing added"]
+    names = ["nothing added"]
     for number, step in enumerate(diagnosis.ledger[1:]):
         # The ledger keeps terms that were taken back later.
         known = len(diagnosis.terms) == len(diagnosis.ledger) - 1
@@ -130,16 +130,16 @@ def step_names(diagnosis: Diagnosis) -> list[str]:
             term = diagnosis.terms[number]
             words = candidate_label(term.candidate)
             words += "" if term.accepted else " (not in the adapted arm)"
-        found.append(f"+ {words}")
-    return found
+        names.append(f"+ {words}")
+    return names
 
 
 def term_size_text(term: Term) -> str:
     """Return how large a term is, with its standard deviation."""
-    found = term_size(term.estimates)
-    if found is None:
+    size = term_size(term.estimates)
+    if size is None:
         return ""
-    value, std, unit = found
+    value, std, unit = size
     if term.candidate.is_curve:
         return f"{quantity(value, None, unit)} from lowest to highest"
     return quantity(value, std, unit)
@@ -180,13 +180,13 @@ def joint_rows(
     detectable: Sequence[Detectable], joint_names: Sequence[str]
 ) -> list[list[str]]:
     """List the effects of joints, a column a joint, each line in its own unit."""
-    found: dict[str, dict[str, Detectable]] = {}
+    by_joint: dict[str, dict[str, Detectable]] = {}
     for entry in detectable:
         if entry.candidate.joint is not None:
-            row = found.setdefault(_without_joint(entry.candidate), {})
+            row = by_joint.setdefault(_without_joint(entry.candidate), {})
             row[entry.candidate.joint] = entry
     rows = []
-    for name, row in found.items():
+    for name, row in by_joint.items():
         seen = [entry.minimum for entry in row.values() if entry.minimum is not None]
         unit = next(iter(row.values())).unit
         factor, shown = shown_unit(min(seen, default=1.0), unit)

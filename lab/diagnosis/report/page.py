@@ -29,15 +29,17 @@ def _n_judged(diagnosis: Diagnosis) -> int:
 def _estimate_rows(estimates: Mapping[str, Estimate]) -> list[list[str]]:
     """List the keys of an effect, the components of a vector one by one."""
     rows = []
-    for key, found in estimates.items():
-        if isinstance(found.value, tuple) and isinstance(found.std, tuple):
-            parts = zip(found.value, found.std, strict=True)
+    for key, estimate in estimates.items():
+        if isinstance(estimate.value, tuple) and isinstance(estimate.std, tuple):
+            parts = zip(estimate.value, estimate.std, strict=True)
             rows += [
-                [f"{key} [{at}]", f"{value:.4g}", f"{std:.2g}", found.unit]
+                [f"{key} [{at}]", f"{value:.4g}", f"{std:.2g}", estimate.unit]
                 for at, (value, std) in enumerate(parts)
             ]
         else:
-            rows.append([key, f"{found.value:.5g}", f"{found.std:.2g}", found.unit])
+            rows.append(
+                [key, f"{estimate.value:.5g}", f"{estimate.std:.2g}", estimate.unit]
+            )
     return rows
 
 

@@ -82,8 +82,9 @@ def _paint_term(figure: Figure, curve: TermCurve, shown: Booleans) -> None:
     seen = shown & np.isfinite(x) & np.isfinite(curve.stds)
     with_term = curve.after + curve.fitted
     limits = [
-        1.5 * symmetric_limit(binned(x[seen], one[seen], curve.stds[seen]).means, 1.0)
-        for one in (curve.before, with_term)
+        1.5
+        * symmetric_limit(binned(x[seen], series[seen], curve.stds[seen]).means, 1.0)
+        for series in (curve.before, with_term)
     ]
     limits[1] = max(limits[1], 1.3 * symmetric_limit(curve.fitted[seen], 1.0))
     factor, unit = shown_unit(max(limits), curve.unit)
@@ -202,16 +203,16 @@ def _paint_joints(
     angles_deg = np.degrees(before.campaign.poses.angles_rad)
     for joint, axes in enumerate(_grid(figure, len(names))):
         zero_line(axes)
-        found = [
+        both = [
             binned(angles_deg[shown, joint], values[shown], stds[shown])
             for values, stds in (
                 before.reading_errors_rad(joint),
                 after.reading_errors_rad(joint),
             )
         ]
-        largest = max(symmetric_limit(bins.means, 1.0) for bins in found)
+        largest = max(symmetric_limit(bins.means, 1.0) for bins in both)
         factor, unit = shown_unit(largest, "rad")
-        for bins, look in zip(found, (_BEFORE, _AFTER), strict=True):
+        for bins, look in zip(both, (_BEFORE, _AFTER), strict=True):
             draw_means(axes, bins, look, factor)
         axes.set_ylabel(f"{names[joint]} [{unit}]")
         axes.set_xlabel(f"reading of {names[joint]} [degrees]")

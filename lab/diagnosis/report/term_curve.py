@@ -314,11 +314,11 @@ def _fitted_covariance(diagnosis: Diagnosis, effects: ArmEffects) -> Floats | No
     index = names.index(wanted)
     geometry = adjustment.state.arm.geometry
     coordinates = model.coordinates(geometry, index)
-    own = parameters.n_geometric + np.arange(coordinates.start, coordinates.stop)
+    of_effect = parameters.n_geometric + np.arange(coordinates.start, coordinates.stop)
     places = np.flatnonzero(parameters.free)
-    if not np.all(np.isin(own, places)):
+    if not np.all(np.isin(of_effect, places)):
         return None
-    inverse = adjustment.split.inverse[np.searchsorted(places, own)]
+    inverse = adjustment.split.inverse[np.searchsorted(places, of_effect)]
     directions = corrections[index].free_directions(geometry)
     covariance: Floats = directions @ (inverse @ inverse.T) @ directions.T
     return adjustment.sigma0**2 * covariance

@@ -177,28 +177,28 @@ def _lasting(values: Floats, stretches: Integers, window: int) -> int:
     total = float(np.mean(rest**2))
     if total == 0.0 or len(lags) < 4:
         return 1
-    found = (
+    correlations = (
         np.array([_correlation(rest, stretches, lag) for lag in lags.tolist()]) / total
     )
     # Less its running mean noise is a little correlated the other way at all lags.
-    baseline = float(np.mean(found[len(found) // 2 :]))
-    found = (found - baseline) / (1.0 - baseline)
-    low = found < _LEAST_CORRELATION
+    baseline = float(np.mean(correlations[len(correlations) // 2 :]))
+    correlations = (correlations - baseline) / (1.0 - baseline)
+    low = correlations < _LEAST_CORRELATION
     crossed = int(lags[np.argmax(low)]) if np.any(low) else int(lags[-1])
-    return int(np.clip(_extrapolated(found), crossed, lags[-1]))
+    return int(np.clip(_extrapolated(correlations), crossed, lags[-1]))
 
 
-def _extrapolated(found: Floats) -> int:
+def _extrapolated(correlations: Floats) -> int:
     """Extrapolate when a correlation, at lags from 1 on, becomes low.
 
     From its initial decay: one that was estimated from few samples crosses the limit
     early by chance.
     """
-    is_low = found < _STEEP
-    n = int(np.argmax(is_low)) if np.any(is_low) else len(found)
+    is_low = correlations < _STEEP
+    n = int(np.argmax(is_low)) if np.any(is_low) else len(correlations)
     if n < _LEAST_LAGS:
         return n
-    slope, start = np.polyfit(np.arange(1, n + 1), np.log(found[:n]), 1)
+    slope, start = np.polyfit(np.arange(1, n + 1), np.log(correlations[:n]), 1)
     if slope >= 0.0:
         return n
     return int(np.ceil((np.log(_LEAST_CORRELATION) - start) / slope))

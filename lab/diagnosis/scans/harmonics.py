@@ -78,7 +78,7 @@ def stream_harmonics(
     variances = np.mean(1.0 / parts, axis=2)
     excess = _excess(statistics)
     candidates = harmonic_bank(rows).candidates
-    found = [
+    findings = [
         HarmonicFinding(
             candidate=candidates[joint * n_orders + order],
             amplitudes_rad=tuple(amplitudes[joint, order].tolist()),
@@ -88,7 +88,7 @@ def stream_harmonics(
         for joint, order in np.ndindex(n_joints, n_orders)
         if np.isfinite(statistics[joint, order])
     ]
-    return tuple(sorted(found, key=lambda finding: -finding.statistic))
+    return tuple(sorted(findings, key=lambda finding: -finding.statistic))
 
 
 def first_significant(
@@ -98,7 +98,11 @@ def first_significant(
 
     The level is the probability of a false alarm of the whole bank.
     """
-    high = [one for one in findings if (one.candidate.order or 0) > HIGHEST_ORDER]
+    high = [
+        harmonic
+        for harmonic in findings
+        if (harmonic.candidate.order or 0) > HIGHEST_ORDER
+    ]
     if not high:
         return None
     first = max(high, key=lambda finding: finding.statistic)
@@ -140,10 +144,10 @@ def _gathered(rows: ObservationEquations, every: Adjustment) -> _Sums:
     places = rows.adjustment.network.unknown_columns
     n_free = network.parameters.n_free
     of_arm = directions[:n_free] * network.parameters.free_tolerances[:, np.newaxis]
-    for station, own, unknowns in zip(
+    for station, of_station, unknowns in zip(
         network.stations, places, state.unknowns, strict=True
     ):
-        of_unknowns = directions[own]
+        of_unknowns = directions[of_station]
         of_unknowns = of_unknowns * station.scales[:, np.newaxis]
         for part in network.white_rows(station, state.arm, unknowns):
             columns = part.by_parameters @ of_arm + part.by_unknowns @ of_unknowns
@@ -152,11 +156,13 @@ def _gathered(rows: ObservationEquations, every: Adjustment) -> _Sums:
             by_angles = -part.by_readings / network.noise.encoder_rad
             _add(sums, columns, -part.misclosures, angles_rad, by_angles)
         # Certificates hold lengths, as often as there are samples for each pose.
-        found = network.certified(station, state.arm, unknowns)
+        certificates = network.certified(station, state.arm, unknowns)
         n_own = len(station.scales)
-        columns = found[:, :n_own] @ of_unknowns + found[:, n_own:-1] @ of_arm
+        columns = (
+            certificates[:, :n_own] @ of_unknowns + certificates[:, n_own:-1] @ of_arm
+        )
         sums.gram += columns.T @ columns
-        sums.unknowns_by_values += columns.T @ found[:, -1]
+        sums.unknowns_by_values += columns.T @ certificates[:, -1]
     return sums
 
 
@@ -169,15 +175,15 @@ def _add(
     sums.unknowns_by_values += flat.T @ values.ravel()
     for joint in range(angles_rad.shape[1]):
         waves = _waves(angles_rad[:, joint])
-        own = by_angles[:, :, joint]
-        together = np.einsum("nr,nru->nu", own, columns)
+        by_angle = by_angles[:, :, joint]
+        together = np.einsum("nr,nru->nu", by_angle, columns)
         flat_waves = waves.reshape(len(waves), -1)
         products = (together.T @ flat_waves).reshape(-1, HIGHEST_HARMONIC, 2)
         sums.by_unknowns[joint] += products
-        weights = np.sum(own**2, axis=1)
+        weights = np.sum(by_angle**2, axis=1)
         sums.squares[joint] += np.einsum("n,nhw,nhx->hwx", weights, waves, waves)
         sums.by_values[joint] += np.einsum(
-            "n,nhw->hw", np.sum(own * values, axis=1), waves
+            "n,nhw->hw", np.sum(by_angle * values, axis=1), waves
         )
 
 
@@ -193,10 +199,10 @@ def _waves(angles_rad: Floats) -> Floats:
 def _excess(statistics: Floats) -> Floats:
     """Return by how much noise alone makes T too large at each order, (n_orders,)."""
     n_orders = statistics.shape[1]
-    found = np.ones(n_orders)
+    excess = np.ones(n_orders)
     for order in range(n_orders):
         first = max(order - _ORDERS_NEARBY, 0)
         near = statistics[:, first : order + _ORDERS_NEARBY + 1]
         if np.any(np.isfinite(near)):
-            found[order] = max(float(np.nanmedian(near)) / _MEDIAN_OF_CHI2, 1e-12)
-    return found
+            excess[order] = max(float(np.nanmedian(near)) / _MEDIAN_OF_CHI2, 1e-12)
+    return excess

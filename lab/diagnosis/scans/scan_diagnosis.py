@@ -77,8 +77,8 @@ def diagnose_stream(
     Raises:
         IdentificationError: Arm and campaign do not fit together.
     """
-    options, told = options or DiagnosisOptions(), progress or no_progress
-    told("thinning the stream", 0.02)
+    options, report = options or DiagnosisOptions(), progress or no_progress
+    report("thinning the stream", 0.02)
     campaign, thinning = decimated(campaign, arm)
     first = diagnose(campaign.part(thinning.poses), arm, options, progress)
     if first.terms:
@@ -87,37 +87,37 @@ def diagnose_stream(
         if len(again.poses) > _WORTH_WHILE * len(thinning.poses):
             thinning = again
             first = diagnose(campaign.part(again.poses), arm, options, progress)
-    poses, found = campaign.part(thinning.poses), first
+    poses, diagnosis = campaign.part(thinning.poses), first
     added: list[tuple[HarmonicFinding, ...]] = []
     level = _SHARE * options.level
     while True:
-        told("harmonics of all samples", 0.9)
-        rows = equations_of(found.all_terms)
+        report("harmonics of all samples", 0.9)
+        rows = equations_of(diagnosis.all_terms)
         harmonics = stream_harmonics(rows, campaign)
         best = first_significant(harmonics, level)
-        if best is None or len(found.terms) + len(added) >= options.most_terms:
+        if best is None or len(diagnosis.terms) + len(added) >= options.most_terms:
             break
         effect = effect_of_candidate(
             best.candidate, np.array(best.amplitudes_rad), rows
         )
-        given = found.arm.effects[: len(arm.effects) + len(added)]
-        rivals = (one for one in harmonics if one is not best)
-        likely = (one for one in rivals if best.log_p - one.log_p > -_SET)
+        given = diagnosis.arm.effects[: len(arm.effects) + len(added)]
+        rivals = (finding for finding in harmonics if finding is not best)
+        likely = (finding for finding in rivals if best.log_p - finding.log_p > -_SET)
         added.append((best, *likely))
         with_it = arm.model_copy(update={"effects": (*given, effect)})
-        found = diagnose(poses, with_it, options, progress)
+        diagnosis = diagnose(poses, with_it, options, progress)
     if added:
-        rows = equations_of(found.all_terms)
-        together = _together(first, found, rows, added)
+        rows = equations_of(diagnosis.all_terms)
+        together = _together(first, diagnosis, rows, added)
         # Held-out poses got worse: nothing of it is accepted.
-        found = first if together.vetoed else together
+        diagnosis = first if together.vetoed else together
         added = [] if together.vetoed else added
-    return StreamDiagnosis(found, thinning, harmonics, len(added))
+    return StreamDiagnosis(diagnosis, thinning, harmonics, len(added))
 
 
 def _together(
     first: Diagnosis,
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     rows: ObservationEquations,
     added: Sequence[tuple[HarmonicFinding, ...]],
 ) -> Diagnosis:
@@ -127,30 +127,30 @@ def _together(
         compare_on_holdout(
             first.before,
             model,
-            found.held_out,
-            blunders=found.blunders,
-            noise=found.all_terms.network.noise,
+            diagnosis.held_out,
+            blunders=diagnosis.blunders,
+            noise=diagnosis.all_terms.network.noise,
         )
-        for model in (found.all_terms, found.after)
+        for model in (diagnosis.all_terms, diagnosis.after)
     )
     terms = tuple(
-        _term(names, rows, n_given + at, found, accepted=not everything.is_worse)
+        _term(names, rows, n_given + at, diagnosis, accepted=not everything.is_worse)
         for at, names in enumerate(added)
     )
     start = first.ledger[0]
     added_names = ", ".join(term.candidate.name for term in terms)
     return replace(
-        found,
+        diagnosis,
         verdict=verdict_of(
-            (*terms, *found.terms), blind=False, exceeded=found.exceeded
+            (*terms, *diagnosis.terms), blind=False, exceeded=diagnosis.exceeded
         ),
-        terms=(*terms, *found.terms),
+        terms=(*terms, *diagnosis.terms),
         arm=first.arm,
         before=first.before,
         ledger=(
             replace(start, held_out=gap.before),
-            Step(added_names, found.ledger[0].held_out, found.ledger[0].sigma0),
-            *found.ledger[1:],
+            Step(added_names, diagnosis.ledger[0].held_out, diagnosis.ledger[0].sigma0),
+            *diagnosis.ledger[1:],
         ),
         gap=gap,
         vetoed=everything.is_worse,
@@ -161,20 +161,20 @@ def _term(
     names: tuple[HarmonicFinding, ...],
     rows: ObservationEquations,
     index: int,
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     *,
     accepted: bool,
 ) -> Term:
     """Make a term of a harmonic; its values are those of the thinned poses."""
-    effect = found.adapted.effects[index]
-    one, *others = names
+    effect = diagnosis.adapted.effects[index]
+    best, *others = names
     return Term(
         status="tentative" if others else "named",
-        candidate=one.candidate,
+        candidate=best.candidate,
         effect=effect,
         estimates=estimates_of(rows, index),
-        log_bayes_factor=_evidence(one),
-        log10_p=one.log_p / _LOG_10,
+        log_bayes_factor=_evidence(best),
+        log10_p=best.log_p / _LOG_10,
         alternatives=tuple(
             Alternative(other.candidate, _evidence(other), math.nan, alias=False)
             for other in others
@@ -183,9 +183,9 @@ def _term(
     )
 
 
-def _evidence(one: HarmonicFinding) -> float:
+def _evidence(finding: HarmonicFinding) -> float:
     """Log Bayes factor of two amplitudes, their scale chosen best."""
-    half = 0.5 * one.statistic
+    half = 0.5 * finding.statistic
     return half - 1.0 - math.log(half) if half > 1.0 else 0.0
 
 
@@ -195,7 +195,9 @@ _N_TOLD = 10
 
 def stream_lines(result: StreamDiagnosis) -> list[str]:
     """Tell of the stream in lines for people."""
-    lasting_s = [one for one in result.thinning.lasting_s if math.isfinite(one)]
+    lasting_s = [
+        seconds for seconds in result.thinning.lasting_s if math.isfinite(seconds)
+    ]
     largest = result.harmonics[0] if result.harmonics else None
     size_rad = math.hypot(*largest.amplitudes_rad) if largest else None
     return WORDS.lines("stream", result.thinning, max(lasting_s), largest, size_rad)
@@ -222,12 +224,12 @@ def stream_json(result: StreamDiagnosis) -> dict[str, Any]:
         "terms_from_all_samples": result.n_from_stream,
         "harmonics": [
             {
-                **picked(one.candidate, "kind", "joint", "order"),
-                "cos_rad": one.amplitudes_rad[0],
-                "sin_rad": one.amplitudes_rad[1],
-                "std_rad": one.std_rad,
-                "log10_p": one.log_p / _LOG_10,
+                **picked(finding.candidate, "kind", "joint", "order"),
+                "cos_rad": finding.amplitudes_rad[0],
+                "sin_rad": finding.amplitudes_rad[1],
+                "std_rad": finding.std_rad,
+                "log10_p": finding.log_p / _LOG_10,
             }
-            for one in result.harmonics[:_N_TOLD]
+            for finding in result.harmonics[:_N_TOLD]
         ],
     }

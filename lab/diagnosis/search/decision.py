@@ -104,22 +104,22 @@ def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
     names = ranked(stage, NAMED_BANKS, joints_with_own_curve)
     curves = ranked(stage, (BankName.GENERIC,), joints_with_own_curve)
     # A term may be a function of a reading that got a curve after it.
-    own = own_choice(added, stage, ranked(stage, tuple(BankName), ()))
+    chosen = own_choice(added, stage, ranked(stage, tuple(BankName), ()))
     if added.candidate.is_curve:
-        rivals = _rivals(own, names + curves[:1], own.score)
-        return NamedTerm(added, own, "unknown", None, rivals, own)
-    best = names[0] if names else own
-    harmonic = _with_overtones(search, own.candidate)
+        rivals = _rivals(chosen, names + curves[:1], chosen.score)
+        return NamedTerm(added, chosen, "unknown", None, rivals, chosen)
+    best = names[0] if names else chosen
+    harmonic = _with_overtones(search, chosen.candidate)
     status: Status = "named"
     oversized = _is_oversized(search, added)
     negative = _is_negative(search, added)
     if harmonic is not None or oversized or negative:
         status = "unknown"
-    elif _is_doubtful(search, own, names, curves):
+    elif _is_doubtful(search, chosen, names, curves):
         status = "tentative"
-    shown = names + [one for one in curves[:1] if one.score > own.score - _SET]
-    rivals = _rivals(own, shown, max(best.score, own.score))
-    return NamedTerm(added, own, status, harmonic, rivals, best, oversized, negative)
+    shown = names + [curve for curve in curves[:1] if curve.score > chosen.score - _SET]
+    rivals = _rivals(chosen, shown, max(best.score, chosen.score))
+    return NamedTerm(added, chosen, status, harmonic, rivals, best, oversized, negative)
 
 
 def _is_oversized(search: SearchState, added: AddedTerm) -> bool:
@@ -176,26 +176,26 @@ def correlation(
 
 
 def _rivals(
-    own: ScoredCandidate, choices: Sequence[ScoredCandidate], top: float
+    chosen: ScoredCandidate, choices: Sequence[ScoredCandidate], top: float
 ) -> tuple[Alternative, ...]:
     """List what is as good as the best, but for the name itself."""
-    found = []
+    alternatives = []
     for choice in choices:
-        same = choice.candidate.identity == own.candidate.identity
+        same = choice.candidate.identity == chosen.candidate.identity
         if choice.score < top - _SET or (
-            same and choice.candidate.covariate == own.candidate.covariate
+            same and choice.candidate.covariate == chosen.candidate.covariate
         ):
             continue
-        rho = correlation(own.found, own.residuals, choice.found)
+        rho = correlation(chosen.found, chosen.residuals, choice.found)
         # A curve that follows an effect closely is no other name for it.
         alias = rho >= ALIAS and not choice.candidate.is_curve
-        found.append(Alternative(choice.candidate, choice.evidence, rho, alias))
-    return tuple(found)
+        alternatives.append(Alternative(choice.candidate, choice.evidence, rho, alias))
+    return tuple(alternatives)
 
 
 def _is_doubtful(
     search: SearchState,
-    own: ScoredCandidate,
+    chosen: ScoredCandidate,
     names: Sequence[ScoredCandidate],
     curves: Sequence[ScoredCandidate],
 ) -> bool:
@@ -206,24 +206,26 @@ def _is_doubtful(
     it to imitate a curve, because a curve of its own kind is left over beside it, or
     because something is still unexplained.
     """
-    if own.evidence < DECIDED + np.log(len(names)) or not search.is_finished:
+    if chosen.evidence < DECIDED + np.log(len(names)) or not search.is_finished:
         return True
-    if leaves_a_curve(search.stage, own.candidate):
+    if leaves_a_curve(search.stage, chosen.candidate):
         return True
     for term in search.terms:
         other = term.candidate
-        is_curve = other.covariate == f"{own.candidate.joint}_rad"
-        if is_curve and EFFECT_KINDS[own.candidate.kind].turns_with_joint:
+        is_curve = other.covariate == f"{chosen.candidate.joint}_rad"
+        if is_curve and EFFECT_KINDS[chosen.candidate.kind].turns_with_joint:
             return True
-        if other.identity != own.candidate.identity and fit_any_curve_together(
-            search.stage.rows, own.candidate, other
+        if other.identity != chosen.candidate.identity and fit_any_curve_together(
+            search.stage.rows, chosen.candidate, other
         ):
             return True
-    near = [one for one in (*names, *curves[:1]) if one.score > own.score - DECIDED]
+    near = [
+        rival for rival in (*names, *curves[:1]) if rival.score > chosen.score - DECIDED
+    ]
     return any(
-        one.candidate.identity != own.candidate.identity
-        and correlation(own.found, own.residuals, one.found) < ALIAS
-        for one in near
+        rival.candidate.identity != chosen.candidate.identity
+        and correlation(chosen.found, chosen.residuals, rival.found) < ALIAS
+        for rival in near
     )
 
 
@@ -235,11 +237,11 @@ def leaves_a_curve(stage: CandidateScores, name: Candidate) -> bool:
     covariates = row.columns(name.joint)
     curves = stage.findings[BankName.GENERIC]
     return any(
-        one.joint == name.joint
-        and one.component == row.acts_on
-        and one.covariate in covariates
+        candidate.joint == name.joint
+        and candidate.component == row.acts_on
+        and candidate.covariate in covariates
         and float(log_p) < _LEFT_OVER_LOG_P
-        for one, log_p in zip(curves.candidates, curves.log_p, strict=True)
+        for candidate, log_p in zip(curves.candidates, curves.log_p, strict=True)
     )
 
 
@@ -252,12 +254,12 @@ def _with_overtones(search: SearchState, candidate: Candidate) -> int | None:
     order = candidate.order or 1
     stage = search.stage
     overtones = [
-        (one, bank.columns[:, columns])
+        (wave, bank.columns[:, columns])
         for bank in (stage.banks[name] for name in NAMED_BANKS if name in stage.banks)
-        for one, columns in zip(bank.candidates, bank.slices, strict=True)
-        if EFFECT_KINDS[one.kind].is_wave
-        and one.joint == candidate.joint
-        and one.order in [order * n for n in _OVERTONES]
+        for wave, columns in zip(bank.candidates, bank.slices, strict=True)
+        if EFFECT_KINDS[wave.kind].is_wave
+        and wave.joint == candidate.joint
+        and wave.order in [order * n for n in _OVERTONES]
     ]
     if not overtones:
         return None
@@ -268,8 +270,8 @@ def _with_overtones(search: SearchState, candidate: Candidate) -> int | None:
         scales=tuple(scale for m in members for scale in m.scales),
     )
     bank = Bank((whole,), np.concatenate(parts, axis=1))
-    found = judge(stage.rows, project(stage.rows, bank))
-    return order if float(found.log_p[0]) < _OVERTONE_LOG_P else None
+    scores = judge(stage.rows, project(stage.rows, bank))
+    return order if float(scores.log_p[0]) < _OVERTONE_LOG_P else None
 
 
 # Another name must be better by this much to take a term's place.

@@ -69,7 +69,9 @@ def log_p_threshold(
     """
     totals = np.einsum("rd,rd->d", draws, draws)
     lowest = np.zeros(draws.shape[1])
-    degrees = np.array([len(one.singular_values) for one in projected], dtype=np.int64)
+    degrees = np.array(
+        [len(candidate.singular_values) for candidate in projected], dtype=np.int64
+    )
     for size in np.unique(degrees[degrees > 0]):
         members = [p for p in projected if len(p.singular_values) == size]
         stacked = np.concatenate([p.directions for p in members], axis=1)
@@ -131,12 +133,12 @@ def ranked(
 
     Functions of readings that have an empirical curve already are left out.
     """
-    found = [
+    choices = [
         choice
         for name in names
         for choice in _choices(stage, name, joints_with_own_curve)
     ]
-    return sorted(found, key=lambda choice: -choice.score)
+    return sorted(choices, key=lambda choice: -choice.score)
 
 
 def is_significant(
@@ -192,7 +194,7 @@ def select_next(
             for second in seconds
         ):
             return first
-    adaptable = [one for one in curves if one.candidate.component == "angle"]
+    adaptable = [curve for curve in curves if curve.candidate.component == "angle"]
     if adaptable and adaptable[0].score >= curves[0].score - DECIDED:
         return adaptable[0]
     return curves[0]
@@ -226,7 +228,7 @@ def is_mounting(
     """
     if first.joint is None or first.joint != second.joint:
         return False
-    if {(one.kind, one.order) for one in (first, second)} != _OF_A_RING:
+    if {(wave.kind, wave.order) for wave in (first, second)} != _OF_A_RING:
         return False
     at = rows.adjustment.network.campaign.joint_names.index(first.joint)
     travel_rad = float(np.ptp(rows.block.angles_rad[rows.used_poses, at]))
@@ -238,17 +240,19 @@ def _choices(
 ) -> list[ScoredCandidate]:
     findings, residuals = stage.findings[name], stage.rows.residuals
     return [
-        ScoredCandidate(found, float(evidence), float(score), float(log_p), residuals)
-        for found, evidence, score, log_p in zip(
+        ScoredCandidate(
+            projected, float(evidence), float(score), float(log_p), residuals
+        )
+        for projected, evidence, score, log_p in zip(
             findings.projected,
             findings.evidences,
             findings.scores,
             findings.log_p,
             strict=True,
         )
-        if len(found.singular_values)
-        and found.is_plausible(residuals)
-        and not has_own_curve(found.candidate, joints_with_own_curve)
+        if len(projected.singular_values)
+        and projected.is_plausible(residuals)
+        and not has_own_curve(projected.candidate, joints_with_own_curve)
     ]
 
 
@@ -329,13 +333,13 @@ def forward_search(
         choice = select_next(stage, thresholds, joints_with_own_curve)
         if choice is None or choice.candidate.bank is BankName.GENERIC:
             # Poses that look like blunders may be what a curve is about.
-            believed = thresholds[BankName.GENERIC]
+            threshold = thresholds[BankName.GENERIC]
             again = _with_readmitted(
-                fit, eligible, believed, joints_with_own_curve, serial
+                fit, eligible, threshold, joints_with_own_curve, serial
             )
             if again is not None:
                 better = select_next(again[1], thresholds, joints_with_own_curve)
-                if better is not None and better.log_p < believed:
+                if better is not None and better.log_p < threshold:
                     (fit, stage), choice = again, better
         if choice is None:
             break
@@ -391,7 +395,7 @@ def family_thresholds(
 ) -> dict[BankName, float]:
     """Find each bank's threshold of log p."""
     draws = noise_draws(stage.rows, options.n_draws, options.seed)
-    found: dict[BankName, float] = {
+    thresholds: dict[BankName, float] = {
         name: log_p_threshold(
             stage.rows, findings.projected, draws, _SHARES[name] * options.level
         )
@@ -400,11 +404,11 @@ def family_thresholds(
     }
     scans = tuple(scan.largest for scan in stage.scans)
     level = _SHARES[BankName.STEPS] * options.level
-    found[BankName.STEPS] = log_p_threshold(stage.rows, (), draws, level, scans)
-    found[BankName.TRANSMISSION] = log_p_of_search(
+    thresholds[BankName.STEPS] = log_p_threshold(stage.rows, (), draws, level, scans)
+    thresholds[BankName.TRANSMISSION] = log_p_of_search(
         stage.waves, _SHARES[BankName.TRANSMISSION] * options.level
     )
-    return found
+    return thresholds
 
 
 def effect_of(choice: ScoredCandidate, rows: ObservationEquations) -> Effect:

@@ -101,13 +101,13 @@ class MeanShifts:
         return self._statistics(weights, sizes)
 
     def _statistics(self, weights: Floats, sizes: Floats) -> Floats:
-        found, first = np.zeros(len(self.poses)), 0
+        statistics, first = np.zeros(len(self.poses)), 0
         for at, places in enumerate(self.places):
-            own = slice(first, first + len(places))
-            first = own.stop
-            inverse = np.linalg.pinv(weights[own, own], hermitian=True)
-            found[at] = sizes[own] @ inverse @ sizes[own]
-        return found
+            of_pose = slice(first, first + len(places))
+            first = of_pose.stop
+            inverse = np.linalg.pinv(weights[of_pose, of_pose], hermitian=True)
+            statistics[at] = sizes[of_pose] @ inverse @ sizes[of_pose]
+        return statistics
 
 
 def pose_groups(
@@ -121,12 +121,12 @@ def pose_groups(
     poses, first, sizes = np.unique(
         rows.poses[order], return_index=True, return_counts=True
     )
-    found = []
+    groups = []
     for size, limit in limits.items():
         mine = (poses >= 0) & (sizes == size)
         places = order[first[mine][:, np.newaxis] + np.arange(size)]
-        found.append(PoseGroup(poses[mine], places, limit))
-    return tuple(found)
+        groups.append(PoseGroup(poses[mine], places, limit))
+    return tuple(groups)
 
 
 def shifted(
@@ -144,9 +144,11 @@ def shifted(
         [group.limit for group in groups], [len(mine) for _, mine in chosen]
     )
     rows = np.concatenate([np.zeros(0, dtype=np.int64), *places])
-    own = basis[rows]
+    shifted_rows = basis[rows]
     weights = np.linalg.pinv(
-        np.eye(len(rows)) - own @ own.T, rcond=_UNCONTROLLED, hermitian=True
+        np.eye(len(rows)) - shifted_rows @ shifted_rows.T,
+        rcond=_UNCONTROLLED,
+        hermitian=True,
     )
     sizes = weights @ residuals[rows]
     return MeanShifts(
@@ -168,38 +170,38 @@ def best_mean_shifts(
     To begin with those of the start, (n_poses,), are left out.
     """
     poses = start.copy()
-    best = found = shifted(groups, basis, residuals, poses)
+    best = shifts = shifted(groups, basis, residuals, poses)
     seen = {poses.tobytes()}
     for _ in range(_MOST_ROUNDS):
-        back = found.poses[found.statistics < found.limits]
-        leaving = _leaving(groups, basis, residuals, found)
+        back = shifts.poses[shifts.statistics < shifts.limits]
+        leaving = _leaving(groups, basis, residuals, shifts)
         poses = poses.copy()
         poses[back], poses[leaving] = False, True
         if poses.tobytes() in seen:
             break
         seen.add(poses.tobytes())
-        found = shifted(groups, basis, residuals, poses)
-        if found.cost < best.cost:
-            best = found
+        shifts = shifted(groups, basis, residuals, poses)
+        if shifts.cost < best.cost:
+            best = shifts
     return best
 
 
 def _leaving(
-    groups: tuple[PoseGroup, ...], basis: Floats, residuals: Floats, found: MeanShifts
+    groups: tuple[PoseGroup, ...], basis: Floats, residuals: Floats, shifts: MeanShifts
 ) -> Integers:
     """Find the poses that contradict what is left, the worst and those near it."""
-    own = basis[found.rows]
-    left = residuals + basis @ (own.T @ found.sizes)
-    left[found.rows] -= found.sizes
+    shifted_rows = basis[shifts.rows]
+    left = residuals + basis @ (shifted_rows.T @ shifts.sizes)
+    left[shifts.rows] -= shifts.sizes
     # M S W S^T M, the part of M that the shifts take.
     # They may be singular, where so many poses are left out that others decide nothing.
-    values, vectors = np.linalg.eigh(found.weights)
+    values, vectors = np.linalg.eigh(shifts.weights)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    taken = -(basis @ (own.T @ root))
-    taken[found.rows] += root
+    taken = -(basis @ (shifted_rows.T @ root))
+    taken[shifts.rows] += root
     poses, parts = [], []
     for group in groups:
-        inside = ~np.isin(group.poses, found.poses)
+        inside = ~np.isin(group.poses, shifts.poses)
         places = group.places[inside]
         absorbed, shares = basis[places], taken[places]
         block = np.eye(places.shape[1]) - absorbed @ absorbed.swapaxes(1, 2)
@@ -245,10 +247,10 @@ def recover_outliers(
             continue
         basis = np.hstack([rows.basis, curve.directions])
         residuals = rows.residuals - curve.directions @ along
-        found = best_mean_shifts(groups, basis, residuals, start)
-        reached = _log_p(rows, plain, found, curve)
-        if reached < least and np.any(start & ~_mask(eligible, found)):
-            chosen, least = found, reached
+        shifts = best_mean_shifts(groups, basis, residuals, start)
+        reached = _log_p(rows, plain, shifts, curve)
+        if reached < least and np.any(start & ~_mask(eligible, shifts)):
+            chosen, least = shifts, reached
     return None if chosen is None else eligible & ~_mask(eligible, chosen)
 
 
@@ -286,18 +288,18 @@ def _limits(fit: Fit, rows: ObservationEquations) -> dict[int, float]:
 def _log_p(
     rows: ObservationEquations,
     plain: MeanShifts,
-    found: MeanShifts,
+    shifts: MeanShifts,
     curve: ProjectedCandidate,
 ) -> float:
     """Test a curve by the reduction of the cost; as usual if no pose is recovered."""
-    gain = max(plain.cost - found.cost, 0.0)
-    redundancy = rows.redundancy - len(found.rows)
-    part = np.array([gain / (gain + found.sum_of_squares)])
+    gain = max(plain.cost - shifts.cost, 0.0)
+    redundancy = rows.redundancy - len(shifts.rows)
+    part = np.array([gain / (gain + shifts.sum_of_squares)])
     degrees = np.array([len(curve.singular_values)])
     return float(log_p_values(part, degrees, redundancy)[0])
 
 
 def _mask(eligible: Booleans, shifts: MeanShifts) -> Booleans:
-    found = np.zeros_like(eligible)
-    found[shifts.poses] = True
-    return found
+    mask = np.zeros_like(eligible)
+    mask[shifts.poses] = True
+    return mask
