@@ -190,6 +190,22 @@ def _written(diagnosis: Diagnosis) -> Finding:
     return shortfalls or Established({"n_written": n_written})
 
 
+def _scaled(diagnosis: Diagnosis) -> Finding:
+    """Look whether a length is known, here or where the arm was identified."""
+    adjustment = diagnosis.after
+    lost = adjustment.network.undetermined_scale(adjustment.state.arm)
+    if len(lost) == 0 or diagnosis.arm.identification is not None:
+        return Established({"from_campaign": len(lost) == 0})
+    return [
+        Shortfall(
+            "The scale of the arm is undetermined: no length is known in this "
+            "campaign, and the arm file is a design. The written arm has the design's "
+            "scale.",
+            "Add a length standard, or diagnose an arm that was identified with one.",
+        )
+    ]
+
+
 def _agreeing(diagnosis: Diagnosis) -> Finding:
     n_all = len(diagnosis.campaign.poses)
     n_excluded = int(np.count_nonzero(diagnosis.excluded | diagnosis.left_out))
@@ -226,6 +242,7 @@ CONDITIONS: tuple[Condition[Diagnosis], ...] = (
     Condition("within_noise", "noise explains what is left", _within_noise),
     Condition("helps", "poses kept aside are predicted no worse", _helps),
     Condition("written", "everything that has a name is in the arm", _written),
+    Condition("scale", "the scale of the arm is known", _scaled),
     Condition("agreeing", "nearly all poses agree", _agreeing),
     Condition("in_family", "the arm is like its family", _in_family),
 )

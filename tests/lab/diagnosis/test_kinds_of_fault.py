@@ -8,7 +8,7 @@ import pytest
 from tests.lab.diagnosis.diagnosed import DECISION, ECCENTRIC
 from tests.lab.diagnosis.fitted_rows import Measurement, measured
 from tests.lab.simulated import Noise, arm_value, disturbed, seven_joints, simulate
-from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.kinematics.arm_file.arm import Identification, effect_from_table
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.model.outcome import outcome_of
@@ -82,6 +82,22 @@ def test_an_artefact_that_creeps_is_named():
     assert found.noise.serial_share == 0.0
     assert found.adapted.effects == ()
     assert "cone-2 is at fault" in " ".join(outcome_of(found).sentences)
+
+
+def test_cones_alone_leave_the_scale_in_doubt():
+    start = measured()
+    is_cone = np.array(
+        [artefact.kind == "cone" for artefact in start.campaign.artefacts]
+    )
+    on_cones = start.campaign.part(is_cone[start.campaign.poses.artefacts])
+    diagnosis = diagnose(on_cones, start.arm, DECISION)
+    assert "scale" in outcome_of(diagnosis).codes
+    assert outcome_of(diagnosis).state is State.DOUBT
+    # Its scale came from where the arm was identified.
+    made = Identification(sigma0=1.0, redundancy=300)
+    identified = start.arm.model_copy(update={"identification": made})
+    assert "scale" not in outcome_of(replace(diagnosis, arm=identified)).codes
+    assert "scale" not in outcome_of(decided(start)).codes
 
 
 def test_noise_that_is_exceeded_without_a_pattern_is_not_clean():
