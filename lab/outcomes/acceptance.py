@@ -1,6 +1,6 @@
 """What must be established before an arm is accepted."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from traverse.lab.outcomes.base import (
@@ -113,30 +113,61 @@ CONDITIONS: tuple[Condition[AcceptanceEvidence], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class AcceptanceOutcome:
-    """What an acceptance test concludes; the title is in a few words."""
+    """What an acceptance test concludes.
+
+    Attributes:
+        title: In a few words.
+        sentences: What was decided of which figures.
+    """
 
     outcome: Outcome
     title: str
+    sentences: tuple[str, ...]
 
 
 def acceptance_outcome(evidence: AcceptanceEvidence) -> AcceptanceOutcome:
     """Judge an acceptance test by its table of conditions."""
     outcome = judge(CONDITIONS, evidence)
-    return AcceptanceOutcome(outcome, _title(outcome, evidence))
+    sentences = tuple(_sentences(evidence))
+    return AcceptanceOutcome(outcome, _title(outcome, evidence), sentences)
 
 
-# The worst of the verdicts that are there gives the title.
-_TITLES = {
+# The worst first.
+_DECISIONS = {
     "reject": "Rejected",
     "undecided": "No decision by ISO 14253-1",
     "neither": "Neither accepted nor rejected",
+    "accept": "Accepted",
 }
+
+
+def _sentences(evidence: AcceptanceEvidence) -> Iterator[str]:
+    """Say what was decided; figures that are accepted only beside others."""
+    by_verdict: dict[str | None, list[str]] = {}
+    for figure in evidence.figures:
+        by_verdict.setdefault(figure.verdict, []).append(figure.name)
+    without = ", ".join(by_verdict.pop(None, []))
+    if evidence.missing:
+        yield f"Incomplete: {', '.join(evidence.missing)} not computed."
+    elif not by_verdict:
+        yield "Complete; no limits given, so nothing is decided."
+    elif set(by_verdict) == {"accept"}:
+        part = " as far as there are limits" if without else ""
+        yield f"Complete: accepted{part}."
+    else:
+        yield "Complete."
+    if set(by_verdict) != {"accept"}:
+        for verdict, text in _DECISIONS.items():
+            if verdict in by_verdict:
+                yield f"{text}: {', '.join(by_verdict[verdict])}."
+    if without and by_verdict:
+        yield f"Without a limit: {without}."
 
 
 def _title(outcome: Outcome, evidence: AcceptanceEvidence) -> str:
     verdicts = {figure.verdict for figure in evidence.figures}
-    for verdict, title in _TITLES.items():
-        if verdict in verdicts:
+    for verdict, title in _DECISIONS.items():
+        if verdict in verdicts and verdict != "accept":
             return title
     if "complete" in outcome.codes:
         return "Incomplete"

@@ -176,9 +176,7 @@ def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
     document.set_font("sans", "B", _TITLE_PT)
     document.cell(0, 9, "Certificate of verification", new_x="LMARGIN", new_y="NEXT")
     document.text_block(f"{values['title']}; arm {values['arm']['name']}")
-    document.verdict(
-        values["state"], values["conclusion"], WORDS.lines("conclusion", values)
-    )
+    document.verdict(values["state"], values["conclusion"], values["sentences"])
     document.heading("Figures")
     document.rows(
         WORDS.lines("columns", values),

@@ -142,6 +142,7 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         "arm": {"name": certificate.arm.name, "digest": arm_digest(certificate.arm)},
         **outcome_json(judged.outcome),
         "conclusion": judged.title,
+        "sentences": list(judged.sentences),
         "verdict": found.verdict,
         "complete": not found.missing,
         "decision": picked(limits, "guard_factor", "coverage_factor", rule="decision"),
