@@ -385,3 +385,40 @@ def campaign_digest(path: Path, file: CampaignFile) -> str:
     for artefact in file.artefacts:
         digest.update(artefact.model_dump_json().encode())
     return digest.hexdigest()
+
+
+def campaign_of_places(
+    joint_names: Sequence[str],
+    readings_rad: Floats,
+    places_mm: Floats,
+    *,
+    encoder_rad: float | None = None,
+    contact_mm: float | None = None,
+) -> Campaign:
+    """Make a campaign of places of the ball that another instrument measured.
+
+    Readings (n_poses, n_joints) and places (n_poses, 3) in the instrument's system;
+    noise of readings and places where it is known.
+    """
+    n_poses = len(places_mm)
+    names = tuple(f"P{at + 1}" for at in range(n_poses))
+    instrument = Points(
+        id="instrument",
+        kind="points",
+        frame="own",
+        points_mm=dict(zip(names, map(tuple, places_mm.tolist()), strict=True)),
+    )
+    return Campaign(
+        artefacts=(instrument,),
+        feature_names=(names,),
+        joint_names=tuple(joint_names),
+        poses=Poses(
+            lines=np.arange(1, n_poses + 1),
+            time_s=np.arange(n_poses, dtype=np.float64),
+            artefacts=np.zeros(n_poses, dtype=np.int64),
+            features=np.arange(n_poses),
+            angles_rad=readings_rad,
+        ),
+        encoder_rad=encoder_rad,
+        contact_mm=contact_mm,
+    )

@@ -64,6 +64,37 @@ def identify(
     Raises:
         IdentificationError: Arm and campaign do not fit together, or a pattern fits
             no parameter.
+
+    Examples:
+        A link is half a millimetre longer than designed. A tracker saw the ball in 80
+        postures, to 10 micrometres.
+
+        >>> from importlib.resources import files
+        >>> import numpy as np
+        >>> from traverse.kinematics.arm_file.arm import read_arm
+        >>> from traverse.kinematics.model.forward import probe_centre
+        >>> from traverse.kinematics.model.geometry import geometry_from_arm
+        >>> from traverse.lab.campaign.campaign import campaign_of_places
+        >>> design = read_arm(files("traverse.cli") / "demo_data" / "arm.toml")
+        >>> first, second, *others = design.joints
+        >>> second = second.model_copy(update={"link_mm": (60.5, 0.0, 0.0)})
+        >>> built = design.model_copy(update={"joints": (first, second, *others)})
+        >>> rng = np.random.default_rng(1)
+        >>> readings_rad = rng.uniform(-2.0, 2.0, (80, 7))
+        >>> places_mm = probe_centre(geometry_from_arm(built), readings_rad)
+        >>> places_mm += rng.normal(0.0, 0.01, places_mm.shape)
+        >>> campaign = campaign_of_places(
+        ...     [joint.name for joint in design.joints],
+        ...     readings_rad,
+        ...     places_mm,
+        ...     encoder_rad=1e-6,
+        ...     contact_mm=0.01,
+        ... )
+        >>> result = identify(campaign, design)
+        >>> round(result.arm.joints[1].link_mm[0], 1)
+        60.5
+        >>> f"{result.rms_before_mm:.2f} mm, then {result.rms_after_mm:.3f} mm"
+        '0.25 mm, then 0.010 mm'
     """
     options = options or Options()
     _check_same_joints(campaign, arm)

@@ -155,6 +155,26 @@ def predict(
 
     Raises:
         IdentificationError: Arm and campaign do not fit together.
+
+    Examples:
+        An arm without errors, and a tracker that saw the ball to 10 micrometres: of
+        three components a distance has 16 on average.
+
+        >>> from importlib.resources import files
+        >>> from traverse.kinematics.arm_file.arm import read_arm
+        >>> from traverse.kinematics.model.forward import probe_centre
+        >>> from traverse.kinematics.model.geometry import geometry_from_arm
+        >>> from traverse.lab.campaign.campaign import campaign_of_places
+        >>> arm = read_arm(files("traverse.cli") / "demo_data" / "arm.toml")
+        >>> rng = np.random.default_rng(1)
+        >>> readings_rad = rng.uniform(-2.0, 2.0, (200, 7))
+        >>> places_mm = probe_centre(geometry_from_arm(arm), readings_rad)
+        >>> places_mm += rng.normal(0.0, 0.01, places_mm.shape)
+        >>> names = [joint.name for joint in arm.joints]
+        >>> campaign = campaign_of_places(names, readings_rad, places_mm)
+        >>> prediction = predict(campaign, arm, places={})
+        >>> round(prediction.figures()["mean_mm"], 3)
+        0.016
     """
     campaign = replace(campaign, prior=None)
     touched = campaign.poses.artefacts

@@ -317,6 +317,7 @@ _MOST_LAG = 25
 _TEST_PHI = 0.9
 _PHIS = (0.7, 0.8, 0.9, 0.95, 0.98)
 _LARGEST_SHARE = 0.9
+_LIKELY_SHARES = (0.2, 0.35, 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -359,10 +360,57 @@ def serial_correlation(rows: ObservationEquations) -> SerialCorrelation:
     return best
 
 
+def likeliest_serial_noise(
+    rows: ObservationEquations,
+) -> tuple[SerialCorrelation, float]:
+    """Find the likeliest serial noise, and its `serial_evidence`.
+
+    Strategy: the unknowns absorb a part of what is slow, which products of residuals do
+    not know of, but the restricted likelihood does. Each of its values costs as much as
+    a fit of dense rows, and it is flat in the share, so that few are tried.
+    """
+    least, middle, largest = _LIKELY_SHARES
+    evidences = {
+        noise: serial_evidence(rows, noise)
+        for noise in (SerialCorrelation(middle, phi) for phi in _PHIS)
+    }
+    phi = max(evidences, key=lambda noise: evidences[noise]).phi
+    for share in (least, largest):
+        noise = SerialCorrelation(share, phi)
+        evidences[noise] = serial_evidence(rows, noise)
+    return max(evidences.items(), key=lambda pair: pair[1])
+
+
 def without_serial_noise(
     rows: ObservationEquations, noise: SerialCorrelation
 ) -> ObservationEquations:
     """Whiten rows whose noise is correlated from pose to pose."""
+    return decorrelated_equations(rows, _root(rows, noise))
+
+
+def serial_evidence(rows: ObservationEquations, noise: SerialCorrelation) -> float:
+    """Compute by how much likelier serial noise makes rows than white noise does.
+
+    The natural logarithm of the ratio of restricted likelihoods, each with the variance
+    that fits best; B is the basis of the unknowns' columns:
+
+        - 1/2 (log |R| + log |B^T R^-1 B| + n log(v^T R^-1/2 P_R R^-1/2 v / v^T P v))
+    """
+    root = _root(rows, noise)
+    basis, triangle = np.linalg.qr(
+        linalg.solve_triangular(root, rows.basis, lower=True)
+    )
+    values = linalg.solve_triangular(root, rows.values, lower=True)
+    left = values - basis @ (basis.T @ values)
+    log_determinant = 2.0 * float(
+        np.sum(np.log(np.diag(root))) + np.sum(np.log(np.abs(np.diag(triangle))))
+    )
+    ratio = float(left @ left) / rows.sum_of_squares
+    return -0.5 * (log_determinant + rows.redundancy * float(np.log(ratio)))
+
+
+def _root(rows: ObservationEquations, noise: SerialCorrelation) -> Floats:
+    """Factor the correlation of rows, lower triangle."""
     order = _order(rows)
     apart = np.abs(order[:, np.newaxis] - order[np.newaxis, :])
     correlation = noise.share * noise.phi**apart * (rows.sources @ rows.sources.T)
@@ -372,7 +420,7 @@ def without_serial_noise(
     correlation[certified, :] = 0.0
     correlation[:, certified] = 0.0
     correlation[at[certified], at[certified]] = 1.0
-    return decorrelated_equations(rows, np.linalg.cholesky(correlation))
+    return np.linalg.cholesky(correlation)
 
 
 def _order(rows: ObservationEquations) -> Integers:

@@ -33,6 +33,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     SerialCorrelation,
     equations_of,
     is_serially_correlated,
+    likeliest_serial_noise,
     serial_correlation,
 )
 from traverse.lab.diagnosis.model.result import Alternative, DiagnosisOptions, Status
@@ -316,16 +317,12 @@ def decide(
     progress("fitting the geometry", 0.05)
     start = fitted(campaign, arm, eligible)
     _check(campaign, start)
-    serial: SerialCorrelation | None = None
     progress("judging every candidate", 0.15)
     search, names = _revised(
         forward_search(start, eligible, options, None, progress), eligible
     )
-    rows = search.unexplained
-    if is_serially_correlated(
-        rows, noise_draws(rows, options.n_draws, options.seed), _SERIAL_LEVEL
-    ):
-        serial = serial_correlation(_rows_of_noise(campaign, search))
+    serial = _serial_noise(campaign, search, names, options)
+    if serial is not None:
         search, names = _revised(
             forward_search(start, eligible, options, serial, progress), eligible
         )
@@ -334,6 +331,40 @@ def decide(
         remaining = campaign.without_orientations(turned)
         return decide(remaining, arm, eligible, options, progress)
     return Decision(search, names, start, _stuck_rivals(search))
+
+
+def _serial_noise(
+    campaign: Campaign,
+    search: SearchState,
+    names: Sequence[NamedTerm],
+    options: DiagnosisOptions,
+) -> SerialCorrelation | None:
+    """Find serial noise beside what a search with white noise found; None: it is white.
+
+    Strategy: where the search found a drift, or a curve over time, that took the place
+    of slow noise, nothing serial is left beside it. So residuals without it are tested
+    as well, and there the likelier one wins: slow noise has two parameters for all of
+    its waves, a drift goes one way, a curve has as many as it has knots.
+    """
+
+    def is_serial(rows: ObservationEquations) -> bool:
+        draws = noise_draws(rows, options.n_draws, options.seed)
+        return is_serially_correlated(rows, draws, _SERIAL_LEVEL)
+
+    if is_serial(search.unexplained):
+        return serial_correlation(_rows_of_noise(campaign, search))
+    slow = [
+        naming.own.evidence for naming in names if _follows_time(naming.added.candidate)
+    ]
+    if search.stuck is not None and _follows_time(search.stuck.candidate):
+        slow.append(search.stuck.evidence)
+    if not slow:
+        return None
+    rows = _rows_of_noise(campaign, search)
+    if not is_serial(rows):
+        return None
+    serial, evidence = likeliest_serial_noise(rows)
+    return serial if evidence > sum(slow) else None
 
 
 def _stuck_rivals(search: SearchState) -> tuple[Alternative, ...]:

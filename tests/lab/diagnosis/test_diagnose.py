@@ -186,6 +186,12 @@ def test_slow_noise_is_no_drift():
     assert found.noise.serial_phi > 0.6
 
 
+def test_slow_noise_that_a_jump_and_a_curve_imitate_is_noise():
+    found = decided(measured_with(seed=3, serial_share=0.5))
+    assert found.verdict == "clean"
+    assert found.noise.serial_share > 0.1
+
+
 @pytest.mark.slow
 def test_an_effect_is_found_in_slow_noise():
     wrong = hidden("backlash", 20.0)

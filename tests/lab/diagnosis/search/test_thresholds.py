@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import linalg, stats
 
 from tests.lab.diagnosis.fitted_rows import measured, measured_rows
 from traverse.lab.diagnosis.candidates.library import library_bank
@@ -14,7 +14,9 @@ from traverse.lab.diagnosis.candidates.steps import scan_steps
 from traverse.lab.diagnosis.model.observation_equations import (
     SerialCorrelation,
     is_serially_correlated,
+    likeliest_serial_noise,
     serial_correlation,
+    serial_evidence,
     without_serial_noise,
 )
 from traverse.lab.diagnosis.search.forward_search import log_p_threshold, noise_draws
@@ -100,6 +102,30 @@ def test_serial_noise_is_recognised_and_estimated(share, phi):
     shares = [one.share for one in estimates]
     assert 0.6 * share < np.mean(shares) < 1.2 * share
     assert np.mean([one.phi for one in estimates]) == pytest.approx(phi, abs=0.08)
+
+
+def test_evidence_of_serial_noise_is_that_of_restricted_likelihoods():
+    rows = measured_rows()
+    noise = SerialCorrelation(0.4, 0.9)
+    errors = correlated_errors(rows, noise.share, noise.phi, 1, seed=3)[:, 0]
+    rows = replace(rows, values=errors)
+    root = without_serial_noise(rows, noise).root
+    contrasts = linalg.null_space(rows.basis.T)  # free of the unknowns
+    serial, white = contrasts.T @ root @ root.T @ contrasts, np.eye(contrasts.shape[1])
+    seen, n = contrasts.T @ errors, contrasts.shape[1]
+    logs = [
+        -0.5 * np.linalg.slogdet(matrix)[1]
+        - 0.5 * n * np.log(seen @ np.linalg.solve(matrix, seen))
+        for matrix in (serial, white)
+    ]
+    evidence = serial_evidence(rows, noise)
+    assert evidence == pytest.approx(logs[0] - logs[1], rel=1e-6)
+    assert evidence > 10.0
+    likeliest, largest = likeliest_serial_noise(rows)
+    assert largest >= evidence - 2.0
+    assert abs(likeliest.phi - noise.phi) <= 0.1
+    fresh = np.random.default_rng(5).normal(size=len(errors))
+    assert serial_evidence(replace(rows, values=fresh), noise) < 0.0
 
 
 def test_white_noise_is_not_called_serial():
