@@ -16,8 +16,6 @@ from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.adjustment.parameters import Parameters
 
 _NULL = 1e-9
-
-
 NO_TOOLS = np.empty((0, 3))
 
 

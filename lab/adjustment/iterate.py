@@ -38,8 +38,6 @@ _MOST_BAD = 5
 _NOISE_SETTLED = 0.01
 # A classical sigma0 this much above the robust one betrays blunders.
 _BLUNDERS = 1.2
-
-
 _N_DRAWS = 300
 _MOST_CLUSTERS = 3
 # A blunder may be there as well: so many times the median of the others' |w|.

@@ -20,11 +20,7 @@ from traverse.arrays import Floats, Integers
 from traverse.lab.campaign.campaign import Campaign
 
 DEFAULT_ENCODER_RAD = 5e-6
-
-
 DEFAULT_CONTACT_MM = 0.005
-
-
 DEFAULT_ORIENTATION_RAD = 1e-4
 
 
@@ -55,18 +51,10 @@ def a_priori_noise(campaign: Campaign) -> Noise:
 
 
 EncoderGroups = Literal["held", "pooled", "each"]
-
-
 ContactGroups = Literal["held", "pooled", "by_kind"]
-
-
 OrientationGroups = Literal["held", "pooled"]
-
-
 # A group with less redundancy than this says too little about itself.
 _LEAST_REDUNDANCY = 5.0
-
-
 _LARGEST_FACTOR = 100.0
 
 

@@ -29,51 +29,27 @@ from traverse.lab.adjustment.rank import RankDecision, decide_rank
 from traverse.lab.outcomes.progress import Iteration, Progress
 
 MOST_ITERATIONS = 200
-
-
 # Of a step: more and more damped up to a square of singular values, then halved.
 _MOST_TRIALS = 24
-
-
 _MOST_DAMPING = 1e7
-
-
 # Of a whitened step. It is taken, and what is left after it is a thousandth of it or
 # less: far below a picometre. Where convergence is slow a hundredth of a standard
 # deviation is enough.
 _CONVERGED = 1e-5
-
-
 _SLOW_AFTER = 50
-
-
 _CONVERGED_SLOWLY = 1e-2
-
-
 # A sum of squares may rise by this much of itself from rounding.
 _ROUNDING = 1e-9
-
-
 # And by what columns of effects leave out, this part of them: at deflections of some
 # milliradians the sum of squares is lowest a little beside where they point.
 _LEFT_OUT = 1e-3
-
-
 # Mean square of whitened misclosures below which observations are corrected.
 _GOOD_START = 100.0
-
-
 # After a step this small the rank stays. After this many it changes only where a
 # singular value is this much above or below the limit: it does not alternate.
 _NEAR = 1.0
-
-
 _RANK_SETTLES_AT = 12
-
-
 _CLEARLY = 2.0
-
-
 # Mean square of residuals above which they determine the uncertainty, not the noise.
 _LARGE = 2.25
 

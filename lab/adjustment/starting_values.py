@@ -35,24 +35,12 @@ from traverse.lab.campaign.poses import evenly
 
 # A design that fits better than this needs no search.
 _GOOD_ENOUGH_MM = 20.0
-
-
 # A new start must fit this much better than the design.
 _GAIN = 3.0
-
-
 _MOST_POSES = 240
-
-
 _LARGEST_OFFSET_RAD = 1.2
-
-
 _COARSE_MM = 10.0
-
-
 _COARSE_RAD = 0.05
-
-
 _SEED = 1
 
 
@@ -70,21 +58,15 @@ def _with_tools_fitted(problem: Problem) -> ArmValues:
 
 # Signs are tried where the design fits worse than this; at most so many are wrong.
 _LEAST_WRONG_MM = 2.0
-
-
 _MOST_SIGNS = 3
 # An arm near its design: iterations to find it, what is left of its misfit, and how
 # many plausible deviations a parameter may be off.
 _FEW_ITERATIONS = 6
 _EXPLAINED = 0.1
 _PLAUSIBLE = 8.0
-
-
 # Random starts of other zeros, and the best of them that are adjusted: of a design, and
 # of one with a sign reversed.
 _STARTS = (60, 20)
-
-
 _STARTS_OF_A_SIGN = (20, 3)
 
 
@@ -261,15 +243,9 @@ def _median_mm(network: Network, state: State) -> float:
 
 
 _ROUNDS = 8
-
-
 _STEPS_A_ROUND = 2
-
-
 # Robust standard deviations at which the weight has fallen to a quarter.
 _BEND = 2.5
-
-
 # Poses this many robust standard deviations away begin outside.
 _FAR = 5.0
 

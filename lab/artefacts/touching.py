@@ -11,15 +11,9 @@ from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.artefacts.artefact import Artefact, Equations, Touches
 
 _STEPS = 15
-
-
 _LARGEST_STEP_RAD = 0.5
-
-
 # A hundredth of the reach keeps steps bounded where the arm is stretched.
 _STIFFNESS_MM2 = 100.0
-
-
 _REACHED_MM = 1e-3
 
 

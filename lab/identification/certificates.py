@@ -29,48 +29,24 @@ from traverse.lab.campaign.campaign import Campaign
 
 # An artefact that lost more of its poses than this is suspect.
 LARGE_PART = 0.2
-
-
 _FEW_POSES = 3
-
-
 # Standard deviations between a certificate and what the others say.
 _FAR = 5.0
-
-
 # How many times one artefact's contacts are as noisy as another's.
 _NOISY = 5.0
-
-
 _BLUNDER = 16.0
-
-
 _EVIDENCE = 30.0
-
-
 # sigma0 up to which the rest agrees with itself.
 _AGREEING = 2.0
-
-
 # What a wrong model does to a length is less than so many root mean squares of the
 # misclosures that are left; and no arm is wrong by this part of a length.
 _BY_MODEL = 10.0
-
-
 _GROSS = 0.1
-
-
 # Hypotheses whose losses differ by less explain the campaign equally well.
 _SAME = 10.0
-
-
 _MOST_WRONG = 3
-
-
 # Root mean square change of the arm, in plausible deviations, that no design explains.
 _FAR_FROM_DESIGN = 5.0
-
-
 # Adjusts a campaign, with a noise or with what it estimates.
 Adjust = Callable[[Campaign, Noise | None], IteratedAdjustment]
 
@@ -208,8 +184,6 @@ def without_wrong_certificates(
 
 # A rival of the only certified radius, which the measurements cannot tell from it.
 OF_CONTACTS = "the probe's radius, its pretravel or the bending of the stylus"
-
-
 # A shift by which a radius is compared with that of its artefact [mm].
 _UNIT_MM = 1e-3
 

@@ -19,8 +19,6 @@ from traverse.lab.artefacts.touching import postures_touching
 from traverse.lab.campaign.campaign import Campaign
 
 _N_SECTORS = 36
-
-
 # Below this travel a joint is named as the cause of undetermined parameters.
 _SMALL_TRAVEL_RAD = np.radians(20.0)
 
@@ -71,14 +69,8 @@ def joint_coverage(campaign: Campaign, poses: Integers) -> tuple[JointCoverage, 
 
 
 _SEED = 3
-
-
 _TRIES_AN_ARTEFACT = 60
-
-
 _MOST_ARTEFACTS = 12
-
-
 _WIDER_RAD = np.radians(30.0)
 
 

@@ -21,15 +21,9 @@ from traverse.lab.adjustment import Adjustment
 from traverse.lab.campaign.campaign import touching_stretches
 
 _WINDOW = 3.0
-
-
 _MOST_LAGS = 4096
-
-
 # Below this correlation noise is over.
 _OVER = 0.05
-
-
 # Where more than this would be lost to the fit, the loss cannot be estimated.
 _LEAST_LEFT = 0.5
 
