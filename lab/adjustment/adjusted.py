@@ -156,6 +156,16 @@ class Adjustment:
             update["probe"] = probe
         return arm.model_copy(update=update)
 
+    def covariance(self, factor: float, design: ArmValues) -> Floats:
+        """Compute the covariance of the free parameters, (n_free, n_free).
+
+        Cofactors times a factor; of undetermined directions as the design is uncertain.
+        """
+        inverse = self.split.inverse
+        of_design = self.deviations_of_design(design)
+        covariance: Floats = factor * inverse @ inverse.T + of_design @ of_design.T
+        return covariance
+
     def cartesian_covariance(self, covariance: Floats) -> CartesianCovariance:
         """Write the covariance over xyz components."""
         parameters = self.network.parameters

@@ -59,6 +59,7 @@ class IteratedAdjustment:
         critical: |w| above which a pose is excluded.
         noise_estimated: Whether any noise was; with little redundancy it stays as
             assumed.
+        design: Values that undetermined directions keep.
     """
 
     adjustment: Adjustment
@@ -68,6 +69,7 @@ class IteratedAdjustment:
     critical: float
     iterations: tuple[Iteration, ...]
     noise_estimated: bool
+    design: ArmValues
 
     def contradicted_by_orientation(self) -> Booleans:
         """Find poses that were excluded, but whose position alone agrees, (n_poses,).
@@ -231,6 +233,7 @@ def adjust_iteratively(
         critical,
         tuple(iterations),
         variances.estimates and _is_estimated(adjustment.network),
+        design,
     )
 
 

@@ -36,9 +36,8 @@ def collected(start: Start, solution: Solution, weighted: Weighted) -> Identific
         noise_estimated=run.noise_estimated,
     )
     factor = variance_factor(weighted.sigma0, test)
-    inverse = adjustment.split.inverse
     of_design = adjustment.deviations_of_design(solution.design)
-    covariance = factor * inverse @ inverse.T + of_design @ of_design.T
+    covariance = adjustment.covariance(factor, solution.design)
     estimates = parameter_estimates(adjustment, solution.design, covariance)
     names = campaign.joint_names
     zeros_rad = solution.begin.geometry.zeros_rad

@@ -297,9 +297,9 @@ def covariance_of(final: IteratedAdjustment) -> CartesianCovariance:
         adjustment.redundancy,
         noise_estimated=final.noise_estimated,
     )
-    inverse = adjustment.split.inverse
     factor = variance_factor(adjustment.sigma0, test)
-    return adjustment.cartesian_covariance(factor * inverse @ inverse.T)
+    covariance = adjustment.covariance(factor, final.design)
+    return adjustment.cartesian_covariance(covariance)
 
 
 def arm_with_provenance(
