@@ -135,7 +135,11 @@ def test_a_distance_of_a_pose_to_itself_has_no_direction_and_no_deviation() -> N
 
 def test_deviations_do_not_depend_on_the_datum(readings: np.ndarray) -> None:
     first, second = known(), known(("J5", "J6"))
-    assert first.parameters.free_names != second.parameters.free_names
+    first_names, second_names = (
+        adjusted(datum).network.parameters.free_names
+        for datum in (("J1", "J2", "J3"), ("J5", "J6"))
+    )
+    assert first_names != second_names
     pairs = readings[:80], readings[80:160]
     np.testing.assert_allclose(
         distance_deviations_mm(first, *pairs),
@@ -149,6 +153,7 @@ def test_deviations_do_not_depend_on_the_datum(readings: np.ndarray) -> None:
 
 def test_deviations_are_those_of_arms_drawn_at_random(readings: np.ndarray) -> None:
     arm, n_arms = known(), 2000
+    parameters = adjusted(("J1", "J2", "J3")).network.parameters
     pairs = readings[:30], readings[90:120]
     rng = np.random.default_rng(5)
     root = np.linalg.cholesky(arm.covariance)
@@ -156,7 +161,7 @@ def test_deviations_are_those_of_arms_drawn_at_random(readings: np.ndarray) -> N
     drawn_mm = np.empty((n_arms, 30))
     for number in range(n_arms):
         step = root @ rng.normal(size=len(root))
-        drawn = arm.parameters.moved(values, step).geometry
+        drawn = parameters.moved(values, step).geometry
         ends_mm = [probe_centre(drawn, angles_rad) for angles_rad in pairs]
         drawn_mm[number] = np.linalg.norm(ends_mm[0] - ends_mm[1], axis=1)
     # A standard deviation of n draws has the relative deviation 1 / sqrt(2 n).
