@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from traverse.lab.campaign.plausible_sizes import plausible_values
 
 from tests.lab.diagnosis.fitted_rows import measured, measured_rows, serial_rows
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.pose import corrected_pose
-from traverse.lab.campaign.plausible_sizes import plausible_values
 from traverse.lab.diagnosis.candidates.scoring import judge, log_evidences, project
 from traverse.lab.diagnosis.candidates.steps import (
     scan_steps,
