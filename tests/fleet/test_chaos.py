@@ -11,6 +11,7 @@ def check(result):
 
 
 @pytest.mark.needs("mosquitto", "postgresql")
+@pytest.mark.slow
 async def test_members_database_and_broker_die(make_mosquitto, postgres, tmp_path):
     result = await chaos(
         make_mosquitto(), postgres, tmp_path, n_arms=4, n_members=2, n_kills=5, seed=1

@@ -68,6 +68,7 @@ async def test_without_scipy_it_says_so_first_and_computes_later(
     assert check.time_utc == f"{begun:%Y-%m-%dT%H:%M:%SZ}"  # when it was touched
 
 
+@pytest.mark.slow
 async def test_a_daily_check_is_collected_and_kept(bench: Workbench) -> None:
     bench.write_simulator(LEAD_IN, CONE.format(postures=10), SPHERE.format(points=9))
     bench.write_daemon(capture="live_rate_hz = 100.0")
