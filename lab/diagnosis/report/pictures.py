@@ -19,9 +19,12 @@ from traverse.lab.report.figures import (
     ORANGE,
     VERMILION,
     Bins,
+    Margins,
+    axes_grid,
     binned,
     draw_dots,
     draw_means,
+    labels_mm,
     picture,
     symmetric_limit,
     thinned,
@@ -34,10 +37,13 @@ _NOISY = 3.0
 _LONGEST_NAME = 44
 
 
-def _paint_ledger(figure: Figure, diagnosis: Diagnosis) -> None:
+def paint_ledger(figure: Figure, diagnosis: Diagnosis) -> None:
     """Draw the gap after every term."""
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 1.0))
     names = step_names(diagnosis)
+    most = _LONGEST_NAME
+    short = [n if len(n) <= most else f"{n[: most - 1]}…" for n in names]
+    margins = Margins(labels_mm(short), 11.0, between_columns=6.0)
+    [[left, right]] = axes_grid(figure, margins, n_columns=2)
     rows = np.arange(len(names))
     rms_mm = np.array([step.held_out.rms_mm for step in diagnosis.ledger])
     factor, unit = shown_unit(float(np.max(rms_mm, initial=0.0)), "mm")
@@ -45,10 +51,10 @@ def _paint_ledger(figure: Figure, diagnosis: Diagnosis) -> None:
     _write_values(left, factor * rms_mm, f" {unit}", 3.0)
     left.set_xlim(0.0, 1.28 * float(np.max(factor * rms_mm, initial=1e-9)))
     left.set_xlabel(f"held-out rms [{unit}]")
-    most = _LONGEST_NAME
-    short = [n if len(n) <= most else f"{n[: most - 1]}…" for n in names]
     left.set_yticks(rows, short)
-    left.invert_yaxis()
+    for axes in (left, right):
+        axes.set_ylim(len(names) - 0.5, -0.5)
+    right.set_yticks(rows, [])
     chi2 = np.array([step.held_out.chi2 for step in diagnosis.ledger])
     right.plot(chi2, rows, color=BLUE, marker="o", markersize=5.0, linewidth=1.0)
     _write_values(right, chi2, "", 6.0)
@@ -56,6 +62,9 @@ def _paint_ledger(figure: Figure, diagnosis: Diagnosis) -> None:
     top = float(np.max(chi2, initial=1.0))
     if top > 10.0:
         right.set_xscale("log")
+        # The default writes powers of ten as mathematics, which the look has none of.
+        right.xaxis.set_major_formatter("{x:g}")
+        right.xaxis.set_minor_formatter("")
         right.set_xlim(min(0.7, 0.8 * float(chi2.min())), 2.0 * top)
     else:
         right.set_xlim(0.0, 1.2 * max(top, 1.0))
@@ -77,7 +86,8 @@ def _write_values(axes: Axes, values: Floats, unit: str, right_points: float) ->
 
 def _paint_term(figure: Figure, curve: TermCurve, shown: Booleans) -> None:
     """Draw a term: what was left over before and after, and the term itself."""
-    left, right = figure.subplots(1, 2)
+    margins = Margins(16.0, 11.0, 6.0, between_columns=14.0)
+    [[left, right]] = axes_grid(figure, margins, n_columns=2)
     x = curve.covariate.values
     seen = shown & np.isfinite(x) & np.isfinite(curve.stds)
     with_term = curve.after + curve.fitted
@@ -169,9 +179,10 @@ def _paint_artefacts(
     figure: Figure, before: Discrepancies, after: Discrepancies, shown: Booleans
 ) -> None:
     """Draw all misclosures by artefact, before and after."""
-    axes = figure.subplots()
     campaign = before.campaign
     indices = np.unique(campaign.poses.artefacts[shown])
+    names = [campaign.artefacts[index].id for index in indices]
+    [[axes]] = axes_grid(figure, Margins(labels_mm(names), 11.0))
     limit_mm = symmetric_limit(before.misclosures_mm[shown], 0.998)
     factor, unit = shown_unit(limit_mm, "mm")
     limit = factor * limit_mm
@@ -190,7 +201,7 @@ def _paint_artefacts(
     axes.axvline(0.0, color=GREY, linewidth=0.7)
     axes.set_xlim(-1.05 * limit, 1.05 * limit)
     axes.set_ylim(len(indices) - 0.45, -0.55)
-    axes.set_yticks(range(len(indices)), [campaign.artefacts[i].id for i in indices])
+    axes.set_yticks(range(len(names)), names)
     axes.set_xlabel(f"misclosure [{unit}]; black: ± rms")
     axes.legend(loc="upper right", framealpha=0.8, frameon=True)
 
@@ -250,8 +261,10 @@ def _n_lines(count: int) -> int:
 
 def _grid(figure: Figure, count: int) -> list[Axes]:
     """Lay out so many axes, three a line."""
-    grid = figure.subplots(_n_lines(count), min(count, _PER_LINE), squeeze=False)
-    flat: list[Axes] = list(grid.ravel())
+    margins = Margins(16.0, 11.0, between_columns=16.0, between_rows=13.0)
+    n_columns = min(count, _PER_LINE)
+    grid = axes_grid(figure, margins, _n_lines(count), n_columns)
+    flat = [axes for line in grid for axes in line]
     for axes in flat[count:]:
         axes.set_visible(False)
     return flat[:count]
@@ -296,7 +309,7 @@ def plots_of(diagnosis: Diagnosis) -> Plots:
     )
     if diagnosis.gap.before.n:
         height_mm = 22.0 + 9.0 * len(diagnosis.ledger)
-        files["ledger.png"] = picture(180.0, height_mm, _paint_ledger, diagnosis)
+        files["ledger.png"] = picture(180.0, height_mm, paint_ledger, diagnosis)
     for number, term in enumerate(diagnosis.terms, start=1):
         curve = term_curve(diagnosis, term, before, everything)
         if curve is not None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from tests.lab.diagnosis.diagnosed import (
     COS_RAD,
@@ -18,7 +19,7 @@ from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.model.result import Estimate
 from traverse.lab.diagnosis.report.discrepancies import discrepancies
 from traverse.lab.diagnosis.report.page import report_page
-from traverse.lab.diagnosis.report.pictures import Plots, plots_of
+from traverse.lab.diagnosis.report.pictures import Plots, paint_ledger, plots_of
 from traverse.lab.diagnosis.report.term_curve import term_curve
 from traverse.lab.report.figures import binned
 
@@ -105,6 +106,21 @@ def test_figures_are_those_of_the_result(page):
         "Not detectable. J1 is vertical: gravity does not twist it: torsion under "
         "gravity, joint J1."
     )
+
+
+def test_large_misfits_are_written_as_plain_numbers():
+    diagnosis = eccentric()
+    ledger = tuple(
+        replace(step, held_out=replace(step.held_out, chi2=chi2))
+        for step, chi2 in zip(diagnosis.ledger, (250.0, 1.0), strict=True)
+    )
+    figure = Figure()
+    paint_ledger(figure, replace(diagnosis, ledger=ledger))
+    figure.canvas.draw()
+    right = figure.axes[1]
+    labels = [label.get_text() for label in right.get_xticklabels()]
+    assert {"1", "10", "100"} <= set(labels)
+    assert not any(label.get_text() for label in right.get_xticklabels(minor=True))
 
 
 def test_clean_has_a_page_too():
