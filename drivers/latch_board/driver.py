@@ -50,7 +50,7 @@ MAX_LATCHES = 16
 QUICK_ANSWER_NS = 500_000
 FRAME_BYTES = 60  # of a latch; what a board that is never asked takes at least
 TIES, TIE_NS = 8, 200_000_000
-TIE_AGAIN_NS, MEASURE_DELAY_NS = 100_000_000, 10_000_000_000
+TIE_AGAIN_NS, MEASURE_DELAY_NS = 100_000_000, 1_000_000_000
 # The board sends an edge again after 50 ms. So it is acknowledged a little later, not
 # while its point is on its way, and several are at once.
 AGAIN_NS = 70_000_000
@@ -194,6 +194,7 @@ class LatchBoardDriver(Driver):
             with self._delivery_queue.together():
                 if is_readable:
                     self._read(line)
+                line.check_alive()
                 self._measure_clock(line, session)
                 if more := line.decoder.faults.total() - broken:
                     broken += more
@@ -207,7 +208,6 @@ class LatchBoardDriver(Driver):
                     self._frames_before + line.decoder.accepted
                 )
                 self._report_counters()
-                line.check_alive()
 
     def _read(self, line: LatchBoardLine) -> None:
         """Read and process what has arrived.

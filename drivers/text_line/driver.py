@@ -103,7 +103,10 @@ class TextLineDriver(Driver):
         self._held.clear()
         self._time_ns = 0
         self._channels = [
-            PolledChannel(f"joint {k}", counts, counts, options.max_speed_rad_s)
+            PolledChannel(
+                *(f"joint {k}", counts, counts, options.max_speed_rad_s),
+                is_checked=options.checksum != "none",
+            )
             for k, counts in enumerate(options.counts_per_turn, start=1)
         ]
         self._overlong = self._bad = self._jumps = 0
@@ -118,7 +121,7 @@ class TextLineDriver(Driver):
         port = self._port
         # The time in a line is taken before it is sent: no line is earlier than that.
         latency_ns = port.latency_ns + self._line_bytes * port.byte_ns
-        self._clock.latency_ns = float(latency_ns)
+        self._clock.state_latency(latency_ns)
         for line, received_ns in first:
             ticks = self._learn(line, received_ns)
             arrived = _Arrived(line, ticks, received_ns, received_ns, 1, 0)
@@ -303,6 +306,9 @@ class TextLineDriver(Driver):
         """
         lines, received_ns = read
         for number, (line, bad) in enumerate(lines):
+            if bad:
+                for channel in self._channels:
+                    channel.doubt(received_ns)
             left = len(lines) - 1 - number
             arrived_ns = received_ns - round(left * self._period_ns)
             step = self._step(line, received_ns, bad)
@@ -406,6 +412,8 @@ class TextLineDriver(Driver):
                 self._reason = f"{channel.name} {miss.text}"
             if channel.missing:
                 raise self._was_reset(f"{channel.name} has jumped")
+        if doubts := max(c.status(time_ns) for c in self._channels):
+            status = [bits | doubts for bits in status]  # one line has them all
         counts = tuple(channel.count for channel in self._channels)
         return PolledSample(
             *(time_ns, received_ns, ticks, line.buttons, counts, tuple(status)),

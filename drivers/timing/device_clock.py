@@ -1,11 +1,14 @@
 """Maps a device's ticks to the host's monotonic clock, with a bound.
 
-A read never happens before the latch, so ``received - ticks / rate`` is the true offset
-plus a delay that is never negative; `traverse.drivers.timing.delay_floor` fits the line
-below these, whose slope is the error of the device's rate. The smallest delay remains,
-which no one-way measurement separates from the offset: it is stated with the port, as
-``latency_ns``, or bounded by a request and its quick answer, since the latch is after
-the request.
+A read never happens before the latch, so ``received - ticks / rate`` is the true
+offset plus a delay that is never negative; `traverse.drivers.timing.delay_floor` lays
+the line below these, whose slope is the error of the device's rate. What remains is the
+smallest delay itself, which no one-way measurement separates from the offset: it is
+stated by whoever knows the port, as ``latency_ns``. A request and its answer do: the
+latch is after the request, so that a quick answer bounds the smallest delay, as well
+as the line was known then. Where a port holds bytes back until its next frame, that
+delay rises and falls slowly by a frame, as the two clocks pass each other, which no
+line tells from an error of the rate: what an answer showed is worth less each second.
 
 Strategy: a time is in doubt until the line is known, and whenever a reading suggests
 that it may not hold any more. A reading near the line proves it: the counter has lost
@@ -17,6 +20,7 @@ bound is one at once: it would have arrived before its latch.
 """
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +38,7 @@ FIRST_BINS = 3  # for a first line, of which nothing is certain
 UNKNOWN_NS = 1e9
 LAST_READS = 2
 EXCHANGES = 64
+BEAT_S = 4.0  # a smallest delay that grows by a frame in less shows in the line's bound
 MAX_BOUND_NS = 20_000_000  # of what has to be learned; beyond, no time is certain
 MAX_TIED_NS = 1_000_000  # of an answer that ties the clock
 MAX_RATE_ERROR = 0.025  # as long as the rate is not known
@@ -73,6 +78,23 @@ class _UsualDelays:
         self.set_limits()
 
 
+@dataclass(frozen=True, slots=True)
+class _Exchange:
+    """A latch that was requested.
+
+    Attributes:
+        ticks: when it was, unwrapped.
+        sent_ns: when it had been requested.
+        latency_ns: the smallest delay was no larger then.
+        lifted_ns: by how much the line had been lifted before.
+    """
+
+    ticks: int
+    sent_ns: int
+    latency_ns: float
+    lifted_ns: float
+
+
 class DeviceClock:
     """Regression of device ticks on host time.
 
@@ -82,9 +104,8 @@ class DeviceClock:
         latency_ns: bound on the smallest delay.
 
     Attributes:
-        latency_ns: the same; measured, if requests and their answers show it.
-        running: something has been learned.
-        steps: how often the counter, or the host's clock, jumped or stood still.
+        running: something has been learned, from readings.
+        steps: how often the counter, or the host's clock, has jumped or stood still.
     """
 
     def __init__(
@@ -92,9 +113,6 @@ class DeviceClock:
     ) -> None:
         self._ns_per_tick = 1e9 / tick_rate_hz
         self._blend_ticks = max(1, round(BLEND_S * tick_rate_hz))
-        self.latency_ns = float(latency_ns)
-        # A bus of frames holds bytes back by more and more of one, then by none again.
-        self._grain_ns = float(latency_ns)
         self._wrap = wrap
         self._last: int | None = None
         self.running = False
@@ -106,11 +124,19 @@ class DeviceClock:
         self._tie: tuple[int, float] | None = None  # ticks of a quick answer; how quick
         self._reads: list[tuple[int, int]] = []
         self._lates_ns: deque[float] = deque([0.0], maxlen=LAST_READS)
-        self._lateness: deque[float] = deque(maxlen=EXCHANGES)
+        self._exchanges: deque[_Exchange] = deque(maxlen=EXCHANGES)
+        self._best: _Exchange | None = None
+        self._lifted_ns = 0.0
         self._run = self._read_ns = self._read_ticks = self._proven_ns = 0
         self._run_late_ns = self._height_ns = self._jump_ns = 0.0
         self._line_bound_ns = UNKNOWN_NS
+        self.state_latency(latency_ns)
         self._restart(0, 0)
+
+    def state_latency(self, latency_ns: int) -> None:
+        """State how large the smallest delay may be."""
+        # A bus of frames holds bytes back by more and more of one, then by none again.
+        self._grain_ns = float(latency_ns)
 
     # -- how well it is known --------------------------------------------------
 
@@ -141,13 +167,26 @@ class DeviceClock:
         """Error of the times of the last read; large while uncertain."""
         # So much the counter may have lost unseen, unless a read since then denies it.
         late_ns = min(self._lates_ns)
-        bound_ns = max(self._bound_ns(), late_ns) + self.latency_ns + self._ns_per_tick
+        bound_ns = max(self._bound_ns(), late_ns) + self._latency_ns + self._ns_per_tick
         return round(min(bound_ns, UNKNOWN_NS))
 
     @property
     def rate_error(self) -> float:
         """By how much the device's clock runs fast; 1e-3: 0.1 %."""
         return -self._slope / (1.0 + self._slope)
+
+    @property
+    def _latency_ns(self) -> float:
+        """Bound on the smallest delay now."""
+        if self._best is None:
+            return self._grain_ns
+        return self._best.latency_ns + self._risen_ns(self._best, self._last or 0)
+
+    def _risen_ns(self, exchange: "_Exchange", ticks: int) -> float:
+        """Bound on the rise of the smallest delay since an exchange."""
+        passed_s = abs(ticks - exchange.ticks) * self._ns_per_tick * 1e-9
+        lifted_ns = self._lifted_ns - exchange.lifted_ns
+        return min(self._grain_ns, self._grain_ns * passed_s / BEAT_S + lifted_ns)
 
     def is_newer(self, ticks: int) -> bool:
         """Return whether a latch, unwrapped, is later than all before."""
@@ -218,10 +257,23 @@ class DeviceClock:
             self._height_ns = offset_ns - self._slope * elapsed_ns
             self._jump_ns = 0.0
             self._tie = ticks, float(width_ns)
-        # How late all times may be, because every read was.
-        lateness_ns = max(0.0, float(self.to_ns(ticks) - sent_ns))
-        self._lateness.append(lateness_ns)
-        self.latency_ns = min(self._lateness)
+        self._exchanges.append(self._exchange(ticks, sent_ns))
+        self._choose_exchange(ticks)
+
+    def _exchange(self, ticks: int, sent_ns: int) -> "_Exchange":
+        """Bound by how much all times are late, because every read was."""
+        late_ns = max(0.0, float(self.to_ns(ticks) - sent_ns))
+        # As long as an answer ties the clock, the line is that answer's own.
+        is_tied = self._tie is not None and self._line_bound_ns >= UNKNOWN_NS
+        line_bound_ns = 0.0 if is_tied else self._bound_ns()
+        return _Exchange(ticks, sent_ns, late_ns + line_bound_ns, self._lifted_ns)
+
+    def _choose_exchange(self, ticks: int) -> None:
+        self._best = min(
+            self._exchanges,
+            key=lambda past: past.latency_ns + self._risen_ns(past, ticks),
+            default=None,
+        )
 
     def _judge(self, ticks: int, late_ns: float, received_ns: int) -> None:
         """Detect proofs that the line holds; a step, if there was none for long."""
@@ -263,7 +315,8 @@ class DeviceClock:
         self._fit_ticks = 0
         self._line_bound_ns = UNKNOWN_NS
         self._tie = None
-        self._lateness.clear()
+        self._exchanges.clear()
+        self._best = None
         self._usual = _UsualDelays()
         self._run, self._read_ns, self._proven_ns = 0, 0, received_ns
         self._read_ticks, self._run_late_ns = ticks, 0.0
@@ -286,12 +339,16 @@ class DeviceClock:
         self._line_bound_ns = min(line.bound_ns, UNKNOWN_NS)
         self._enter(ticks, line.slope, line.height_ns)
         if not was_known and self._line_bound_ns < UNKNOWN_NS:
-            self._learn_usual()
+            self._learn_usual(ticks)
 
-    def _learn_usual(self) -> None:
+    def _learn_usual(self, last_ticks: int) -> None:
         """Judge earlier readings by the line that they gave."""
         reads, self._reads = self._reads, []
         jump_ns, self._jump_ns = self._jump_ns, 0.0
+        exchanges = [self._exchange(e.ticks, e.sent_ns) for e in self._exchanges]
+        self._exchanges.clear()
+        self._exchanges.extend(exchanges)
+        self._choose_exchange(last_ticks)
         for ticks, received_ns in reads:
             late_ns = float(received_ns - self.to_ns(ticks))
             self._judge(ticks, late_ns, received_ns)
@@ -349,3 +406,4 @@ class DeviceClock:
         self._slope, self._height_ns, self._jump_ns = slope, height_ns, 0.0
         self._fit_ticks = ticks - self._anchor_ticks
         self._jump_ns = float(before_ns - self.to_ns(ticks))
+        self._lifted_ns += max(0.0, -self._jump_ns)

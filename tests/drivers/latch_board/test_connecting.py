@@ -10,7 +10,7 @@ import pytest
 
 from tests.drivers.driver_contract import streaming
 from tests.drivers.latch_board import frame_bodies as bodies
-from tests.drivers.latch_board.fake_board import CONFIGURE, HELLO
+from tests.drivers.latch_board.fake_board import CONFIGURE, HELLO, LATCH
 from tests.drivers.latch_board.rig import board_rig
 from tests.drivers.taken import Taken
 from tests.waiting import until
@@ -131,7 +131,8 @@ async def test_silence_of_the_board_is_a_loss(rig):
     ):
         await taken.until(lambda: taken.of(DeviceUp), "the device is up")
         rig.board.mute = True
-        rig.board.answers[HELLO] = lambda body: []
+        for request in (HELLO, LATCH):
+            rig.board.answers[request] = lambda body: []
         await asyncio.sleep(0)
         skipped_ns[0] = 3_000_000_000
         await taken.until(lambda: taken.of(DeviceLost), "the loss")
