@@ -6,6 +6,7 @@ change where its position passes 0, is general knowledge and not confirmed.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 from pydantic import Field, field_validator
@@ -49,6 +50,7 @@ WRONG_BITS = ReadError(
     "wrong_bits",
     "answers with more than 12 bits",
     "set bits = 14, and counts_per_turn = 16384 in the arm file",
+    is_damage=True,
 )
 TURNS_UNSTEADY = ReadError(
     "turns_unsteady",
@@ -89,6 +91,7 @@ class Amt21Driver(PolledDriver[Amt21Line]):
                 modulus,
                 1 << self._bits,
                 options.max_speed_rad_s,
+                is_checked=False,  # two check bits pass one bad word in four
             )
             for address in self._addresses
         ]
@@ -110,7 +113,7 @@ class Amt21Driver(PolledDriver[Amt21Line]):
         reading = self._position(channel)
         if isinstance(reading, ReadError):
             return reading
-        return EncoderReading(self._nearest(known, reading.count), reading.time_ns)
+        return replace(reading, count=self._nearest(known, reading.count))
 
     def _position(self, channel: int) -> EncoderReading | ReadError:
         answer = self._get(channel, amt21.position_request(self._addresses[channel]))
@@ -119,7 +122,7 @@ class Amt21Driver(PolledDriver[Amt21Line]):
         unused = amt21.VALUE_BITS - self._bits
         if answer.count & ((1 << unused) - 1):
             return WRONG_BITS
-        return EncoderReading(answer.count >> unused, answer.time_ns)
+        return replace(answer, count=answer.count >> unused)
 
     def _position_and_turns(self, channel: int) -> EncoderReading | ReadError:
         """A position between two readings of the turns, which show whether 0 passed."""
@@ -149,7 +152,7 @@ class Amt21Driver(PolledDriver[Amt21Line]):
                 "check a known point before measuring on",
             )
             known.reset()
-        return EncoderReading(count, position.time_ns)
+        return replace(position, count=count)
 
     def _turns_are_due(self, channel: int, last_ns: int) -> bool:
         """Return whether the shaft may have made half a turn since the last reading."""

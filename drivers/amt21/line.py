@@ -36,6 +36,7 @@ GARBLED = ReadError(
     "garbled",
     "answers with wrong check bits",
     "check cable, shielding, baud rate and that no address is used twice",
+    is_damage=True,
 )
 
 
@@ -120,8 +121,8 @@ class Amt21Line:
         timeout_ns = self._timeout_ns if patient else self._usual_ns()
         self._clear(timeout_ns)
         reply = amt21.Reply(request, echoed=self.echoed)
-        self._port.write(request)
         sent_ns = received_ns = self._now_ns()
+        self._port.write(request)
         whole = False
         while not whole and (left_ns := sent_ns + timeout_ns - received_ns) > 0:
             if self._port.wait(left_ns * 1e-9):
@@ -134,7 +135,8 @@ class Amt21Line:
         self._learn(received_ns - sent_ns)
         if received_ns - sent_ns > timeout_ns:  # it was there, but was not read
             return SLOW
-        return EncoderReading(reply.value, (sent_ns + received_ns) // 2)
+        half_ns = (received_ns - sent_ns) // 2
+        return EncoderReading(reply.value, sent_ns + half_ns, bound_ns=half_ns)
 
     def command(self, request: bytes) -> None:
         """Send a command without reply, and discard input."""

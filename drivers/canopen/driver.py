@@ -16,6 +16,7 @@ from traverse.drivers.base.driver import ASK_S, Driver
 from traverse.drivers.base.values import DeviceUp
 from traverse.drivers.canopen.discovery import (
     ASK_DEVICE_TYPE,
+    JITTER_NS,
     NodeDiscovery,
     bus_identity,
     set_up_nodes,
@@ -105,6 +106,7 @@ class CanOpenDriver(Driver):
             [fact.position for fact in facts],
             self._delivery_queue.put,
             late_ns=int(options.late_s * 1e9),
+            stamped=options.interface in JITTER_NS,
         )
         for node in options.nodes:
             bus.send(wire.NMT, wire.nmt_command(wire.START, node))
@@ -197,7 +199,7 @@ class CanOpenDriver(Driver):
         cycles = None if self._supervisor is None else self._supervisor.cycles
         frames = self._bus.receive(limit_s)
         for can_id, data, time_ns in frames:
-            if cycles is None or not cycles.take(can_id, data):
+            if cycles is None or not cycles.take(can_id, data, time_ns):
                 self._dispatch(can_id, data, time_ns)
         return len(frames)
 

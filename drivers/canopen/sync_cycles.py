@@ -24,7 +24,8 @@ class SyncCycleAssembler:
     """Positions of one stream, gathered by SYNC.
 
     ``counts`` are the last known; no answer arrives later than ``late_ns`` after
-    its SYNC.
+    its SYNC. Unless ``stamped`` by the bus, a SYNC is later than its stamp: it was
+    there before the first answer to it.
 
     Attributes:
         status: by channel, further status of a node; set from outside.
@@ -50,6 +51,7 @@ class SyncCycleAssembler:
         deliver: Callable[[CountSamples], object],
         *,
         late_ns: int,
+        stamped: bool = True,
     ) -> None:
         self._device, self._deliver = device, deliver
         self._channels = {wire.TPDO1 + n: channel for channel, n in enumerate(nodes)}
@@ -62,7 +64,8 @@ class SyncCycleAssembler:
         self._open = False  # a SYNC is out and its set not yet closed
         self._time_ns = 0
         self._answered = self._all
-        self._late_ns = late_ns
+        self._late_ns, self._stamped = late_ns, stamped
+        self._first_answer_ns = self._bound_ns = 0
         self._attribution = SyncAttribution(len(nodes))
         self._overflowed = False  # frames were lost since the last SYNC
         self._no_pause_before_ns = self._no_wait_before_ns = 0
@@ -100,8 +103,8 @@ class SyncCycleAssembler:
         self._answered = 0
         self._open = True
 
-    def take(self, can_id: int, data: bytes | bytearray) -> bool:
-        """Take a frame if it is a position; False for all others."""
+    def take(self, can_id: int, data: bytes | bytearray, time_ns: int = 0) -> bool:
+        """Take a frame if it is a position, with its arrival; False for all others."""
         channel = self._channels.get(can_id)
         if channel is None:
             return False
@@ -110,6 +113,8 @@ class SyncCycleAssembler:
             return True
         bit = 1 << channel
         self.seen |= bit
+        if not self._answered:
+            self._first_answer_ns = time_ns
         attribution = self._attribution
         if self._answered & bit:
             if not self._take_extra_answer(channel):
@@ -183,6 +188,7 @@ class SyncCycleAssembler:
             np.zeros(n, dtype=np.uint8),
             counts,
             status,
+            time_bound_ns=self._bound_ns,
         )
         self._forget()
         self.delivered += n
@@ -199,6 +205,9 @@ class SyncCycleAssembler:
             return
         self._seqs.append(self._seq)
         self._times_ns.append(self._time_ns)
+        if not self._stamped:
+            passed_ns = self._first_answer_ns - self._time_ns
+            self._bound_ns = max(self._bound_ns, passed_ns)
         self._rows += self._counts
         self._states += status
         if not missed:
@@ -243,3 +252,4 @@ class SyncCycleAssembler:
         self._times_ns.clear()
         self._rows.clear()
         self._states.clear()
+        self._bound_ns = 0

@@ -31,7 +31,7 @@ class TimedPacket:
     """A packet and its times, host monotonic.
 
     Attributes:
-        sent_ns: end of writing the request; it was latched after that.
+        sent_ns: begin of writing the request; it was latched after that.
         begun_ns: read of its first bytes; it was latched before that.
         received_ns: end of reading.
         delay_ns: from the latch to its first bytes, as far as known.
@@ -158,8 +158,8 @@ class MicroscribeLine:
         ``old`` recognises an answer to an earlier request.
         """
         self.drop_stray()
-        self.port.write(packet_request(timer=True))
         sent_ns = begun_ns = self._now_ns()
+        self.port.write(packet_request(timer=True))
         delay_ns = 0
         until_ns = sent_ns + int(self.patience_s * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0 and not self._stopping():

@@ -168,11 +168,15 @@ class MicroscribeSession:
     ) -> None:
         self.line, self.arm = line, arm
         self.channels = [
-            PolledChannel(f"encoder {number}", modulus, modulus, max_speed_rad_s)
+            PolledChannel(
+                *(f"encoder {number}", modulus, modulus, max_speed_rad_s),
+                is_checked=False,
+            )
             for number, modulus in enumerate(self.arm.moduli)
         ]
         self.decoder: PacketDecoder = self.arm.decoder()
         self._now_ns = monotonic_ns
+        self._n_spoilt = 0
         self.clock = PacketClock(0.0, 1, 0)
         wrap, self.timer_used = self.arm.timer_wrap, False
         for _ in range(LOOKS):  # one of them may fall into a stall of the host
@@ -184,6 +188,7 @@ class MicroscribeSession:
             self.line.read_until_quiet(PACKET_S)
         quickest = min(heard, key=lambda packet: packet.begun_ns - packet.sent_ns)
         self.delay_ns = quickest.delay_ns
+        self._n_spoilt = self._n_spoilt_bytes()
         used_hz = timer_rate_hz if self.timer_used else 0.0
         self.clock = PacketClock(used_hz, wrap, self.delay_ns)
         self.first = [self.sample_of(packet)[0] for packet in heard][-1]
@@ -220,13 +225,19 @@ class MicroscribeSession:
         ticks, time_ns = self.clock.time_of(heard)
         uncertain = STATUS_TIME_UNCERTAIN if self.clock.is_uncertain else 0
         status, implausible = [], []
+        if (n_spoilt := self._n_spoilt_bytes()) > self._n_spoilt:
+            self._n_spoilt = n_spoilt
+            for channel in self.channels:
+                channel.doubt(heard.received_ns)
         for number, channel in enumerate(self.channels):
             reading = EncoderReading(heard.packet.encoders[number], time_ns)
             possible = reading.count < channel.modulus
             miss = channel.accept(reading if possible else IMPLAUSIBLE, time_ns)
-            status.append(STATUS_MISSING if miss else uncertain)
             if miss is IMPLAUSIBLE:
                 implausible.append(number)
+            status.append(STATUS_MISSING if miss else uncertain)
+        if doubts := max(c.status(heard.received_ns) for c in self.channels):
+            status = [bits | doubts for bits in status]  # one packet has them all
         sample = PolledSample(
             time_ns,
             heard.received_ns,
@@ -237,6 +248,10 @@ class MicroscribeSession:
             time_bound_ns=self.clock.bound_ns,
         )
         return sample, implausible
+
+    def _n_spoilt_bytes(self) -> int:
+        """How often bytes had changed; a packet that lacks some always shows it."""
+        return self.decoder.faults["foreign"] + self.decoder.faults["stray"]
 
     def _look(self) -> tuple[list[TimedPacket], list[int]]:
         """Request packets for a while; return them and their durations [ns]."""

@@ -192,8 +192,11 @@ class ModbusDriver(PolledDriver[ModbusClient]):
         said = self._get(channel, encoder.function, registers.first, registers.words)
         if isinstance(said, ReadError):
             return said
-        words, time_ns = said
-        return EncoderReading(registers.count(words), time_ns, self._flags[channel])
+        words, (sent_ns, received_ns) = said
+        half_ns = (received_ns - sent_ns) // 2
+        return EncoderReading(
+            *(registers.count(words), sent_ns + half_ns, self._flags[channel], half_ns)
+        )
 
     def _cycle_is_valid(self) -> bool:
         now_ns = self._now_ns()
@@ -222,8 +225,8 @@ class ModbusDriver(PolledDriver[ModbusClient]):
 
     def _get(
         self, channel: int, function: int, first: int, n_words: int
-    ) -> tuple[list[int], int] | ReadError:
-        """Return registers of an encoder, and the middle of the exchange."""
+    ) -> tuple[list[int], tuple[int, int]] | ReadError:
+        """Return registers of an encoder, with begin and end of the exchange."""
         client = self._open_line
         read = client.read_input_registers
         if function == 3:
@@ -253,7 +256,7 @@ class ModbusDriver(PolledDriver[ModbusClient]):
             self._doubted_until_ns[channel] = sent_ns + doubt_ns * (miss is not REFUSED)
             return miss
         self._longest_ns = max(self._longest_ns, received_ns - sent_ns)
-        return words, (sent_ns + received_ns) // 2
+        return words, (sent_ns, received_ns)
 
     def _usual_s(self) -> float:
         """Return a time within which most replies arrive; at first the time-out."""

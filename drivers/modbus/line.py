@@ -26,7 +26,7 @@ class ModbusClient(ModbusBaseSyncClient):
         echo: the adapter echoes requests.
 
     Attributes:
-        sent_ns: when the last request had been written.
+        sent_ns: when the last request was about to be written.
         received_ns: when the last bytes of its reply were read.
         unrequested_bytes: unexpected bytes.
     """
@@ -75,8 +75,8 @@ class ModbusClient(ModbusBaseSyncClient):
             self._let_pass((self._silence_ns - quiet_ns) * 1e-9)
         if self._port.wait(0.0):
             self.unrequested_bytes += len(self._port.read())
-        self._port.write(request)
         self.sent_ns = self.received_ns = self._now_ns()
+        self._port.write(request)
         return len(request)
 
     def recv(self, size: int | None) -> bytes:

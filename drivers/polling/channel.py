@@ -3,15 +3,27 @@
 Check bits pass some bad words. A reading must therefore be within reach of the shaft
 since the last good one; and the first one, also after an encoder was missing, is
 accepted once the next confirms it.
+
+Strategy: where no check sum protects readings, a spoilt one may be a place that the
+shaft could have reached. A spoilt reading leaves the motion and the next one is back on
+it; a shaft that is stopped stays where it is. So a reading off the motion so far is
+left out, and the next one tells which it was. What is off by less than a hand's motion
+explains passes. Hence every sign of spoilt bytes puts all readings of the next seconds
+in doubt: where one was spoilt visibly, others may have been invisibly.
 """
 
 import math
 from dataclasses import dataclass
 
+from traverse.drivers.base.values import STATUS_WARNING
+
 READ_ERRORS_FOR_ALARM = 3
 ASK_AGAIN_NS = 500_000_000  # vain requests cost the other encoders time
 SLACK_NS = 1_000_000  # instants of readings are known to about an exchange
 SLACK_COUNTS = 4
+HAND_RAD_S2 = 20.0  # 1.6 g at 0.8 m
+MOTION_NS = 50_000_000  # readings further apart say nothing of each other's motion
+DAMAGE_NS = 2_000_000_000  # so long readings are in doubt after a spoilt one
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,32 +32,44 @@ class EncoderReading:
 
     Attributes:
         status: bits ``STATUS_*`` sent with it.
+        bound_ns: how far the time may be off; 0: as the driver states for all.
     """
 
     count: int
     time_ns: int
     status: int = 0
+    bound_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class ReadError:
-    """A failed reading; ``code`` is also the name of its counter."""
+    """A failed reading.
+
+    Attributes:
+        code: also the name of its counter.
+        is_damage: bytes have changed on their way; that some are lacking always shows.
+    """
 
     code: str
     text: str
     remedy: str
+    is_damage: bool = False
 
 
 IMPLAUSIBLE = ReadError(
     "implausible",
     "has jumped further than a joint can turn in that time",
     "check cable and shielding, and whether max_speed_rad_s is too small",
+    is_damage=True,
 )
 UNCONFIRMED = ReadError("unconfirmed", "answers again", "")
 
 
 class PolledChannel:
     """State of one encoder.
+
+    Args:
+        is_checked: a check sum protects its readings.
 
     Attributes:
         count: the last good one; 0 before the first.
@@ -54,7 +78,13 @@ class PolledChannel:
     """
 
     def __init__(
-        self, name: str, modulus: int, counts_per_turn: int, max_speed_rad_s: float
+        self,
+        name: str,
+        modulus: int,
+        counts_per_turn: int,
+        max_speed_rad_s: float,
+        *,
+        is_checked: bool = True,
     ) -> None:
         self.name = name
         self.modulus = modulus
@@ -62,9 +92,15 @@ class PolledChannel:
         self.count = 0
         self.time_ns: int | None = None
         self.misses = 0
-        self._counts_per_ns = max_speed_rad_s * counts_per_turn / math.tau * 1e-9
+        counts_per_rad = counts_per_turn / math.tau
+        self._counts_per_ns = max_speed_rad_s * counts_per_rad * 1e-9
+        self._counts_per_ns2 = HAND_RAD_S2 * counts_per_rad * 1e-18
         self._unconfirmed: EncoderReading | None = None
         self._ask_again_ns = 0
+        self._is_checked = is_checked
+        self._earlier: EncoderReading | None = None  # the good one before the last
+        self._left_motion = False
+        self._doubted_until_ns = 0
 
     @property
     def missing(self) -> bool:
@@ -80,20 +116,42 @@ class PolledChannel:
     ) -> ReadError | None:
         """Check a reply; None if it is valid."""
         if isinstance(answer, ReadError):
+            if answer.is_damage:
+                self.doubt(now_ns)
             return self._failed(answer, now_ns)
         if self.time_ns is not None:
             before: EncoderReading | None = EncoderReading(self.count, self.time_ns)
         else:
+            self._earlier = None
             before, self._unconfirmed = self._unconfirmed, answer
         if before is None:
             self._ask_again_ns = now_ns
             return UNCONFIRMED
         if not self._reachable(before, answer):
+            self.doubt(now_ns)
             return self._failed(IMPLAUSIBLE, now_ns)
+        left, self._left_motion = self._left_motion, False
+        if not self._is_checked:
+            follows = self._follows(before, answer)
+            if not follows and not left:
+                self._left_motion = True
+                return self._failed(IMPLAUSIBLE, now_ns)
+            if follows and left:
+                self.doubt(now_ns)
+            self._earlier = before
         self.count, self.time_ns = answer.count, answer.time_ns
         self.misses = 0
         self._unconfirmed = None
         return None
+
+    def doubt(self, now_ns: int) -> None:
+        """Put readings in doubt for a while: bytes were spoilt, and others may be."""
+        if not self._is_checked:
+            self._doubted_until_ns = now_ns + DAMAGE_NS
+
+    def status(self, now_ns: int) -> int:
+        """Return what marks its readings now, bits ``STATUS_*``."""
+        return STATUS_WARNING if now_ns < self._doubted_until_ns else 0
 
     def reset(self) -> None:
         self.time_ns = self._unconfirmed = None
@@ -110,3 +168,23 @@ class PolledChannel:
         steps = abs((after.count - before.count + half) % self.modulus - half)
         elapsed_ns = after.time_ns - before.time_ns + SLACK_NS
         return steps <= SLACK_COUNTS + elapsed_ns * self._counts_per_ns
+
+    def _follows(self, before: EncoderReading, after: EncoderReading) -> bool:
+        """Return whether a reading continues the motion so far, as by a hand."""
+        earlier = self._earlier
+        if earlier is None:
+            return True
+        before_ns = before.time_ns - earlier.time_ns
+        passed_ns = after.time_ns - before.time_ns
+        if not (0 < before_ns < MOTION_NS and 0 < passed_ns < MOTION_NS):
+            return True
+        half = self.modulus // 2
+        moved = (before.count - earlier.count + half) % self.modulus - half
+        steps = (after.count - before.count + half) % self.modulus - half
+        speed = moved / before_ns
+        most = (
+            SLACK_COUNTS * (1.0 + passed_ns / before_ns)
+            + abs(speed) * SLACK_NS
+            + self._counts_per_ns2 * passed_ns * (before_ns + passed_ns) / 2.0
+        )
+        return abs(steps - speed * passed_ns) <= most

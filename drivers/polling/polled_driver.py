@@ -9,6 +9,7 @@ import time
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from statistics import median
 from typing import Generic, Protocol, TypeVar
 
@@ -250,4 +251,7 @@ class PolledDriver(Driver, Generic[LineT]):
         miss = channel.accept(answer, self._now_ns())
         if miss is not None:
             self._read_errors.add(number, channel, miss)
-        return answer if miss is None and isinstance(answer, EncoderReading) else None
+        if miss is not None or not isinstance(answer, EncoderReading):
+            return None
+        doubts = channel.status(self._now_ns())
+        return replace(answer, status=answer.status | doubts) if doubts else answer

@@ -50,7 +50,8 @@ def sample_of_readings(
     skew_ns = tuple(min(r.time_ns - instant_ns, MAX_SKEW_NS) for r in read)
     status = tuple(r.status for r in read)
     return PolledSample(
-        instant_ns, received_ns, instant_ns, 0, tuple(last_counts), status, skew_ns
+        *(instant_ns, received_ns, instant_ns, 0, tuple(last_counts), status, skew_ns),
+        time_bound_ns=max((reading.bound_ns for reading in read), default=0),
     )
 
 

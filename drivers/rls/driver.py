@@ -80,7 +80,9 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
         if layout.turns:
             modulus = min(1 << 32, modulus << rls.TURNS_BITS)
         return f"{len(serial_numbers)} RLS encoders, serial numbers {serials}", [
-            PolledChannel(name, modulus, per_turn, options.max_speed_rad_s)
+            PolledChannel(
+                *(name, modulus, per_turn, options.max_speed_rad_s), is_checked=False
+            )
             for name in self._names.values()
         ]
 
@@ -193,4 +195,4 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
             self._temperatures_c[channel] = said.temperature_c
             temperatures_c = tuple(self._temperatures_c)
             self._delivery_queue.put(DeviceTemperatures(self.device, temperatures_c))
-        return EncoderReading(count, answer.time_ns, status)
+        return EncoderReading(count, answer.time_ns, status, answer.bound_ns)

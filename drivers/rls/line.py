@@ -23,20 +23,27 @@ GARBLED = ReadError(
     "garbled",
     "answers with what is no reply",
     "check cable and baud rate, and that bits and turns are those of the encoder",
+    is_damage=True,
 )
 SHIFTED = ReadError(
     "shifted",
     "sends more than requested",
     "check the cable; is it in the continuous mode?",
+    is_damage=True,
 )
 
 
 @dataclass(frozen=True, slots=True)
 class TimedPosition:
-    """An encoder's reply, and its instant on the host's monotonic clock."""
+    """An encoder's reply, and its instant on the host's monotonic clock.
+
+    Attributes:
+        bound_ns: how far the instant may be off.
+    """
 
     position: rls.Position
     time_ns: int
+    bound_ns: int
 
 
 class RlsLine:
@@ -97,8 +104,8 @@ class RlsLine:
         self.request = request
         self._wanted = self._layout.reply_bytes(request)
         self._heard, self._surplus = b"", False
-        self.port.write(request)
         self._sent_ns = self._received_ns = self._now_ns()
+        self.port.write(request)
 
     def waited_ns(self) -> int:
         """Time since the request."""
@@ -142,7 +149,8 @@ class RlsLine:
         position = rls.position(reply, self.request, self._layout)
         if position is None:
             return self._failed(GARBLED)
-        return TimedPosition(position, (self._sent_ns + self._received_ns) // 2)
+        half_ns = self.last_ns // 2
+        return TimedPosition(position, self._sent_ns + half_ns, half_ns)
 
     def follow(self, request: bytes) -> None:
         """Follow unsolicited answers to a request."""
@@ -161,7 +169,9 @@ class RlsLine:
         positions = self._replies.feed(data)
         self.unrequested_bytes += self._replies.skipped - skipped
         if positions:
-            self.latest = TimedPosition(positions[-1], now_ns - self.reply_duration_ns)
+            duration_ns = self.reply_duration_ns
+            at_ns = now_ns - duration_ns
+            self.latest = TimedPosition(positions[-1], at_ns, duration_ns // 2)
 
     def _failed(self, miss: ReadError) -> ReadError:
         self._doubted_until_ns = self._sent_ns + self._doubt_ns

@@ -56,6 +56,31 @@ def test_a_set_has_the_instant_of_its_sync() -> None:
     assert taken.blocks[0].received_ns == 10**9
 
 
+def test_a_sync_of_an_adapter_was_there_before_the_first_answer() -> None:
+    blocks: list[CountSamples] = []
+    cycles = SyncCycleAssembler(
+        "arm",
+        NODES,
+        (TURN,) * 3,
+        (1, 2, 3),
+        blocks.append,
+        late_ns=LATE_NS,
+        stamped=False,
+    )
+    cycles.restart(1)
+    for sync_ns, first_ns in ((10_000, 3_000), (20_000, 7_000), (30_000, 4_000)):
+        cycles.sync(sync_ns)
+        for late_ns, node in enumerate(NODES):
+            answered_ns = sync_ns + first_ns + 500 * late_ns
+            assert cycles.take(0x180 + node, bytes(4), answered_ns)
+    cycles.flush(10**9, at_once=True)
+    cycles.sync(40_000)
+    for node in NODES:
+        assert cycles.take(0x180 + node, bytes(4), 42_000)
+    cycles.flush(2 * 10**9, at_once=True)
+    assert [block.time_bound_ns for block in blocks] == [7_000, 2_000]
+
+
 def test_a_node_that_does_not_answer_keeps_its_last_count() -> None:
     taken = Taken()
     taken.cycles.sync(0)

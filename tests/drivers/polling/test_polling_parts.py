@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from traverse.drivers.base.values import STATUS_MISSING, STATUS_WARNING, CountSamples
 from traverse.drivers.polling.channel import (
     ASK_AGAIN_NS,
+    DAMAGE_NS,
     IMPLAUSIBLE,
     UNCONFIRMED,
     EncoderReading,
@@ -26,6 +27,8 @@ TURN = 16384
 SPEED_RAD_S = 20.0
 MS = 1_000_000
 SILENT = ReadError("silent", "does not answer", "check it")
+GARBLED = ReadError("garbled", "has wrong check bits", "check it", is_damage=True)
+PERIOD_NS = 10 * MS
 
 
 def channel(count=0, modulus=TURN) -> PolledChannel:
@@ -90,6 +93,66 @@ def test_readings_that_do_not_agree_do_not_bring_it_back():
     assert accepted == [UNCONFIRMED, IMPLAUSIBLE, IMPLAUSIBLE, IMPLAUSIBLE]
     assert one.missing
     assert one.time_ns is None
+
+
+def led(n, speed=30.0, acceleration=0.4):
+    """Counts of a joint that a hand leads, at `PERIOD_NS`: 1 rad/s and 16 rad/s2."""
+    return [round(100 + speed * k + acceleration * k * k / 2.0) for k in range(n)]
+
+
+def unchecked(counts):
+    """An encoder without a check sum that has read these counts."""
+    made = PolledChannel("encoder 1", TURN, TURN, SPEED_RAD_S, is_checked=False)
+    for number, count in enumerate(counts):
+        now_ns = number * PERIOD_NS
+        miss = made.accept(EncoderReading(count % TURN, now_ns), now_ns)
+        assert miss is (None if number else UNCONFIRMED)
+    return made, len(counts) * PERIOD_NS
+
+
+@given(st.integers(20, 1500), st.booleans())
+def test_a_spoilt_count_leaves_the_motion_and_puts_its_neighbours_in_doubt(off, back):
+    counts = led(30)
+    one, now_ns = unchecked(counts[:20])
+    spoilt = (counts[20] + (-off if back else off)) % TURN
+    assert one.accept(EncoderReading(spoilt, now_ns), now_ns) is IMPLAUSIBLE
+    assert one.count == counts[19]
+    now_ns += PERIOD_NS
+    assert one.accept(EncoderReading(counts[21] % TURN, now_ns), now_ns) is None
+    assert one.count == counts[21]
+    assert one.status(now_ns) == STATUS_WARNING
+    assert one.status(now_ns + DAMAGE_NS) == 0
+
+
+def test_a_joint_that_is_stopped_suddenly_is_in_no_doubt():
+    counts = led(20, speed=60.0, acceleration=0.0)
+    one, now_ns = unchecked(counts)
+    stopped = EncoderReading(counts[-1], now_ns)
+    assert one.accept(stopped, now_ns) is IMPLAUSIBLE
+    for number in range(1, 20):
+        at_ns = now_ns + number * PERIOD_NS
+        assert one.accept(EncoderReading(counts[-1], at_ns), at_ns) is None
+        assert one.status(at_ns) == 0
+
+
+@given(st.floats(-100.0, 100.0), st.floats(-0.4, 0.4))
+def test_what_a_hand_does_is_in_no_doubt(speed, acceleration):
+    one, now_ns = unchecked(led(60, speed, acceleration))
+    assert one.status(now_ns) == 0
+
+
+@pytest.mark.parametrize("is_checked", [True, False])
+def test_a_reading_with_wrong_check_bits_puts_others_in_doubt(is_checked):
+    one = PolledChannel("encoder 1", TURN, TURN, SPEED_RAD_S, is_checked=is_checked)
+    one.accept(SILENT, 0)
+    assert one.status(0) == 0
+    one.accept(GARBLED, MS)
+    assert one.status(MS) == (0 if is_checked else STATUS_WARNING)
+
+
+def test_a_sample_states_how_far_the_worst_of_its_instants_may_be_off():
+    readings = [EncoderReading(7, 100, 0, 300), EncoderReading(8, 900, 0, 200), None]
+    assert sample_of_readings(0, readings, [7, 8, 9], 1000).time_bound_ns == 300
 
 
 @given(
