@@ -220,6 +220,7 @@ class Service:
             measurement,
             _probe_library(path, configuration),
             self.utc.confirm,
+            self.utc.confirm_unverified,
         )
         self.commands = CommandDispatcher(
             arm=arm,
@@ -524,6 +525,7 @@ async def _poll_periodically(service: Service) -> None:
     loop = asyncio.get_running_loop()
     while True:
         period_s = service.measurement.configuration.health.period_s
+        service.measurement.check_recent()
         service.measurement.conditions.check_overdue()
         service.events.flush()
         service.utc.check()

@@ -1,10 +1,11 @@
 """Judgement of the computer's UTC.
 
 A computer without a clock battery starts in 1970, one with a wrong one years ahead; NTP
-corrects it later, or never. The kernel knows whether a program synchronises the clock;
-without a network nothing does, and the clock may still be right. So UTC is trusted as
-long as it is possible: not before this version was made, not years after it, and
-neither before the latest trusted time nor much later. Only the operator can tell more.
+sets it right later, or never. The kernel knows whether a program keeps the clock
+synchronised; in a laboratory without a network nothing does, and only the operator can
+say whether the clock is right. Once said, it is believed from then on, over restarts,
+as long as the time is possible: not before this version was made, not years after it,
+and neither before the latest time that was believed here nor much later.
 """
 
 import ctypes
@@ -102,6 +103,15 @@ class UtcJudge:
         self.memory = memory
         self._synchronised = synchronised
 
+    def unverified(self, utc_ns: int) -> str:
+        """A possible time of which nothing has shown yet that it is right, in words.
+
+        Empty for all others: what confirms the arm is no word for an impossible time.
+        """
+        if self.memory.good_ns or self._impossible(utc_ns) or self._synchronised():
+            return ""
+        return f"the computer's clock shows {as_text(utc_ns)}"
+
     def doubt(self, utc_ns: int) -> str:
         """State why a present time is in doubt; empty if not, and remembered."""
         text = self._doubt(utc_ns)
@@ -114,22 +124,33 @@ class UtcJudge:
         self.memory.good_ns = self.memory.confirmed_ns = utc_ns
 
     def _doubt(self, utc_ns: int) -> str:
-        good_ns, is_confirmed = self.memory.good_ns, False
-        if confirmed_ns := self.memory.confirmed_ns:
-            is_confirmed = -MAX_BACK_NS <= utc_ns - confirmed_ns <= MAX_AWAY_NS
+        good_ns = self.memory.good_ns
         now = f"the computer's clock shows {as_text(utc_ns)}"
-        if utc_ns < MADE_NS and not is_confirmed:
-            return f"{now}, before this version was made ({as_text(MADE_NS)})"
-        if utc_ns > LATEST_NS and not is_confirmed:
-            return f"{now}, more than {YEARS_IN_USE} years after this version was made"
-        if not good_ns or self._synchronised():
+        if impossible := self._impossible(utc_ns):
+            return f"{now}, {impossible}"
+        if self._synchronised():
             return ""
+        if not good_ns:
+            return (
+                f"{now}; no program keeps it synchronised, and nobody has confirmed it"
+            )
         if utc_ns < good_ns - MAX_BACK_NS:
             return f"{now}, and has shown {as_text(good_ns)} before"
         if utc_ns > good_ns + MAX_AWAY_NS:
             return (
                 f"{now}, {(utc_ns - good_ns) / DAY_NS:.0f} days after it was last right"
             )
+        return ""
+
+    def _impossible(self, utc_ns: int) -> str:
+        """Why a time cannot be, unless it was confirmed."""
+        confirmed_ns = self.memory.confirmed_ns
+        if confirmed_ns and -MAX_BACK_NS <= utc_ns - confirmed_ns <= MAX_AWAY_NS:
+            return ""
+        if utc_ns < MADE_NS:
+            return f"before this version was made ({as_text(MADE_NS)})"
+        if utc_ns > LATEST_NS:
+            return f"more than {YEARS_IN_USE} years after this version was made"
         return ""
 
 

@@ -46,6 +46,17 @@ class UtcWatch:
         self._looked_ns = -LOOK_NS
         self.check()
 
+    def confirm_unverified(self) -> str:
+        """Who confirms the arm confirms a possible time with it; what, in words.
+
+        Empty where the time is not in doubt, or cannot be.
+        """
+        now_ns = self._clock.monotonic_ns()
+        text = self._judge.unverified(self._clock.to_utc_ns(now_ns))
+        if text:
+            self.confirm()
+        return text
+
     def close(self) -> None:
         """Wait until all is on the disk."""
         self._file.close()

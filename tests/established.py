@@ -1,8 +1,11 @@
-"""What tests need that a measurement is `ok`: identified arms, confirmed devices.
+"""What tests need that a measurement is `ok`: identified arms, confirmed devices and
+a computer's time that was confirmed, which not every machine keeps synchronised.
 
 Covariances are tiny, so that they change no figure that a test asserts.
 """
 
+import json
+import time
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,6 +17,7 @@ from traverse.daemon.pose.reference_memory import (
     ReferenceMemory,
     encoders_text,
 )
+from traverse.daemon.state_dir import UTC
 from traverse.drivers.base.values import Identity
 from traverse.kinematics.arm_file.arm import Identification, read_arm, write_arm
 from traverse.kinematics.effects.arm_effects import effects_from_arm
@@ -40,6 +44,13 @@ def identify(path: Path, deviation: float = TINY_MM) -> Path:
     known = given.model_copy(update={"covariance_file": file.name})
     write_arm(path, arm.model_copy(update={"identification": known}))
     return path
+
+
+def believe_utc(folder: Path) -> None:
+    """Let the daemons of a folder know the computer's time, as it was confirmed."""
+    state = folder / "state"
+    state.mkdir(mode=0o700, exist_ok=True)
+    (state / UTC).write_text(json.dumps({"good_ns": time.time_ns()}), "utf-8")
 
 
 def confirmed(model: ArmModel, devices: Mapping[str, Identity]) -> ReferenceMemory:

@@ -107,9 +107,12 @@ def wanted_commands(sight: ArmSight) -> dict[str, list[str]]:
     wanted: dict[str, list[str]] = {}
     for condition in lost_conditions(sight):
         # Encoders that count from where they are can be homed instead.
-        names = {condition.command, "home" if condition.name == "reference" else ""} - {
-            ""
-        }
+        home = "home" if condition.name == "reference" else ""
+        names = {condition.command, home} - {""}
+        if (
+            condition.name == "utc"
+        ):  # confirmed by itself, if nothing of the arm has to be
+            names = {"utc"}
         for name in names:
             wanted.setdefault(name, []).append(f"{condition.source}: {condition.cause}")
     flags = sight.live.quality.flags if sight.live and not sight.is_stale else ()

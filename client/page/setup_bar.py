@@ -47,6 +47,9 @@ class SetupBar:
             self._home = _button(presses.guard(self._set_home), "unelevated")
             self._home.classes("confirm")
             self._home.set_text("The arm is in its home posture")
+            self._utc = _button(presses.guard(self._confirm_utc), "unelevated")
+            self._utc.classes("confirm")
+            self._utc.set_text("The computer's time is right")
             self._probe = _button(presses.guard(self._change_probe))
             self._label = _button(presses.guard(self.change_label))
             self._unit = _button(presses.guard(self._turn_unit))
@@ -58,6 +61,7 @@ class SetupBar:
         wanted = wanted_commands(sight)
         self._confirm.set_visibility("reference" in wanted)
         self._home.set_visibility("home" in wanted)
+        self._utc.set_visibility("utc" in wanted)
         radius = unit.with_name(sight.live.probe_radius_mm) if sight.live else "-"
         self._probe.set_text(f"Probe {sight.probe}".strip() + f": radius {radius}")
         label = sight.known_label
@@ -97,6 +101,17 @@ class SetupBar:
         )
         if action:
             await self._follower.do(lambda arm: arm.confirm_reference())
+
+    async def _confirm_utc(self) -> None:
+        causes = wanted_commands(self._follower.sight).get("utc", [])
+        action, _ = await self._dialogs.ask(
+            "Is the UTC that the arm's computer shows right?",
+            ("It is right",),
+            more=" ".join(f"{cause}." for cause in causes)
+            + " Compare it with a clock that you trust.",
+        )
+        if action:
+            await self._follower.do(lambda arm: arm.confirm_reference(utc=True))
 
     async def _set_home(self) -> None:
         action, _ = await self._dialogs.ask(

@@ -53,11 +53,14 @@ class PointCommands:
     Args:
         probe_library: file of probes; None if the configuration names none.
         confirm_utc: accepts the computer's UTC.
+        confirm_unverified_utc: the same of a possible time; says which, if it was in
+            doubt.
     """
 
     measurement: Measurement
     probe_library: Path | None = None
     confirm_utc: Callable[[], None] = lambda: None
+    confirm_unverified_utc: Callable[[], str] = str
 
     def __post_init__(self) -> None:
         self._devices = self.measurement.joint_devices
@@ -96,10 +99,15 @@ class PointCommands:
         """Accept devices and present positions; return what was in doubt."""
         if args.utc:
             self.confirm_utc()
-            accepted = ["the computer's UTC"]
-            return {"confirmed": ["utc"], "accepted": accepted, "remembered": True}
+            return {
+                "confirmed": ["utc"],
+                "accepted": ["the computer's UTC"],
+                "remembered": True,
+            }
         check_ready(self._devices)
         accepted = await ConfirmReference(args).execute(self.measurement)
+        if utc := self.confirm_unverified_utc():
+            accepted = {**accepted, "utc": utc}
         remembered = await self._is_remembered()
         return {
             "confirmed": list(accepted),
@@ -111,7 +119,9 @@ class PointCommands:
         """Set the counts at the home posture; return joints and what is confirmed."""
         check_ready(self._devices)
         result = await HomeJoints(args).execute(self.measurement)
-        accepted = result["accepted"]
+        accepted = dict(result["accepted"])
+        if utc := self.confirm_unverified_utc():
+            accepted["utc"] = utc
         remembered = await self._is_remembered()
         return {
             "homed": result["homed"],

@@ -44,8 +44,14 @@ def test_what_cannot_be_is_doubted_whatever_the_kernel_says(
     assert cause in judge(synchronised=synchronised).doubt(utc_ns)
 
 
-def test_a_laboratory_without_a_network_is_not_in_doubt():
+def test_a_laboratory_without_a_network_confirms_its_time_once():
     its = judge()
+    assert "no program keeps it synchronised, and nobody has" in its.doubt(SOON_NS)
+    assert its.unverified(SOON_NS) == (
+        "the computer's clock shows 2026-12-01 00:00 UTC"
+    )
+    its.confirm(SOON_NS)
+    assert its.unverified(SOON_NS) == ""
     assert its.doubt(SOON_NS) == ""
     assert its.doubt(SOON_NS + 300 * DAY_NS) == ""  # after a long summer
 
@@ -78,7 +84,7 @@ def test_the_operator_may_know_better():
 
 @given(st.integers(MADE_NS, LATEST_NS), st.lists(st.integers(0, 30 * DAY_NS)))
 def test_a_clock_that_runs_on_stays_believed(utc_ns, steps_ns):
-    its = judge()
+    its = judge(good_ns=utc_ns)
     for step_ns in [0, *steps_ns]:
         utc_ns += step_ns
         assert (its.doubt(utc_ns) == "") == (utc_ns <= LATEST_NS)
@@ -93,6 +99,27 @@ def test_the_kernel_can_be_asked():
     assert is_synchronised() in {True, False}
 
 
+@pytest.mark.parametrize("utc_ns", [40 * 10**9, MADE_NS + 9 * YEAR_NS])
+def test_an_impossible_time_is_not_confirmed_with_the_arm(utc_ns):
+    assert judge().unverified(utc_ns) == ""
+
+
+def test_who_confirms_the_arm_confirms_its_time_once(tmp_path):
+    clock = SetClock()
+    clock.offset_ns = SOON_NS - clock.now_ns
+    its, judged = watch(tmp_path, clock)
+    its.check()
+    assert "nobody has confirmed it" in judged[0][0] or is_synchronised()
+    assert ("2026-12-01" in its.confirm_unverified()) != is_synchronised()
+    assert its.confirm_unverified() == ""
+    its.close()
+    assert judged[-1] == ("", "")
+    its, judged = watch(tmp_path, clock)
+    its.check()
+    its.close()
+    assert judged == [("", "")]
+
+
 def watch(tmp_path, clock):
     judged = []
     return UtcWatch(clock, tmp_path / "utc.json", lambda *said: judged.append(said)), (
@@ -104,7 +131,7 @@ def test_changes_are_reported_once_and_outlive_a_restart(tmp_path):
     clock = SetClock()
     clock.offset_ns = SOON_NS - clock.now_ns
     its, judged = watch(tmp_path, clock)
-    its.check()
+    its.confirm()
     its.check()
     clock.offset_ns -= 9 * YEAR_NS
     clock.now_ns += LOOK_NS

@@ -10,6 +10,7 @@ import pytest
 from tests.docs.accounts import why_not_run
 from tests.docs.pages import commands, examples, text_of
 from tests.docs.shell import Shell, answered, as_run
+from tests.established import believe_utc
 from tests.mosquitto import Mosquitto
 from tests.waiting import until
 
@@ -27,6 +28,7 @@ async def test_every_part_by_hand(
     make_mosquitto: Callable[..., Mosquitto], tmp_path: Path
 ) -> None:
     port = make_mosquitto().port
+    believe_utc(tmp_path)
     for kind in ("simulator", "daemon"):
         ((_, text),) = [found for found in examples(kind) if found[0] == PAGE]
         text = text.replace("port = 1883", f"port = {port}")

@@ -9,6 +9,7 @@ import pytest
 
 from tests.docs.pages import text_of
 from tests.end_to_end.programs import Program
+from tests.established import believe_utc
 from tests.mosquitto import free_port
 from tests.waiting import until
 
@@ -35,6 +36,7 @@ def shown_commands() -> list[tuple[list[str], list[str]]]:
 @pytest.mark.slow
 async def test_the_two_commands_bring_points_on_the_ball(tmp_path: Path):
     (table,), (simulator,) = blocks("csv"), blocks("toml")
+    believe_utc(tmp_path)
     (tmp_path / "table.csv").write_text(table, "utf-8")
     (tmp_path / "simulator.toml").write_text(simulator, "utf-8")
     port = str(free_port())

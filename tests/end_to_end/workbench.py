@@ -9,7 +9,7 @@ from typing import Any
 
 import traverse.cli
 from tests.end_to_end.programs import Program
-from tests.established import identify
+from tests.established import believe_utc, identify
 from traverse.daemon.pose.arm_model import read_model
 from traverse.daemon.pose.reference_file import ReferenceFile
 from traverse.daemon.pose.reference_memory import ConfirmedDevice, encoders_text
@@ -76,6 +76,7 @@ class Workbench:
         memory = ReferenceFile(state / REFERENCES)
         memory.add({"base": base})
         memory.close()
+        believe_utc(self.folder)
 
     @property
     def arm_file(self) -> Path:
