@@ -30,6 +30,7 @@ T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
 REFERENCE_REFUSED = "reference.refused"
 HOME_REFUSED = "home.refused"
+REST_MM_S = 5.0  # the ball of an arm that rests in its home posture is slower
 
 
 class MeasurementCommand(ABC, Generic[T_co]):
@@ -329,6 +330,13 @@ class HomeJoints(OrderedCommand, recorded_name="home"):
 
     def _act(self, measurement: Measurement, now_ns: int) -> dict[str, object]:
         angles_rad = self._angles_rad(measurement)
+        speed_mm_s = measurement.trajectory.speed_mm_s(now_ns)
+        if speed_mm_s is not None and speed_mm_s > REST_MM_S:
+            raise CaptureRefusedError(
+                f"the arm moves at {speed_mm_s:.3g} mm/s; at the home posture it rests",
+                "put it into its home posture, let it rest, and home again",
+                HOME_REFUSED,
+            )
         offsets_rad = measurement.pipeline.offsets_for(angles_rad)
         if offsets_rad is None:
             raise CaptureRefusedError(

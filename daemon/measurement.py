@@ -21,7 +21,7 @@ from traverse.daemon.acquisition.monitors import (
 from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
 from traverse.daemon.conditions.monitor import ConditionMonitor
-from traverse.daemon.conditions.table import HOST
+from traverse.daemon.conditions.table import ARM, HOST
 from traverse.daemon.config.schema import Action, Configuration
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies, latencies_by_name
@@ -358,6 +358,14 @@ class Measurement(MeasurementContext):
         self.points.settle(now_ns)
         self.late_readings.check()
 
+    def check_recent(self) -> None:
+        """Doubt readings of devices that are there and send none; call it often."""
+        now_ns = self.clock.running.monotonic_ns()
+        for device in self.joint_devices.devices:
+            if not device.is_recent(now_ns):
+                text = f"{device.section.id} is there and sends no readings"
+                self.conditions.mark("readings", ARM, text)
+
     def _check_host_clock(self) -> None:
         self.quality.check_clock()
         now_ns = self.clock.monotonic_ns()
@@ -433,6 +441,7 @@ class Measurement(MeasurementContext):
         self, device: Device, samples: CountSamples, is_before_edge: bool
     ) -> None:
         device.samples += len(samples.seq)
+        device.samples_ns = device.last_ns
         if (
             device not in self.joint_devices
             or self.joint_devices.first_mismatched is not None
@@ -490,6 +499,10 @@ class Measurement(MeasurementContext):
         model, temperature_c = self.pipeline.model, self.joint_devices.temperature_c
         samples = readings.samples
         poses = self.pipeline.evaluate(readings, temperature_c)
+        # The place is that of an instant, which the device's clock leaves open.
+        bound_ns = max(samples.time_bound_ns, self.resampler.time_bound_ns)
+        if bound_ns and self._begins(poses):
+            poses.quality[0] |= np.uint32(QualityFlag.MOTION_UNKNOWN)
         if error_bounds_counts is not None:
             self.skew.flag_block(model, poses, error_bounds_counts)
         self.quality.flag_block(
@@ -504,12 +517,15 @@ class Measurement(MeasurementContext):
         session = self.capture.session.id
         live = self.live.message(model, poses, session, samples.device)
         if live is not None:
-            # The place is that of an instant, which the device's clock leaves open.
-            bound_ns = max(samples.time_bound_ns, self.resampler.time_bound_ns)
             self.sinks.offer_live(
                 self._with_covariance(live, poses, error_bounds_counts, bound_ns)
             )
         self.temperatures.check(model, self.joint_devices)
+
+    def _begins(self, poses: PoseBlock) -> bool:
+        """Return whether nothing before a block says how fast the arm moves."""
+        time_ns, angles_rad = int(poses.sample_time_ns[0]), poses.angles_rad[0]
+        return self.trajectory.speeds_rad_s(time_ns, angles_rad) is None
 
     def _with_covariance(
         self,
@@ -557,6 +573,9 @@ class Measurement(MeasurementContext):
 
     def _take_stream(self, started: StreamStarted) -> None:
         model = self.pipeline.model
+        rate_hz = started.rate_hz
+        device = self.devices[started.device]
+        device.period_ns = round(1e9 / rate_hz) if rate_hz > 0 else 0
         if started.device in model.devices:
             self.resampler.set_rate(started.device, started.rate_hz)
         if started.device == self.resampler.clock:

@@ -17,6 +17,9 @@ from traverse.protocol.messages import DeviceHealth, DriverStatus
 DeviceStateName = Literal["starting", "ready", "lost", "failed", "stopped"]
 
 
+RECENT_NS, RECENT_PERIODS = 1_000_000_000, 20  # without readings: none are recent
+
+
 @dataclass(slots=True, eq=False)
 class Device:
     """A device as the service sees it.
@@ -25,6 +28,8 @@ class Device:
         answered: set once the device has answered, or has been given up at first.
         last_ns: host monotonic time of the last byte; 0 for none.
         up_ns: since when it is connected.
+        samples_ns: of its last samples; 0 for never.
+        period_ns: of its stream; 0 for none.
         max_speed_rad_s: fastest joint; None if its options do not state one.
         temperatures_c: of its sensors; empty before the first report.
         clock_text: state of its clock, in words; empty before the first report.
@@ -42,6 +47,8 @@ class Device:
     answered: asyncio.Event = field(default_factory=asyncio.Event)
     last_ns: int = 0
     up_ns: int = 0
+    samples_ns: int = 0
+    period_ns: int = 0
     counters: Counter[str] = field(default_factory=Counter)
     temperatures_c: tuple[float | None, ...] = ()
     clock_text: str = ""
@@ -51,6 +58,13 @@ class Device:
 
     def __post_init__(self) -> None:
         self.max_speed_rad_s = getattr(self.section, "max_speed_rad_s", None)
+
+    def is_recent(self, now_ns: int) -> bool:
+        """Whether its readings are, as far as it is there and streams."""
+        if self.state != "ready" or not self.period_ns:
+            return True
+        most_ns = max(RECENT_NS, RECENT_PERIODS * self.period_ns)
+        return now_ns - max(self.samples_ns, self.up_ns) <= most_ns
 
     @property
     def temperature_c(self) -> float | None:

@@ -170,13 +170,30 @@ class JointStream:
         self.history = ReadingBuffer(self.channels, wraps_counts)
         self.period_ns = 0
         self.stated_jitter_ns = self.time_bound_ns = self.jitter_ns = 0
+        self._bounds_ns: deque[tuple[int, int]] = deque()  # end of a block; its bound
         self.lost = False
 
     def record(self, samples: CountSamples) -> None:
-        self.time_bound_ns = samples.time_bound_ns or self.stated_jitter_ns
+        bound_ns = samples.time_bound_ns or self.stated_jitter_ns
+        end_ns, bounds_ns = int(samples.sample_time_ns[-1]), self._bounds_ns
+        bounds_ns.append((end_ns, bound_ns))
+        while bounds_ns[0][0] < end_ns - KEPT_NS:
+            bounds_ns.popleft()
+        # An instant lies between a reading of this block and one of the last.
+        last_ns = bounds_ns[-2][1] if len(bounds_ns) > 1 else bound_ns
+        self.time_bound_ns = max(bound_ns, last_ns)
         is_common = self.is_alone and samples.skew_ns is None
         self.jitter_ns = 0 if is_common else self.time_bound_ns
         self.history.add(samples)
+
+    def bound_at_ns(self, instant_ns: int) -> int:
+        """How far the instants of readings around some instant may be off."""
+        after_ns = self.time_bound_ns
+        for end_ns, bound_ns in reversed(self._bounds_ns):
+            if end_ns < instant_ns:
+                return max(bound_ns, after_ns)
+            after_ns = bound_ns
+        return after_ns
 
     def latched(self, latch: LatchedCounts) -> Interpolated:
         counts = np.array([latch.counts], np.int64)[:, self.channels]
@@ -194,8 +211,9 @@ class JointStream:
     def at(self, instants_ns: Integers) -> Interpolated:
         """Interpolate at instants (n,)."""
         max_gap_ns = max(MAX_GAP_PERIODS * self.period_ns, self.wait_ns)
+        jitter_ns = self.jitter_ns and self.bound_at_ns(int(instants_ns[0]))
         limits = InterpolationLimits(
-            max_gap_ns, 0 if self.lost else self.wait_ns, self.jitter_ns
+            max_gap_ns, 0 if self.lost else self.wait_ns, jitter_ns
         )
         around = self.history.readings_around(int(instants_ns[0]), max_gap_ns)
         interpolated = [

@@ -79,6 +79,10 @@ class Resampler:
         """Greatest present error of the instants of any device."""
         return max(source.time_bound_ns for source in self._sources.values())
 
+    def time_bound_at_ns(self, instant_ns: int) -> int:
+        """How far the instants of any device's readings around one may be off."""
+        return max(source.bound_at_ns(instant_ns) for source in self._sources.values())
+
     def lacks(self) -> dict[str, dict[str, int]]:
         return {
             device: {

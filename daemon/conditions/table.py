@@ -66,7 +66,8 @@ CONDITIONS = (
         "arm",
         "readings of all joints are valid, complete and recent, without a warning",
         "samples in which nothing is missing",
-        "a reading that is invalid, missing, late or repeated, or an encoder's warning",
+        "a reading that is invalid, missing, late or repeated, an encoder's warning, "
+        "bytes that were spoilt where no check sum tells, or no reading for a second",
         QualityFlag.ENCODER_ERROR
         | QualityFlag.ENCODER_WARNING
         | QualityFlag.LATE
@@ -127,7 +128,7 @@ CONDITIONS = (
         QualityFlag.SKEW,
         "samples",
         "condition.skew",
-        "move slower, or read the devices faster",
+        "move slower, read the devices faster, or set skew_limit_mm to what is enough",
         severity="warning",
     ),
     Condition(
@@ -207,12 +208,15 @@ CONDITIONS = (
         "utc",
         "host",
         "the computer's UTC can be believed",
-        "a time after this version was made",
-        "a time that cannot be",
+        "a possible time that a program keeps synchronised, or that was confirmed once "
+        "for this computer",
+        "a time that cannot be, or of which nothing says that it is right",
         QualityFlag.UTC_UNCERTAIN,
         "all",
         "condition.utc",
         "set the computer's clock, and let it be synchronised",
+        command="reference",
+        remembered="the latest time that was believed",
     ),
 )
 BY_NAME = {condition.name: condition for condition in CONDITIONS}

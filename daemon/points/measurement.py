@@ -30,6 +30,7 @@ from traverse.daemon.pose.uncertainty import (
 )
 from traverse.drivers.base.values import LatchedCounts
 from traverse.kinematics.probing.compensation import DirectionError
+from traverse.protocol.messages import QualityFlag
 
 
 class MeasurementContext(ABC):
@@ -219,7 +220,7 @@ class PointEvaluator:
         if pose.error_bounds_counts is not None:
             # An instant by another clock than that of the readings: what both leave
             # open moves all joints together.
-            jitter_ns = stage.resampler.time_bound_ns
+            jitter_ns = stage.resampler.time_bound_at_ns(pose.sample_time_ns)
             if request.device is not None and request.device.identity is not None:
                 stated_ns = request.device.identity.jitter_ns
                 latch_ns = request.latch.time_bound_ns if request.latch else 0
@@ -228,6 +229,10 @@ class PointEvaluator:
             pose.sample_time_ns, pose.angles_rad
         )
         pose = stage.quality.with_flags(pose, speeds_rad_s, temperature_c)
+        if speeds_rad_s is None and jitter_ns:
+            # How far a motion in that time leads cannot be stated.
+            unknown = int(QualityFlag.MOTION_UNKNOWN)
+            pose = replace(pose, quality=pose.quality | unknown)
         return self._measured(
             pose,
             CovarianceInput(

@@ -54,6 +54,7 @@ class PersistentFlags:
         self._clock = clock
         self._utc_offset_ns = clock.utc_offset_ns()
         self._stepped_ns: int | None = None
+        self._last_step_ns: int | None = None
         self._temperatures: deque[tuple[int, float]] = deque()
         self._alarms: set[Alarm] = set()
         self.use(section, model)
@@ -79,8 +80,12 @@ class PersistentFlags:
         self._utc_offset_ns = offset_ns
         if abs(offset_ns - before_ns) <= STEP_NS:
             return 0.0
-        self._stepped_ns = self._clock.monotonic_ns()
+        self._stepped_ns = self._last_step_ns = self._clock.monotonic_ns()
         return (offset_ns - before_ns) * 1e-9
+
+    def is_before_step(self, time_ns: int) -> bool:
+        """Return whether UTC was set since, or the host slept: which time it was?"""
+        return self._last_step_ns is not None and time_ns < self._last_step_ns
 
     @property
     def temperatures(self) -> tuple[tuple[int, float], ...]:
@@ -249,6 +254,8 @@ class QualityMonitor:
         self._feed_limits(lasting)
         self._conditions.add_samples(pose.quality | lasting)
         pose_flags = lasting | self._conditions.bits
+        if self.persistent.is_before_step(pose.sample_time_ns):
+            pose_flags |= QualityFlag.TIME_UNCERTAIN
         if self._has_pose_limits:
             limits, angles_rad = self._limits, pose.angles_rad
             pose_flags |= int(limits.flags_of_angles(angles_rad[np.newaxis])[0])

@@ -14,10 +14,10 @@ from traverse.daemon.pose.poses import ArmReadings, PoseBlock
 from traverse.protocol.messages import QualityFlag
 
 KEPT_NS = 3_000_000_000
-READINGS_NS = 1_000_000_000  # an edge that had to be repeated is no older
+READINGS_NS = 5_000_000_000  # an edge that waited for its board's clock is no older
 SLOW_NS = 30_000_000  # interval for the decision whether the ball rests
 SPEED_NS = 5_000_000  # over less the encoders' noise would be more than the speed
-GAP_NS = 250_000_000  # the slowest stream has a sample every 100 ms
+GAP_NS = 400_000_000  # an arm that reports its motion is asked every 250 ms at rest
 INVALID_FLAGS = (QualityFlag.ENCODER_ERROR | QualityFlag.INCOMPLETE).value
 """Flags of samples without a valid ball position."""
 

@@ -39,7 +39,8 @@ class QualityFlag(IntFlag):
 
 FLAG_MEANINGS = {
     QualityFlag.ENCODER_ERROR: "an encoder says that its count is not valid",
-    QualityFlag.ENCODER_WARNING: "an encoder warns: valid count, weak signal",
+    QualityFlag.ENCODER_WARNING: "an encoder warns: valid count, weak signal; or bytes "
+    "near it were spoilt, and no check sum tells which",
     QualityFlag.LATE: "a count was not latched at the common instant",
     QualityFlag.STALE: "a count is repeated from an earlier latch",
     QualityFlag.INCOMPLETE: "a joint's count is missing; one of another time was used",

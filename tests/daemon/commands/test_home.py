@@ -85,6 +85,19 @@ async def test_readings_are_those_of_the_posture_from_then_on(arm):
     assert arm.bench.points[-1].counts == pytest.approx(point.counts, abs=2**22)
 
 
+async def test_an_arm_that_moves_is_not_at_its_home_posture(arm):
+    arm.at(list(HOME.values()))
+    now_ns = arm.bench.clock.now_ns
+    rows = np.linspace(100_000, 101_000, 20)[:, np.newaxis] * np.ones(3)
+    moving = count_samples(np.rint(rows), first=200, start_ns=now_ns - 2 * 10**9)
+    arm.bench.take(moving)
+    arm.bench.clock.now_ns += 2 * 10**8
+    with pytest.raises(CaptureRefusedError, match="mm/s; at the home posture it rests"):
+        await arm.home()
+    arm.at(list(HOME.values()))
+    assert (await arm.home())["confirmed"] == ["base"]
+
+
 async def test_some_joints_leave_the_others_in_doubt(arm):
     arm.at(list(HOME.values()))
     assert (await arm.home("J1", "J3"))["confirmed"] == []

@@ -23,6 +23,7 @@ from traverse.drivers.base.values import (
     DeviceLost,
     DeviceTemperatures,
     DeviceUp,
+    StreamStarted,
 )
 from traverse.protocol.messages import ReferenceArgs, flag_names
 
@@ -291,5 +292,26 @@ async def test_a_lost_condition_marks_and_its_remedy_clears_it(
         assert standing(world, row.name)[1].established
         ended = [e for e in world.events if e.code == row.code]
         assert ended[-1].active is False
+    finally:
+        world.close()
+
+
+async def test_a_device_that_is_there_and_silent_has_no_recent_readings(tmp_path):
+    world = BoardWorld(tmp_path)
+    try:
+        world.bench.take(StreamStarted("base", 1, 100.0, 100.0))
+        world.flags()
+        world.measurement.check_recent()
+        assert standing(world, "readings")[1].established
+
+        world.bench.clock.now_ns += 1_100_000_000
+        world.measurement.check_recent()
+        state, lost = standing(world, "readings")
+        assert state == "doubt"
+        assert lost.cause == "base is there and sends no readings"
+        assert world.events[-1].code == "condition.readings"
+
+        world.flags()
+        assert standing(world, "readings")[1].established
     finally:
         world.close()

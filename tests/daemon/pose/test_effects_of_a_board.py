@@ -56,6 +56,7 @@ def off_mm(point, joint, d_alpha):
 async def test_the_boards_temperature_reaches_the_effects(tmp_path):
     warm = effect("encoder_temperature", joint='"J2"', rate_rad_c=1e-4)
     async with measuring(tmp_path, warm) as bench:
+        await moved(bench)
         point = await captured(bench)
         assert point.quality == Quality(ok=False, flags=("temperature_unknown",))
         assert point.temperature_c is None
@@ -98,6 +99,7 @@ async def test_effects_bound_to_time_go_by_utc(tmp_path, year, moved_mm):
         epoch_utc=f"{year}-01-01T00:00:00Z",
     )
     async with measuring(tmp_path, knock) as bench:
+        await moved(bench)
         point = await captured(bench)
         assert off_mm(point, 0, 0.0) == pytest.approx(moved_mm, abs=1e-9)
         assert point.quality == GOOD
@@ -122,3 +124,15 @@ async def test_what_effects_say_stands_in_scans_and_live_poses(tmp_path):
         assert bench.live[-1].quality == Quality(
             ok=False, flags=("surface_unknown", "empirical")
         )
+
+
+async def test_a_point_before_any_stream_says_that_its_speed_is_unknown(tmp_path):
+    """What the board's clock leaves open cannot be stated as a length then."""
+    async with measuring(tmp_path) as bench:
+        early = await captured(bench)
+        assert early.quality.flags == ("motion_unknown",)
+        assert early.covariance_mm2 is None
+        await moved(bench)
+        point = await captured(bench)
+        assert point.quality == GOOD
+        assert point.covariance_mm2 is not None
