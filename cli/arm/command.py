@@ -1,5 +1,6 @@
 """`traverse arm`: arm files shown, made of tables and descriptions, and back."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
 
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="The file to write.")]
-
+IS_ABSOLUTE = (
+    "Are the encoders absolute: do they count right again after a loss of power?"
+)
 
 arm = CommandGroup(
     "arm", help="Arm files: show one, or make one of a DH table or URDF."
@@ -250,11 +253,12 @@ def _write(file: Path, made: "MadeArm", *, as_json: bool) -> None:
     from traverse.kinematics.arm_file.arm import write_arm
 
     written = made.arm
+    if _lacks_absolute(written) and sys.stdin.isatty():
+        written = _with_absolute(written, typer.confirm(IS_ABSOLUTE, err=True))
     write_arm(file, written)
     for remark in made.remarks:
         typer.echo(remark, err=True)
-    encoders = [joint.encoder for joint in written.joints if joint.encoder is not None]
-    if any(encoder.absolute is None for encoder in encoders):
+    if _lacks_absolute(written):
         typer.echo(
             "whether the encoders count right again after a loss of power is not "
             "known: say --absolute or --incremental, or write absolute = ... in each "
@@ -269,6 +273,24 @@ def _write(file: Path, made: "MadeArm", *, as_json: bool) -> None:
         "remarks": list(made.remarks),
     }
     print_report(report, [_made(file, written)], as_json=as_json)
+
+
+def _lacks_absolute(arm: "Arm") -> bool:
+    encoders = [joint.encoder for joint in arm.joints if joint.encoder is not None]
+    return any(encoder.absolute is None for encoder in encoders)
+
+
+def _with_absolute(made: "Arm", absolute: bool) -> "Arm":
+    """Return the arm with encoders that are absolute or not, if it was not known."""
+    joints = [
+        joint
+        if joint.encoder is None or joint.encoder.absolute is not None
+        else joint.model_copy(
+            update={"encoder": joint.encoder.model_copy(update={"absolute": absolute})}
+        )
+        for joint in made.joints
+    ]
+    return made.model_copy(update={"joints": type(made.joints)(joints)})
 
 
 def _made(file: Path | None, made: "Arm") -> str:

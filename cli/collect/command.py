@@ -43,20 +43,14 @@ def collect(
     """
     from traverse.kinematics.arm_file.arm import read_arm
 
-    flags = frozenset(flag.strip() for flag in allow.split(",") if flag.strip())
     address = broker.address()
     with refusals():
         from traverse.cli.collect.session import collection_of, run_collection
+        from traverse.cli.common.point_flags import allowed_flags
         from traverse.lab.campaign import campaign_file
         from traverse.lab.collection.collection import collection_report
-        from traverse.protocol.messages.quality import FLAG_MEANINGS
 
-        known = {str(flag.name).lower() for flag in FLAG_MEANINGS}
-        if unknown := sorted(flags - known):
-            refuse(
-                f"--allow: no quality flag {', '.join(unknown)}; there are: "
-                f"{', '.join(sorted(known))}"
-            )
+        flags = allowed_flags(allow)
         if campaign.is_dir():
             campaign /= "campaign.toml"
         if out is not None:

@@ -6,7 +6,7 @@ import os
 import sys
 import termios
 import tty
-from collections import Counter, deque
+from collections import deque
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
@@ -18,11 +18,11 @@ from rich.live import Live as LivePicture
 from traverse.broker.address import BrokerAddress
 from traverse.broker.errors import MqttError
 from traverse.cli.collect.view import instruction, shown, summary
+from traverse.cli.common.point_flags import FlaggedPoints, remedy_of
 from traverse.cli.common.refusals import UNREACHABLE
 from traverse.client.cancel_tasks import run_until_first
 from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.client.mqtt.subscription import received, subscribe
-from traverse.daemon.conditions.table import CONDITIONS
 from traverse.daemon.pose.joint_motion import JointMotionTracker
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign_file import CampaignFile
@@ -31,7 +31,7 @@ from traverse.lab.collection.collection import CollectedTouch, Collection, touch
 from traverse.lab.collection.figures import implausible_mm, same_place
 from traverse.lab.collection.plan import Target
 from traverse.plurals import counted
-from traverse.protocol.messages import FLAG_MEANINGS, Live, Point, QualityFlag
+from traverse.protocol.messages import Live, Point
 from traverse.strict_toml.reader import read_strict
 
 APPROACH_BAND_RAD = 5e-4  # hands that rest tremble less
@@ -78,28 +78,15 @@ async def _collected(
     session = _Session(collection, allowed)
     with session.picture():
         await run_until_first(session.listen(arm, broker), session.operate())
-    for line in (*summary(collection), *session.left_out_lines()):
+    for line in (*summary(collection), *session.flagged.lines()):
         typer.echo(line)
     return session.reached
-
-
-UNNEEDED = frozenset(("geometry_unknown", "utc_uncertain"))
-"""Flags of what a campaign does not use: it takes angles, and identifies the arm."""
-
-
-def remedy_of(flag: str) -> str:
-    """What to do about a flag of a point."""
-    bit = QualityFlag[flag.upper()]
-    rows = [row.remedy for row in CONDITIONS if row.flags & bit]
-    return rows[0] if rows else FLAG_MEANINGS[bit]
 
 
 class _Session:
     def __init__(self, collection: Collection, allowed: frozenset[str]) -> None:
         self._collection = collection
-        self._allowed = allowed | UNNEEDED
-        self._n_left_out = 0
-        self._left_out: Counter[str] = Counter()
+        self.flagged = FlaggedPoints(allowed)
         self._said: deque[str] = deque(maxlen=LINES_SHOWN)
         self._live: LivePicture | None = None
         self._trail = JointMotionTracker(
@@ -112,19 +99,6 @@ class _Session:
         self._question = ""  # about the suspect
         self._go_on()
         self.reached = False
-
-    def left_out_lines(self) -> list[str]:
-        """How many flagged points were left out, why, and what to do."""
-        if not self._n_left_out:
-            return []
-        return [
-            f"{counted(self._n_left_out, 'point', 'were')} left out because of "
-            "flags; touch them again when that is put right, or see --allow:",
-            *(
-                f"  {flag}: {counted(n, 'point')}; {remedy_of(flag)}"
-                for flag, n in self._left_out.most_common()
-            ),
-        ]
 
     @contextlib.contextmanager
     def picture(self) -> Iterator[None]:
@@ -208,10 +182,7 @@ class _Session:
             if target is None:
                 self._say(f"{number} is labelled {label.artefact}: not in the campaign")
                 return
-        bad = [flag for flag in point.quality.flags if flag not in self._allowed]
-        if bad:
-            self._left_out.update(bad)
-            self._n_left_out += 1
+        if bad := self.flagged.leaves_out(point):
             self._say(
                 f"{number} left out: flagged {', '.join(bad)}; {remedy_of(bad[0])}"
             )

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from traverse.cli.common.point_flags import FlaggedPoints
 from traverse.cli.export.file import selected_points
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.campaign.campaign_file import read_campaign_file
@@ -15,11 +16,17 @@ from traverse.strict_toml.writing import write_atomically
 
 
 def export_campaign(
-    source: Path, arm: Path, campaign: Path, folder: Path, session: str | None
+    source: Path,
+    arm: Path,
+    campaign: Path,
+    folder: Path,
+    *,
+    session: str | None,
+    flagged: FlaggedPoints,
 ) -> dict[str, Any]:
     """Write a campaign of points with labels, to a new or empty folder; sum it up.
 
-    The labels must name artefacts of the campaign.
+    The labels must name artefacts of the campaign. Points in doubt are left out.
 
     Raises:
         ValueError: a file was refused, or a label names nothing of the campaign.
@@ -36,12 +43,16 @@ def export_campaign(
     collection = Collection(file, folder, names, targets_of(file, 1))
     left_out: list[str] = []
     points = selected_points(source, session, retracted=False)
-    collection.take_all(_touches(collection, points, left_out))
-    poses = len(collection.touches)
-    return {"folder": str(folder), "poses": poses, "left_out": left_out}
+    collection.take_all(_touches(collection, points, left_out, flagged))
+    return {
+        "folder": str(folder),
+        "poses": len(collection.touches),
+        "left_out": left_out,
+        "flagged": dict(flagged.by_flag),
+    }
 
 
-def campaign_words(report: dict[str, Any]) -> list[str]:
+def campaign_words(report: dict[str, Any], flagged: FlaggedPoints) -> list[str]:
     """Summary of `export_campaign`."""
     said = [f"{report['folder']}: {counted(report['poses'], 'pose')}"]
     if left_out := report["left_out"]:
@@ -49,11 +60,14 @@ def campaign_words(report: dict[str, Any]) -> list[str]:
             f"{counted(len(left_out), 'point', 'are')} left out, the first: "
             f"{left_out[0]}"
         )
-    return said
+    return said + flagged.lines()
 
 
 def _touches(
-    collection: Collection, points: Iterator[Point], left_out: list[str]
+    collection: Collection,
+    points: Iterator[Point],
+    left_out: list[str],
+    flagged: FlaggedPoints,
 ) -> Iterator[CollectedTouch]:
     n_joints = len(collection.joint_names)
     for point in points:
@@ -76,4 +90,7 @@ def _touches(
                 f"{counted(n_joints, 'joint')}; give the arm file that it was taken "
                 "with"
             )
+        if bad := flagged.leaves_out(point):
+            left_out.append(f"{name} is flagged {', '.join(bad)}")
+            continue
         yield touch_of(point, target, None, None)

@@ -17,6 +17,7 @@ def export(
     out: Path | None = None,
     arm: Path | None = None,
     campaign: Path | None = None,
+    allow: str = "surface_unknown,empirical",
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -30,7 +31,9 @@ def export(
         out: File to write (campaign: folder); else SOURCE's name.
         arm: With --to campaign: the arm file.
         campaign: With --to campaign: a campaign.toml, or its folder.
+        allow: With --to campaign: quality flags that a point may have, with commas.
     """
+    from traverse.cli.common.point_flags import FlaggedPoints, allowed_flags
     from traverse.cli.export import campaign as labelled
     from traverse.cli.export.file import file_words, write_file
     from traverse.client.exports.formats import FORMATS
@@ -43,10 +46,13 @@ def export(
             if arm is None or campaign is None:
                 refuse("--to campaign needs --arm and --campaign")
             folder = out or source.with_suffix("")
+            flagged = FlaggedPoints(allowed_flags(allow))
             report = labelled.export_campaign(
-                source, arm, campaign, folder, wanted.session
+                *(source, arm, campaign, folder),
+                session=wanted.session,
+                flagged=flagged,
             )
-            said = labelled.campaign_words(report)
+            said = labelled.campaign_words(report, flagged)
         else:
             path = out or source.with_suffix(f".{'txt' if to == 'text' else to}")
             if path.exists() and source.exists() and path.samefile(source):

@@ -40,7 +40,7 @@ def take(session: _Session, seq: int, *flags: str) -> int:
 def test_what_concerns_geometry_or_utc_alone_disqualifies_no_point(session):
     assert take(session, 0, "geometry_unknown") == 1
     assert take(session, 1, "utc_uncertain", "empirical") == 2
-    assert session.left_out_lines() == []
+    assert session.flagged.lines() == []
 
 
 def test_flagged_points_are_counted_with_the_reason_and_the_remedy(session, capsys):
@@ -48,7 +48,7 @@ def test_flagged_points_are_counted_with_the_reason_and_the_remedy(session, caps
     assert take(session, 1, "turns_uncertain", "geometry_unknown") == 1
     assert "left out: flagged turns_uncertain; " in capsys.readouterr().out
     assert take(session, 2, "turns_uncertain", "identity_unconfirmed") == 1
-    first, *reasons = session.left_out_lines()
+    first, *reasons = session.flagged.lines()
     assert first.startswith("2 points were left out")
     assert reasons[0].startswith("  turns_uncertain: 2 points; ")
     assert "traverse confirm" in reasons[0]

@@ -16,7 +16,7 @@ from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.outbox import message_of
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.protocol.encoding import encode
-from traverse.protocol.messages import Point
+from traverse.protocol.messages import Point, Quality
 from traverse.recording.run_writer import Entry as Recorded
 from traverse.recording.run_writer import RunHead, RunWriter
 from traverse.recording.views import cloud_to_bytes, point_to_bytes
@@ -120,7 +120,11 @@ def test_filters_are_those_of_the_daemon(lines: Path, tmp_path: Path) -> None:
     assert "--kind scans" in said.stderr
 
 
-def test_a_campaign_of_labelled_points_can_be_read(lines: Path, tmp_path: Path) -> None:
+def test_a_campaign_of_labelled_points_can_be_read(tmp_path: Path) -> None:
+    good = {"quality": Quality(ok=True, flags=())}
+    lines = tmp_path / "good.jsonl"
+    points = [p.model_copy(update=good) for p in ALL]
+    lines.write_bytes(b"".join(encode(p, "json") + b"\n" for p in points))
     (tmp_path / "plan.toml").write_text(CAMPAIGN)
     folder = tmp_path / "monday"
     options = ("--to", "campaign", "--arm", DEMO_ARM, "--campaign")
@@ -132,6 +136,31 @@ def test_a_campaign_of_labelled_points_can_be_read(lines: Path, tmp_path: Path) 
     )
     said = export(lines, *options, tmp_path / "plan.toml", "--out", folder, status=2)
     assert "is not empty" in said.stderr
+
+
+def test_a_campaign_takes_no_flagged_points_and_says_which(tmp_path: Path) -> None:
+    flags = [(), ("interpolated",), ("turns_uncertain", "geometry_unknown"), ("skew",)]
+    points = [
+        labelled(seq, 1.0).model_copy(
+            update={"quality": Quality(ok=seq < 2, flags=of_point)}
+        )
+        for seq, of_point in enumerate(flags)
+    ]
+    path = tmp_path / "p.jsonl"
+    path.write_bytes(b"".join(encode(p, "json") + b"\n" for p in points))
+    (tmp_path / "plan.toml").write_text(CAMPAIGN)
+    options = ("--to", "campaign", "--arm", DEMO_ARM)
+    options = (*options, "--campaign", tmp_path / "plan.toml", "--out")
+    said = export(path, *options, tmp_path / "strict").stderr
+    assert "2 points were left out because of flags" in said
+    assert "  turns_uncertain: 1 point; " in said
+    assert "  skew: 1 point; " in said
+    said = export(path, *options, tmp_path / "lax", "--allow", "skew", "--json").stdout
+    report = json.loads(said)
+    assert report["poses"] == 3
+    assert report["flagged"] == {"turns_uncertain": 1}
+    refused = export(path, *options, tmp_path / "no", "--allow", "blue", status=2)
+    assert "no quality flag blue" in refused.stderr
 
 
 def test_labels_that_the_campaign_does_not_know_are_refused(tmp_path: Path) -> None:

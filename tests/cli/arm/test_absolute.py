@@ -1,0 +1,55 @@
+"""Whether encoders are absolute: stated, or asked for at a terminal."""
+
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from traverse.kinematics.arm_file.arm import read_arm
+
+TABLE = "alpha_rad,a_mm,d_mm\n0,0,100\n1.57,200,0\n"
+
+
+def made(tmp_path: Path, *words: str, answer: str | None = None) -> tuple[Path, str]:
+    """The arm file that `from-dh` writes, and what it says; answered at a terminal."""
+    (tmp_path / "dh.csv").write_text(TABLE, "utf-8")
+    out = tmp_path / "arm.toml"
+    command = [sys.executable, "-m", "traverse", "arm", "from-dh", "dh.csv", *words]
+    command += ["--out", str(out), "--convention", "modified"]
+    command += ["--counts-per-turn", "8192"]
+    ours, theirs = pty.openpty()
+    try:
+        if answer is not None:
+            os.write(ours, f"{answer}\n".encode())
+        ended = subprocess.run(
+            command,
+            cwd=tmp_path,
+            stdin=subprocess.DEVNULL if answer is None else theirs,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    return out, ended.stderr
+
+
+@pytest.mark.parametrize(("answer", "absolute"), [("y", True), ("n", False)])
+def test_at_a_terminal_it_is_asked(tmp_path, answer, absolute):
+    out, said = made(tmp_path, answer=answer)
+    assert "do they count right again after a loss of power?" in said
+    encoders = [joint.encoder for joint in read_arm(out).joints]
+    assert [one.absolute for one in encoders] == [absolute, absolute]
+
+
+def test_elsewhere_it_is_warned_of_unless_it_is_stated(tmp_path):
+    out, said = made(tmp_path)
+    assert "say --absolute or --incremental" in said
+    assert read_arm(out).joints[0].encoder.absolute is None
+    out, said = made(tmp_path, "--incremental", "--force")
+    assert said == ""
+    assert read_arm(out).joints[0].encoder.absolute is False
