@@ -7,7 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.end_to_end.agreement import assert_where_the_ball_was, delays_s
+from tests.end_to_end.agreement import (
+    assert_where_the_ball_was,
+    delays_s,
+    is_marked_for_time,
+)
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.listener import Listener, listening
 from tests.end_to_end.programs import Program
@@ -145,11 +149,18 @@ def assert_true(bench: Workbench, listener: Listener, held_back_s: float = 0.0) 
     assert [point.seq for point in listener.points] == list(range(len(presses)))
     assert {point.trigger for point in listener.points} == {"button"}
     flags = {flag for point in listener.points for flag in point.quality.flags}
-    # An arm that was off meanwhile is in doubt again.
-    in_doubt = {"turns_uncertain"} if listener.events_of("device.restarted") else set()
+    # An arm that was off meanwhile is in doubt again, and so are counts near bytes that
+    # were spoilt. On a busy machine packets may be read too late to know their times.
+    in_doubt = {"time_uncertain"}
+    in_doubt |= {"turns_uncertain"} if listener.events_of("device.restarted") else set()
+    in_doubt |= (
+        {"encoder_warning"} if listener.events_of("device.frames_rejected") else set()
+    )
     assert flags - {"interpolated"} <= in_doubt
-    delays = delays_s(listener.points, presses)
-    assert np.ptp(delays) < held_back_s + 1e-2, delays
+    certain = [not is_marked_for_time(point) for point in listener.points]
+    delays = delays_s(listener.points, presses)[certain]
+    # A press is in the next packet, of which there are 100 a second.
+    assert np.ptp(delays) < held_back_s + 2e-2, delays
     assert MatrixArm(bench.arm_file).resolution_mm() < 5.0
     assert_where_the_ball_was(bench, listener.points, presses)
     for point, edge in zip(listener.points, presses, strict=True):
