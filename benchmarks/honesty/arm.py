@@ -160,8 +160,9 @@ def play(
     here = np.zeros(n_joints)
     time_s, ends_s, pieces = 0.0, [], []
     homes = list(homes_s)
+    slowest_s = 2.0 * pace.move_s  # one that has begun must not end too late
     while time_s < duration_s:
-        if homes and time_s >= homes[0] - LEAVE_S:
+        if homes and time_s + slowest_s >= homes[0] - LEAVE_S:
             if at_s := homes.pop(0):
                 time_s = max(time_s + HURRY_S, at_s)
                 ends_s.append(time_s)

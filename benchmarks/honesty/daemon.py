@@ -186,6 +186,7 @@ class DaemonRun:
     async def _flush(self) -> None:
         while True:
             self._utc.check()
+            self.measurement.check_recent()
             self.measurement.conditions.check_overdue()
             self.events.flush()
             await asyncio.sleep(FLUSH_S)

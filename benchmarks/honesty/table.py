@@ -20,7 +20,12 @@ def verdict(lines: Sequence[Line]) -> Verdict:
         for line in sound
         if line["kinds"] == [FAULTLESS] and _sum([line], "settled_doubt")
     ]
-    silent = [line for line in sound if not _sum([line], "ok") + _sum([line], "doubt")]
+    # Where a device cannot be read at all, the operator was told at each request.
+    silent = [
+        line
+        for line in sound
+        if not _sum([line], "ok") + _sum([line], "doubt") and not line["refused"]
+    ]
     n_lies, n_faultless = _sum(sound, "lies"), 0
     for line in sound:
         n_faultless += line["kinds"] == [FAULTLESS]

@@ -42,6 +42,7 @@ class Timeline:
         drift_until_s: float = 0.0,
         faults: Sequence[ClockFault] = (),
     ) -> None:
+        self._even_rate = rate if not faults and not drift_s else 0.0  # without a break
         breaks = {0.0, FAR_S}
         if drift_s:
             breaks.update(np.arange(0.0, drift_until_s, 1.0).tolist())
@@ -72,10 +73,14 @@ class Timeline:
 
     def at(self, true_s: float) -> float:
         """What it shows at a true time."""
+        if self._even_rate:
+            return true_s * self._even_rate
         return _along(self._true, self._shown, true_s)
 
     def true(self, shown_s: float) -> float:
         """The last true time at which it shows this; it must never be set back."""
+        if self._even_rate:
+            return shown_s / self._even_rate
         return _along(self._shown, self._true, shown_s)
 
     def true_array(self, shown_s: Floats) -> Floats:

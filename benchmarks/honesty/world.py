@@ -37,6 +37,7 @@ from benchmarks.trials.lines import Line
 from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.config.schema import (
     ArmSection,
+    AssemblySection,
     CaptureSection,
     Configuration,
     InputSection,
@@ -120,6 +121,7 @@ class World:
                 for spec in self._family.devices
             ),
             capture=capture,
+            assembly=AssemblySection(skew_limit_mm=self._family.skew_limit_mm),
         )
 
     @contextlib.contextmanager
