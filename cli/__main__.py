@@ -34,6 +34,7 @@ COMMANDS = (
     *(
         "simulate",
         "arm",
+        "campaign",
         "amt21",
         "can",
         "fleet",

@@ -9,6 +9,7 @@ import csv
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -203,18 +204,23 @@ class Table:
 
 
 @contextmanager
-def open_table(path: Path) -> Iterator[Table]:
+def open_table(path: Path, *, has_header: bool = True) -> Iterator[Table]:
     """Open a table and read its header.
+
+    Args:
+        path: The file.
+        has_header: Else the first line is a row, and the columns are called
+            "column 1", "column 2" ...
 
     Raises:
         FileError: It cannot be read, is no text, or has no header; also while its rows
             are read.
     """
     with lines_of(path) as lines:
-        yield _begun(path, lines)
+        yield _begun(path, lines, has_header=has_header)
 
 
-def _begun(path: Path, lines: Lines) -> Table:
+def _begun(path: Path, lines: Lines, *, has_header: bool) -> Table:
     mark, separator = None, ","
     for number, line in lines:
         try:
@@ -237,6 +243,9 @@ def _begun(path: Path, lines: Lines) -> Table:
     if not width:
         raise FileError(path, _NO_TABLE)
     header = tuple(names[:width])
+    if not has_header:
+        header = tuple(f"column {at}" for at in range(1, width + 1))
+        lines = chain([(number, line)], lines)
     table = Table(path, header, replace(dialect, trailing=len(names) - width), lines)
     for name in dict.fromkeys(name for name in header if header.count(name) > 1):
         table.refuse_header(f"column {shown(name)} stands there twice")

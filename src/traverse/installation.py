@@ -30,6 +30,7 @@ EXTRAS = {
     "pynput": "keys",
     "evdev": "keys",
     "foxglove": "live",
+    "mcap_ros2": "ros",
     "lxml": "certificate",
     "signxml": "certificate",
     "cryptography": "signed",
@@ -42,6 +43,7 @@ _NOT_IN_DEBIAN = {
     "cluster": "leave --scheduler out",
     "keys": "use `traverse gateway lines`",
     "live": "use `traverse page`",
+    "ros": "write the joints' angles as CSV",
     "certificate": "certify on another computer, with pip",
     "signed": "leave [signing] out",
 }

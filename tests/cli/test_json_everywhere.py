@@ -47,6 +47,7 @@ ELSEWHERE = {
     "watch": "tests/end_to_end/cli/test_watch.py",
     "replay": "tests/end_to_end/service/test_recording_replay.py",
     "collect": "tests/end_to_end/cli/test_collect.py",
+    "campaign from-table": "tests/lab/campaign/test_from_table.py",
     "daily-check": "tests/cli/test_daily_check.py",
     **dict.fromkeys(("fleet add", "fleet overview"), "tests/fleet/test_overview.py"),
     "fleet family": "tests/lab/identification/test_family.py",
