@@ -33,7 +33,7 @@ KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kern
 # Compiled modules are kept: without them every program that a test starts compiles anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs help venv system node demo test test-slow test-targets test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz fuzz-files soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots figures honesty
+.PHONY: docs help venv system node demo test test-slow test-targets test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz fuzz-files soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page bench-zoo screenshots figures honesty
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -138,6 +138,9 @@ bench-capture: venv system  ## filters, and a switching probe's contact; takes t
 
 bench-recording: venv system  ## what recording costs at 10 kHz, and how fast a replay is; takes two minutes
 	$(BIN)/python -m benchmarks.service.recording $(FIGURES)/recording.json
+
+bench-zoo: $(PEERS)/.ready  ## robot descriptions of the package example-robot-data: read right, or refused with a reason; half a minute
+	PYTHONPATH=src OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.zoo
 
 bench-page: venv system  ## the operator's page in a browser: latency, a million points, memory; takes 13 minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.clients.page all

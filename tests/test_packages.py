@@ -175,7 +175,8 @@ def test_what_people_import_is_there_without_the_service() -> None:
 def test_a_command_says_which_extra_it_lacks(
     package: str, extra: str, words: tuple[str, ...], tmp_path: Path
 ) -> None:
-    (tmp_path / "points.jsonl").touch()
+    for name in ("points.jsonl", "points.csv", "nominal.toml"):
+        (tmp_path / name).touch()
     (tmp_path / "daemon.toml").write_text(
         '[arm]\nfile = "arm.toml"\n[broker]\nhost = "localhost"\n'
         '[[device]]\nid = "base"\ndriver = "latch-board"\nport = "/dev/null"\n'

@@ -58,7 +58,7 @@ def test_all_targets_are_found():
 LONG = frozenset(
     {
         *("audit", "bench", "bench-capture", "bench-drivers", "bench-fleet"),
-        *("bench-kernel", "bench-page", "bench-recording", "deb", "fuzz"),
+        *("bench-kernel", "bench-page", "bench-recording", "bench-zoo", "deb", "fuzz"),
         "screenshots",
     }
 )

@@ -1,0 +1,1 @@
+"""Robot descriptions of strangers: read right, or refused with a reason that holds."""
