@@ -108,7 +108,7 @@ def daily_check(
                 if lacking is not None:
                     typer.echo(f"kept, and not judged; later: {again} {folder}")
                     raise typer.Exit(REFUSED)
-            check = _checked(folder, model, new_base or "")
+            check = _checked(folder, model, arm, new_base or "")
             if not add_check(path, check):
                 typer.echo(f"{folder}: had been counted before", err=True)
         checks = checks_of(path, model.name)
@@ -188,7 +188,7 @@ def _collected(
     return folder
 
 
-def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
+def _checked(folder: Path, arm: "Arm", arm_file: Path, begins: str) -> "Check":
     """The figures of a folder, as they go into the history."""
     from traverse.kinematics.arm_file.arm import arm_digest
     from traverse.lab.campaign.campaign_file import read_campaign_file
@@ -199,7 +199,7 @@ def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
     from traverse.lab.report.provenance import digest_of_files
 
     try:
-        figures = daily_check_figures(read_measured(folder, arm))
+        figures = daily_check_figures(read_measured(folder, arm, arm_file))
     except IncompleteError as error:
         refuse(f"{folder}: {error}", FAILED)
     start = read_campaign_file(folder / "campaign.toml").start_utc

@@ -8,9 +8,11 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.fits import PLAUSIBLE_MM, off_seat, spread_about_mean
+from traverse.kinematics.uncertainty.joint_covariance import COVERAGE_FACTOR
 from traverse.lab.acceptance.plan import CAMPAIGN, Plan, Step, campaign_text, plan_text
 from traverse.lab.collection.plan import PLAN
 from traverse.lab.measured_points.measurement import (
+    ArtefactTouches,
     IncompleteError,
     Measurement,
     certified_sphere,
@@ -23,7 +25,13 @@ FEWEST_CONE, FEWEST_SPHERE = 5, 9
 SIZE_MM = 1.0
 """Tips and spheres that can be taken for one another differ by more in diameter."""
 ASSUMED_MM = 0.2
-"""Largest error of an arm whose permissible errors are not stated."""
+"""Largest error of an arm of which nothing is stated."""
+MOST_U = 2.5
+"""Expanded uncertainties of a touch that no figure of an arm as stated exceeds.
+
+Of ten touches the farthest from their mean, and of nine the range of their distances
+from a sphere, is beyond that in one of a hundred checks.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +39,7 @@ class FigureKind:
     """One of the figures.
 
     Attributes:
-        assumed_mm: Permissible error where none is stated: what is beyond is no base.
+        assumed_mm: Permissible error where nothing is stated: beyond it is no base.
         plausible_mm: Beyond it not the arm is off, but something else was touched.
         like: Key of the figure of an acceptance test that it is beside.
     """
@@ -96,6 +104,8 @@ class DailyCheckFigures:
         n_cone, n_sphere: Touches of each.
         sphere_radius_mm: Calibrated.
         temperature_c: Mean of all touches; None where unknown.
+        stated_mm: Expanded uncertainty (k = 2) of a touch, as the arm file and the
+            campaign's noise state it; None where they do not.
     """
 
     spat_2s_mm: float
@@ -106,6 +116,7 @@ class DailyCheckFigures:
     n_sphere: int
     sphere_radius_mm: float
     temperature_c: float | None
+    stated_mm: float | None = None
 
 
 def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
@@ -167,7 +178,19 @@ def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
         n_sphere=len(touched),
         sphere_radius_mm=float(sphere.radius_mm or 0.0),
         temperature_c=float(known_c.mean()) if len(known_c) else None,
+        stated_mm=_stated_mm(seat, touched),
     )
+
+
+def _stated_mm(*artefacts: ArtefactTouches) -> float | None:
+    """Return the expanded uncertainty of a touch in its worst direction."""
+    variances_mm2 = []
+    for touches in artefacts:
+        if touches.errors is None:
+            return None
+        covariances_mm2 = touches.errors.covariances_mm2
+        variances_mm2.append(float(np.linalg.eigvalsh(covariances_mm2)[:, -1].max()))
+    return COVERAGE_FACTOR * float(np.sqrt(max(variances_mm2)))
 
 
 CONE, BALL = "cone", "sphere"

@@ -12,7 +12,7 @@ from pathlib import Path
 from traverse.lab.daily_check.figures import DailyCheckFigures
 from traverse.strict_toml.files import text_of
 
-VERSION = 1
+VERSION = 2
 APPLICATION = 0x54525649  # "TRVI"
 _TABLE = text_of(Path(__file__).with_name("history.sql"))
 

@@ -13,5 +13,6 @@ CREATE TABLE checks (
     n_sphere INTEGER NOT NULL,
     sphere_radius_mm REAL NOT NULL,
     temperature_c REAL,
+    stated_mm REAL,
     UNIQUE (arm, data_digest)
 )

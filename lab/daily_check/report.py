@@ -8,7 +8,7 @@ from typing import Any
 from traverse.lab.acceptance.certificate.values import SCHEMA as CERTIFICATE
 from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
 from traverse.lab.daily_check.control_chart import ChartPoint, Rule, charted, rules
-from traverse.lab.daily_check.figures import KINDS, FigureKind
+from traverse.lab.daily_check.figures import KINDS, MOST_U, FigureKind
 from traverse.lab.daily_check.history import Check, since_base
 from traverse.lab.measured_points.reading import OWN_PROBE
 from traverse.lab.outcomes.base import Outcome, State, outcome_json
@@ -39,6 +39,7 @@ class FigureChart:
     points: tuple[ChartPoint, ...]
     limit_mm: float | None
     accepted_mm: float | None
+    stated_mm: float | None
 
     @property
     def last(self) -> ChartPoint:
@@ -52,8 +53,15 @@ class FigureChart:
 
     @property
     def most_mm(self) -> float:
-        """Permissible errors, else assumed ones: values beyond are no base."""
-        return self.kind.assumed_mm if self.limit_mm is None else self.limit_mm
+        """Permissible error, else what the arm states of itself: beyond is no base.
+
+        An error is assumed only of an arm that states nothing.
+        """
+        if self.limit_mm is not None:
+            return self.limit_mm
+        if self.stated_mm is not None:
+            return MOST_U * self.stated_mm
+        return self.kind.assumed_mm
 
     @property
     def judged(self) -> JudgedFigure:
@@ -67,6 +75,7 @@ class FigureChart:
             value_mm=last.value,
             permissible_mm=self.most_mm,
             is_stated=self.limit_mm is not None,
+            is_of_arm=self.stated_mm is not None,
             plausible_mm=self.kind.plausible_mm,
             half_width_mm=width_mm,
             alarms=last.alarms,
@@ -118,23 +127,29 @@ def report_of(
     There is at least one check, and all of its history; the certificate is that of the
     last acceptance.
     """
-    own = since_base(list(checks))
+    counted = since_base(list(checks))
     figures = (certificate or {}).get("figures", ())
     accepted = {f["key"]: f for f in figures if f.get("tool") in (None, OWN_PROBE)}
     charts = []
     for kind in KINDS:
-        values = [float(getattr(check.figures, kind.key)) for check in own]
+        values = [float(getattr(check.figures, kind.key)) for check in counted]
         beside = accepted.get(kind.like, {})
         limit = limits.mpe.of(kind.like)
         limit_mm = beside.get("limit_mm") if limit is None else limit.constant_mm
-        chart = FigureChart(kind, (), limit_mm, beside.get("value_mm"))
+        chart = FigureChart(
+            kind,
+            (),
+            limit_mm,
+            beside.get("value_mm"),
+            counted[-1].figures.stated_mm,
+        )
         points = charted(values, positive=kind.positive, most=chart.most_mm)
         charts.append(replace(chart, points=tuple(points)))
-    told = None
+    compared = None
     if certificate is not None:
-        told = f"{certificate['standard']} of {certificate['date_utc']}"
-    changes = tuple(_changes(own, certificate))
-    return DailyCheckReport(tuple(own), tuple(charts), told, changes)
+        compared = f"{certificate['standard']} of {certificate['date_utc']}"
+    changes = tuple(_changes(counted, certificate))
+    return DailyCheckReport(tuple(counted), tuple(charts), compared, changes)
 
 
 def _changes(
@@ -214,6 +229,7 @@ def _values(chart: FigureChart) -> dict[str, Any]:
         **picked(last, value_mm="value", centre_mm="centre", low_mm="low"),
         **picked(last, "q", "moving_range", "ewma", "alarms", high_mm="high"),
         **picked(chart, "limit_mm", "accepted_mm", permissible_mm="most_mm"),
+        "expanded_uncertainty_mm": chart.stated_mm,
         "exceeds_limit": chart.judged.exceeds,
         "rules": [
             {"name": rule.name, "false_alarms_per_check": rule.rate}

@@ -33,8 +33,10 @@ class JudgedFigure:
     """A figure of the last check, beside its chart and what is permitted.
 
     Attributes:
-        permissible_mm: Largest error; as stated, else as assumed.
+        permissible_mm: Largest error; as stated, else as the arm's uncertainty allows,
+            else as assumed.
         is_stated: Whether it is.
+        is_of_arm: Whether the arm states its uncertainty.
         plausible_mm: Beyond it not the arm is off, but something else was touched.
         half_width_mm: Of the chart's limits; None where there are too few checks.
         alarms: Rules of the chart that it breaks.
@@ -44,6 +46,7 @@ class JudgedFigure:
     value_mm: float
     permissible_mm: float
     is_stated: bool
+    is_of_arm: bool
     plausible_mm: float
     half_width_mm: float | None
     alarms: tuple[str, ...]
@@ -146,9 +149,7 @@ def _why_not_judged(figure: JudgedFigure, n_checks: int) -> str:
     if figure.exceeds:
         return (
             f"{figure.name}: {_um(figure.value_mm)} is beyond the "
-            f"{_um(figure.permissible_mm)} "
-            "that are assumed where no permissible error is stated: no base for later "
-            "checks."
+            f"{_um(figure.permissible_mm)} {_origin(figure)}: no base for later checks."
         )
     if figure.half_width_mm is None:
         return (
@@ -157,10 +158,15 @@ def _why_not_judged(figure: JudgedFigure, n_checks: int) -> str:
         )
     return (
         f"{figure.name}: the chart's limits are {_um(figure.half_width_mm)} wide, more "
-        f"than the {_um(figure.permissible_mm)} that are assumed to be permitted: they "
-        "judge "
-        "nothing yet."
+        f"than the {_um(figure.permissible_mm)} {_origin(figure)}: they judge nothing "
+        "yet."
     )
+
+
+def _origin(figure: JudgedFigure) -> str:
+    if figure.is_of_arm:
+        return "that the arm's stated uncertainty allows"
+    return "that are assumed where nothing is stated"
 
 
 def _comparable(check: DailyCheckEvidence) -> Finding:

@@ -16,12 +16,17 @@ from tests.lab.measurements import (
     touches,
 )
 from tests.lab.report.pages import Page
+from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
 from traverse.lab.daily_check.chart_pictures import (
     chart_lines,
     chart_png,
     write_charts,
 )
-from traverse.lab.daily_check.figures import DailyCheckFigures, daily_check_figures
+from traverse.lab.daily_check.figures import (
+    MOST_U,
+    DailyCheckFigures,
+    daily_check_figures,
+)
 from traverse.lab.daily_check.history import (
     Check,
     HistoryRefusedError,
@@ -163,6 +168,53 @@ def test_nonsense_is_no_base(with_limits):
     assert good.charts[0].last.high < 0.15
     bad = report_of([*good.checks, check(15, factor=4.0)], permitted)
     assert bad.charts[0].last.alarms
+
+
+def stated(entry, std_mm):
+    """Touches whose errors are known, largest along x."""
+    of, touched = entry
+    n = len(touched.places_mm)
+    covariances_mm2 = np.tile(std_mm**2 * np.diag([1.0, 0.25, 0.25]), (n, 1, 1))
+    errors = JointCovariance(touched.places_mm, covariances_mm2, np.zeros((n, 3, 0)))
+    return of, replace(touched, errors=errors)
+
+
+def test_the_arm_states_how_uncertain_a_touch_is():
+    both = measured(stated(cone(), 0.004), stated(ball(), 0.006))
+    assert daily_check_figures(both).stated_mm == pytest.approx(2 * 0.006)
+    for entries in ((cone(), stated(ball(), 0.006)), (stated(cone(), 0.004), ball())):
+        assert daily_check_figures(measured(*entries)).stated_mm is None
+
+
+def checks_of_an_arm(stated_mm, n=40):
+    checks = [check(day) for day in range(n)]
+    return [replace(c, figures=replace(c.figures, stated_mm=stated_mm)) for c in checks]
+
+
+def test_charts_judge_within_what_the_arm_states_of_itself():
+    report = report_of(checks_of_an_arm(0.05))
+    assert report.outcome.state is State.GOOD
+    assert {chart.judged.permissible_mm for chart in report.charts} == {2.5 * 0.05}
+    # An arm of 5 micrometres does not scatter by 30.
+    report = report_of(checks_of_an_arm(0.005))
+    assert report.outcome.state is State.DOUBT
+    assert set(report.outcome.codes) == {"judged"}
+    assert "the arm's stated uncertainty allows" in " ".join(report.outcome.sentences)
+    permitted = limits(spat_2s_mm=0.1, spat_max_mm=0.1, p_form_mm=0.1, p_size_mm=0.1)
+    report = report_of(checks_of_an_arm(0.005), permitted)
+    assert report.outcome.state is State.GOOD
+
+
+def test_a_good_arm_exceeds_what_it_states_once_in_a_hundred_checks():
+    rng = np.random.default_rng(4)
+    off = rng.normal(size=(20_000, 9))  # nine touches of a sphere, radially
+    exceeds = np.ptp(off, axis=1) > MOST_U * 2.0
+    assert np.mean(exceeds) == pytest.approx(0.012, abs=0.004)
+    seat = rng.normal(size=(20_000, 10, 3))
+    seat -= seat.mean(axis=1, keepdims=True)
+    two_s = 2.0 * np.sqrt(np.sum(seat**2, axis=(1, 2)) / 9.0)
+    largest = np.linalg.norm(seat, axis=2).max(axis=1)
+    assert np.mean((two_s > MOST_U * 2.0) | (largest > MOST_U * 2.0)) < 0.005
 
 
 def test_a_worn_tip_is_noticed_and_a_new_base_begins_after_the_repair():
