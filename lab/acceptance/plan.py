@@ -77,9 +77,9 @@ def plan_of(standard: str, arm: Arm, *, bidirectional: bool = False) -> Plan:
     shoulder_mm, reach_mm = reach_of(arm)
     artefacts: dict[str, Mapping[str, Any]] = {}
     steps: list[Step] = []
-    for name, table, own in _tests(standard, reach_mm, bidirectional):
+    for name, table, steps_of in _tests(standard, reach_mm, bidirectional):
         artefacts[name] = table
-        steps += own
+        steps += steps_of
     return Plan(artefacts, tuple(steps), tuple(shoulder_mm.tolist()), reach_mm)
 
 
@@ -233,8 +233,8 @@ def write_plan(plan: Plan, standard: str, folder: Path) -> dict[str, Any]:
     folder.mkdir(parents=True, exist_ok=True)
     for name in (CAMPAIGN, PLAN):
         if (folder / name).exists():
-            told = "is there already; give another folder, or move it away"
-            raise FileError(folder / name, told)
+            message = "is there already; give another folder, or move it away"
+            raise FileError(folder / name, message)
     marked = replace(plan, artefacts=dict(_marked(plan.artefacts)))
     write_atomically(
         folder / CAMPAIGN,

@@ -74,11 +74,13 @@ def verified(
     """
     chosen = STANDARDS[standard]
     parts = [
-        part if one.tool is None else with_tool(part, one.tool.name)
-        for one in measured
-        for part in chosen.tests(one, limits)
+        part if measurement.tool is None else with_tool(part, measurement.tool.name)
+        for measurement in measured
+        for part in chosen.tests(measurement, limits)
     ]
-    notes = dict.fromkeys(note for one in measured for note in one.notes)
+    notes = dict.fromkeys(
+        note for measurement in measured for note in measurement.notes
+    )
     lengths = tuple(part for part in parts if isinstance(part, LengthError))
     from traverse.lab.acceptance.procedures.predicted_lengths import (  # noqa: PLC0415 - it needs scipy, of which a plan is made without
         predicted_lengths,
@@ -108,7 +110,7 @@ def _not_stated(parts: list[Part], limits: Limits) -> Iterator[str]:
                         part.name
                     )
     for what, figures in names.items():
-        told = f"no uncertainty is stated for {', '.join(figures)} ({what})"
+        message = f"no uncertainty is stated for {', '.join(figures)} ({what})"
         if limits.decision != "simple":
-            told += ", so ISO 14253-1 decides nothing"
-        yield told
+            message += ", so ISO 14253-1 decides nothing"
+        yield message

@@ -153,8 +153,8 @@ def _points(
     The unit is the standard deviation of a coordinate where none are stated.
     """
     sigma0 = 1.0 if unit_mm is None else unit_mm
-    found = reliability_of(adjusted)
-    statistics = point_statistics(adjusted, found)
+    reliability = reliability_of(adjusted)
+    statistics = point_statistics(adjusted, reliability)
     mean = mean_motions(volume, adjusted.centre_mm, len(adjusted.cofactors))
     return tuple(
         PointResult(
@@ -164,13 +164,14 @@ def _points(
             residual_length_mm=float(np.linalg.norm(adjusted.misclosures_mm[row])),
             touches=common.measured[row].touches,
             spread_mm=common.measured[row].spread_mm,
-            redundancy=found.shares[row],
-            detectable_mm=_detectable(found.seen_per_mm2[row], sigma0),
-            worst_direction=_towards_positive(found.directions[row, 0]),
-            hidden_in_volume_mm=_hidden_mm(found, row, mean, sigma0),
-            hidden_in_volume_per_mm=_hidden_ratio(found, row, mean),
+            redundancy=reliability.shares[row],
+            detectable_mm=_detectable(reliability.seen_per_mm2[row], sigma0),
+            worst_direction=_towards_positive(reliability.directions[row, 0]),
+            hidden_in_volume_mm=_hidden_mm(reliability, row, mean, sigma0),
+            hidden_in_volume_per_mm=_hidden_ratio(reliability, row, mean),
             p_value=point_p_value(
-                float(statistics[row]), int(np.count_nonzero(found.seen_per_mm2[row]))
+                float(statistics[row]),
+                int(np.count_nonzero(reliability.seen_per_mm2[row])),
             )
             if unit_mm is None
             else None,
@@ -195,20 +196,20 @@ def _detectable(seen_per_mm2: Floats, sigma0: float) -> Detectable:
 
 
 def _hidden_mm(
-    found: Reliability, row: int, mean: Floats, sigma0: float
+    reliability: Reliability, row: int, mean: Floats, sigma0: float
 ) -> float | None:
     """Maximise e'G e over e'B e = FOUND^2, G what an error does to the volume."""
-    seen = found.seen_per_mm2[row]
+    seen = reliability.seen_per_mm2[row]
     if not seen[0] > 0.0:
         return None
-    scaled = found.moves[row] @ found.directions[row].T / np.sqrt(seen)
+    scaled = reliability.moves[row] @ reliability.directions[row].T / np.sqrt(seen)
     largest = float(np.linalg.eigvalsh(scaled.T @ mean @ scaled)[-1])
     return sigma0 * FOUND * float(np.sqrt(max(largest, 0.0)))
 
 
-def _hidden_ratio(found: Reliability, row: int, mean: Floats) -> float:
+def _hidden_ratio(reliability: Reliability, row: int, mean: Floats) -> float:
     """Return what an error in the worst direction does to the volume, per mm."""
-    moves = found.moves[row] @ found.directions[row, 0]
+    moves = reliability.moves[row] @ reliability.directions[row, 0]
     return float(np.sqrt(max(float(moves @ mean @ moves), 0.0)))
 
 

@@ -155,7 +155,10 @@ def chained_values(
         "verdict": TITLES[state],
         "reasons": [
             *values["reasons"],
-            *({**one, "text": f"{source}: {one['text']}"} for one in first["reasons"]),
+            *(
+                {**reason, "text": f"{source}: {reason['text']}"}
+                for reason in first["reasons"]
+            ),
         ],
         "passed": bool(values["passed"] and first["passed"]),
         "flags": [
@@ -173,16 +176,16 @@ def _joined_covariance(
     if first["covariance"] is None or values["covariance"] is None:
         return None, np.zeros(3)
     outer = transformation_of(first)
-    told = [one["covariance"] for one in (values, first)]
-    matrices = [np.array(one["matrix"]) for one in told]
+    stated = [entry["covariance"] for entry in (values, first)]
+    matrices = [np.array(entry["matrix"]) for entry in stated]
     n_parameters = max(map(len, matrices))
     # A scale that is not adjusted is exact.
-    padded = [np.pad(one, (0, n_parameters - len(one))) for one in matrices]
+    padded = [np.pad(entry, (0, n_parameters - len(entry))) for entry in matrices]
     turned = np.eye(n_parameters)
     turned[:3, :3] = outer.scale * outer.rotation
     turned[3:N_RIGID, 3:N_RIGID] = outer.rotation
-    inner_centre_mm = outer.places_mm(np.array([told[0]["centre_mm"]]))[0]
-    centre_mm = np.array(told[1]["centre_mm"])
+    inner_centre_mm = outer.places_mm(np.array([stated[0]["centre_mm"]]))[0]
+    centre_mm = np.array(stated[1]["centre_mm"])
     inner = moved_centre(turned @ padded[0] @ turned.T, inner_centre_mm, centre_mm)
     return inner + padded[1], centre_mm
 

@@ -196,5 +196,5 @@ def read_nominal(path: Path) -> Nominal:
     try:
         return Nominal(schema="traverse/nominal/1", points=tuple(points))
     except ValidationError as error:
-        told = error.errors()[0]["msg"].removeprefix("Value error, ")
-        raise FileError(path, told) from error
+        message = error.errors()[0]["msg"].removeprefix("Value error, ")
+        raise FileError(path, message) from error

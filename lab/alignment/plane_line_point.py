@@ -184,10 +184,10 @@ def sensitivity(local_mm: Floats, axis: Integers) -> Floats:
     # Across the line: e less what the turn about the line does to touches at a height.
     design = np.column_stack([np.ones(len(line)), local_mm[line, 0]])
     fit = np.linalg.pinv(design)
-    own = np.zeros((len(line), len(axis)))
-    own[np.arange(len(line)), line] = 1.0
-    own -= np.outer(local_mm[line, 2], moves[3])
-    shift, turn = fit @ own
+    of_line = np.zeros((len(line), len(axis)))
+    of_line[np.arange(len(line)), line] = 1.0
+    of_line -= np.outer(local_mm[line, 2], moves[3])
+    shift, turn = fit @ of_line
     moves[1], moves[5] = -shift, -turn
     # Along the line: the mean, less what both other turns do to the point.
     mean_mm = local_mm[point].mean(axis=0)
@@ -302,10 +302,10 @@ def align_plane_line_point(
         if problem is not None:
             raise ValueError(problem.replace("common points", "touches of the plane"))
     volume = volume_of(transformation)
-    found = error_in(volume, goal.origin_mm, moves @ moves.T)
+    error = error_in(volume, goal.origin_mm, moves @ moves.T)
     per_touch = np.sqrt(3.0)  # errors of a touch count along one axis of three
     index = VolumeError(
-        found.rms_mm / per_touch, found.max_mm / per_touch, found.max_at_mm
+        error.rms_mm / per_touch, error.max_mm / per_touch, error.max_at_mm
     )
     unit = 1.0 if is_stated else (test.sigma0 if test is not None else 0.0)
     mean = mean_motions(volume, goal.origin_mm, 6)

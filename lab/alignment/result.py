@@ -215,7 +215,7 @@ SCHEMA = "traverse/alignment/1"
 
 
 def alignment_values(
-    found: AlignmentResult,
+    result: AlignmentResult,
     *,
     name: str,
     arm: str | None,
@@ -225,10 +225,10 @@ def alignment_values(
 ) -> dict[str, Any]:
     """Put everything into plain values; computed by this user now if not said."""
     origin = provenance or report_provenance(ReportSource(measured, ""))
-    transformation, test, outcome = found.transformation, found.test, found.outcome
+    transformation, test, outcome = result.transformation, result.test, result.outcome
     return {
         "schema": SCHEMA,
-        "method": found.method,
+        "method": result.method,
         "date_utc": origin.date_utc,
         "provenance": origin.values,
         "arm": arm,
@@ -244,23 +244,23 @@ def alignment_values(
         },
         **outcome_json(outcome),
         "verdict": TITLES[outcome.state],
-        "passed": found.is_good,
+        "passed": result.is_good,
         "covariance": None
-        if found.covariance is None
-        else covariance_values(found.covariance, found.centre_mm),
-        "errors_stated": found.is_stated,
+        if result.covariance is None
+        else covariance_values(result.covariance, result.centre_mm),
+        "errors_stated": result.is_stated,
         "sigma0": None if test is None else test.sigma0,
-        "sigma0_unit": "1" if found.is_stated else "mm",
+        "sigma0_unit": "1" if result.is_stated else "mm",
         "sigma0_interval": None if test is None else list(test.interval),
         "redundancy": 0 if test is None else test.redundancy,
         "global_test": None if test is None else test.values(),
         "point_test": {"level": POINT_LEVEL, "power": POWER},
         "quality": {
-            "volume": volume_values(found.volume, found.volume_source),
-            "index": error_values(found.index),
-            **predicted_values(found.volume, found.centre_mm, found.covariance),
+            "volume": volume_values(result.volume, result.volume_source),
+            "index": error_values(result.index),
+            **predicted_values(result.volume, result.centre_mm, result.covariance),
         },
-        **picked(found, "points", "features", "flags", "remarks"),
+        **picked(result, "points", "features", "flags", "remarks"),
     }
 
 

@@ -200,7 +200,7 @@ class Place:
 
 def places_mm(touched: Sequence[Touch | Place]) -> Floats:
     """List where touches or places are, (n, 3)."""
-    return np.array([one.place_mm for one in touched]).reshape(-1, 3)
+    return np.array([touch.place_mm for touch in touched]).reshape(-1, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -274,8 +274,8 @@ def stated_errors(
     at_mm, n = places_mm(touches), len(touches)
     nothing = np.zeros((n, 3, 0))
     if std_mm is not None:
-        own = np.tile(std_mm**2 * np.eye(3), (n, 1, 1))
-        return JointCovariance(at_mm, own, nothing)
+        of_each = np.tile(std_mm**2 * np.eye(3), (n, 1, 1))
+        return JointCovariance(at_mm, of_each, nothing)
     stated = [t.covariance_mm2 for t in touches if t.covariance_mm2 is not None]
     if len(stated) < n:
         return None

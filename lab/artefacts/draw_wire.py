@@ -55,9 +55,9 @@ class DrawWire(Artefact):
             columns.append(2.0 * read_mm[:, np.newaxis])
         design = np.hstack(columns)
         sizes = np.maximum(np.linalg.norm(design, axis=0), 1e-9)
-        found = np.linalg.lstsq(design / sizes, squares, rcond=FLAT)[0] / sizes
-        anchor_mm = found[:3]
-        offset_mm = float(found[4]) if self.offset_mm is None else 0.0
+        solved = np.linalg.lstsq(design / sizes, squares, rcond=FLAT)[0] / sizes
+        anchor_mm = solved[:3]
+        offset_mm = float(solved[4]) if self.offset_mm is None else 0.0
         anchor_mm, offset_mm = polished(
             local_mm,
             anchor_mm,

@@ -99,14 +99,16 @@ class Points(Artefact):
                 np.any(np.ptp(grown_mm, axis=0))
             )
             for _ in range(10):
-                found = closed_helmert(
+                motion = closed_helmert(
                     grown_mm, centres_mm, weights, with_scale=with_scale
                 )
-                away_mm = np.linalg.norm(centres_mm - found.places_mm(grown_mm), axis=1)
+                away_mm = np.linalg.norm(
+                    centres_mm - motion.places_mm(grown_mm), axis=1
+                )
                 least_mm = max(3.0 * float(np.median(away_mm)), 1e-9)
                 weights = 1.0 / (1.0 + (away_mm / least_mm) ** 2)
-            turn, shift_mm = quaternion_of(found.rotation), found.translation_mm
-            frame = np.array([*turn, *shift_mm, found.scale])
+            turn, shift_mm = quaternion_of(motion.rotation), motion.translation_mm
+            frame = np.array([*turn, *shift_mm, motion.scale])
         return np.concatenate([frame, known_mm.ravel()])
 
     def equations(

@@ -54,10 +54,10 @@ class Seats(Artefact):
                 "needs distance_mm, of two seats that are called 1 and 2, or a list of "
                 "distances between named ones; one of both"
             )
-        for one in self.distances:
-            if one.between[0] == one.between[1]:
-                raise ValueError(f"{one.between[0]!r} has a distance to itself")
-        pairs = [frozenset(one.between) for one in self.distances]
+        for distance in self.distances:
+            if distance.between[0] == distance.between[1]:
+                raise ValueError(f"{distance.between[0]!r} has a distance to itself")
+        pairs = [frozenset(distance.between) for distance in self.distances]
         if len(set(pairs)) < len(pairs):
             raise ValueError("has two distances between the same seats; keep one")
         return self
@@ -84,17 +84,17 @@ class Seats(Artefact):
         """Return whether both ends of a known distance were touched."""
         touched = set(np.unique(touches.features).tolist())
         return any(
-            touched >= {first, second} and one.distance_std_mm != float("inf")
-            for one, first, second in self._pairs()
+            touched >= {first, second} and distance.distance_std_mm != float("inf")
+            for distance, first, second in self._pairs()
         )
 
     @property
     def certified_lengths(self) -> dict[str, float]:
         """The known distances by the names of lengths."""
         return {
-            self._name(one): one.distance_mm
-            for one in self.known
-            if one.distance_std_mm != float("inf")
+            self._name(distance): distance.distance_mm
+            for distance in self.known
+            if distance.distance_std_mm != float("inf")
         }
 
     def without_certificate(self, name: str) -> Artefact:
@@ -103,13 +103,15 @@ class Seats(Artefact):
         if self.distance_mm is not None:
             return self.model_copy(update=left_out)
         distances = tuple(
-            one.model_copy(update=left_out) if self._name(one) == name else one
-            for one in self.distances
+            distance.model_copy(update=left_out)
+            if self._name(distance) == name
+            else distance
+            for distance in self.distances
         )
         return self.model_copy(update={"distances": distances})
 
-    def _name(self, one: SeatDistance) -> str:
-        return ("-".join(one.between) if self.distances else "distance") + "_mm"
+    def _name(self, distance: SeatDistance) -> str:
+        return ("-".join(distance.between) if self.distances else "distance") + "_mm"
 
     def unknown_scales(self, touches: Touches) -> Floats:
         """The points."""
@@ -147,22 +149,24 @@ class Seats(Artefact):
         """The known distances."""
         return certificate_of(
             self.lengths(state),
-            [one.distance_mm for one in self.known],
-            [one.distance_std_mm for one in self.known],
+            [distance.distance_mm for distance in self.known],
+            [distance.distance_std_mm for distance in self.known],
         )
 
     def lengths(self, state: Floats) -> tuple[Length, ...]:
         """The known distances; between named seats `A-B_mm`."""
         places_mm = state.reshape(-1, 3)
-        found = []
-        for row, (one, first, second) in enumerate(self._pairs()):
+        lengths = []
+        for row, (distance, first, second) in enumerate(self._pairs()):
             along_mm = places_mm[second] - places_mm[first]
             distance_mm = float(np.linalg.norm(along_mm))
             by_places = np.zeros_like(places_mm)
             by_places[second] = along_mm / max(distance_mm, 1e-9)
             by_places[first] = -by_places[second]
-            found.append(Length(self._name(one), distance_mm, by_places.ravel(), row))
-        return tuple(found)
+            lengths.append(
+                Length(self._name(distance), distance_mm, by_places.ravel(), row)
+            )
+        return tuple(lengths)
 
     def place(self, state: Floats) -> dict[str, Any]:
         """The points by name."""
@@ -172,5 +176,5 @@ class Seats(Artefact):
     def _pairs(self) -> Iterator[tuple[SeatDistance, int, int]]:
         """Iterate over the known distances with the indices of their seats."""
         index = {name: at for at, name in enumerate(self.features)}
-        for one in self.known:
-            yield one, index[one.between[0]], index[one.between[1]]
+        for distance in self.known:
+            yield distance, index[distance.between[0]], index[distance.between[1]]

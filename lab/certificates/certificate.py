@@ -65,7 +65,7 @@ def certify(
     root = _document(folder, stated, issue_date(stated))
     problems = list(schema_problems(root, schemas))
     if problems:
-        raise FileError(folder, [f"schema: {one}" for one in problems])
+        raise FileError(folder, [f"schema: {problem}" for problem in problems])
     content = xml_bytes(root if key is None else signed(root, key))
     path = folder / DCC
     with replacing(path) as file:
@@ -90,7 +90,9 @@ def checked_certificate(
     content = bytes_of(path)
     root = read_xml(content, str(path))
     problems = list(sums_problems(folder, required=(DCC,)))
-    problems += [f"{DCC} is invalid: {one}" for one in schema_problems(root, schemas)]
+    problems += [
+        f"{DCC} is invalid: {problem}" for problem in schema_problems(root, schemas)
+    ]
     if problems:
         return Checked(tuple(problems))
     problems += sums_problems(folder, evidence_files(folder))
@@ -98,15 +100,15 @@ def checked_certificate(
         problems.append(f"{DCC} was altered: it is not as it was written")
     issued = date.fromisoformat(root.findtext(f".//{_ISSUED}") or "")
     signature = checked_signature(root, issued, trusted)
-    problems += [f"{DCC} {one}" for one in signature.problems]
-    for found in root.findall(SIGNATURE):
-        root.remove(found)
+    problems += [f"{DCC} {problem}" for problem in signature.problems]
+    for element in root.findall(SIGNATURE):
+        root.remove(element)
     etree.indent(root, space=" ")
     stated = read_strict(folder / DATA / LABORATORY, Laboratory)
     expected = _document(folder, stated, issued)
     problems += [
-        f"{DCC} was altered, or does not follow from the files: {one}"
-        for one in _differing(root, expected)
+        f"{DCC} was altered, or does not follow from the files: {problem}"
+        for problem in _differing(root, expected)
     ]
     schema = "the schema in " + str(schemas) if schemas else "Traverse's part of DCC"
     notes = [*signature.notes, f"keeps to {schema}"]
@@ -117,9 +119,9 @@ def _differing(stated: etree._Element, expected: etree._Element) -> list[str]:
     """Say where two documents differ first; nothing where they are the same."""
     if xml_bytes(stated) == xml_bytes(expected):
         return []
-    for one, other in zip(stated.iter(), expected.iter(), strict=False):
-        if one.tag != other.tag or (one.text or "") != (other.text or ""):
+    for element, other in zip(stated.iter(), expected.iter(), strict=False):
+        if element.tag != other.tag or (element.text or "") != (other.text or ""):
             name = etree.QName(other).localname
-            said, due = ((each.text or "").strip() for each in (one, other))
+            said, due = ((each.text or "").strip() for each in (element, other))
             return [f"{name} says {said!r}, the files give {due!r}"]
     return ["their elements differ"]

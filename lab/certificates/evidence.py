@@ -88,14 +88,14 @@ def quantity(
     Raises:
         KeyError: D-SI has no such unit.
     """
-    found = {"unit": UNITS[unit], "expanded": ""}
+    values = {"unit": UNITS[unit], "expanded": ""}
     if not expanded:
         # Four decimals of a millimetre, as on paper; six digits of anything else.
         decimals = 4 if unit in ("mm", "C") else _decimals(value, 6)
         text = str(value) if isinstance(value, int) else f"{value:.{decimals}f}"
-        return found | {"value": text}
+        return values | {"value": text}
     decimals = _decimals(expanded, 2)
-    return found | {
+    return values | {
         "value": f"{value:.{decimals}f}",
         "expanded": f"{expanded:.{decimals}f}",
         "coverage_factor": f"{coverage_factor:g}",
@@ -196,8 +196,8 @@ def evidence_text(folder: Path, laboratory: Laboratory, issued: date) -> str:
         lacks = f"has no {str(error).rpartition(' ')[2]}"
         if isinstance(error, TypeError):
             lacks = f"has a value of the wrong type ({error})"
-        told = f"{lacks}; make the results again with this version of Traverse"
-        raise FileError(folder, told) from error
+        message = f"{lacks}; make the results again with this version of Traverse"
+        raise FileError(folder, message) from error
     except ValueError as error:
         raise FileError(folder, str(error)) from error
 
@@ -206,8 +206,8 @@ def _values(path: Path) -> dict[str, Any]:
     try:
         values = json_of(path)
     except (OSError, ValueError) as error:
-        told = "is no folder of `traverse verify --out` or `traverse identify --out`"
-        raise FileError(path.parent, f"{told}: {error}") from error
+        message = "is no folder of `traverse verify --out` or `traverse identify --out`"
+        raise FileError(path.parent, f"{message}: {error}") from error
     if not isinstance(values, dict):
         raise FileError(path, "is no table of results")
     return values
@@ -240,9 +240,9 @@ def evidence_problems(folder: Path) -> Iterator[str]:
     if values.get("schema") != SCHEMA or not isinstance(inputs, dict):
         yield f"{IDENTIFICATION} does not say what it was made of; identify again"
         return
-    for key, told in _NOT_ALONE.items():
+    for key, message in _NOT_ALONE.items():
         if values.get(key) is not None:
-            yield told
+            yield message
             return
     design = read_arm(folder / DATA / _DESIGN)
     if arm_digest(design) != inputs.get("arm_digest"):
@@ -271,14 +271,14 @@ def _result_problems(
     expected = identified_arm(result, datetime.now(UTC), digest)
     for line in differences(_values_of(read_arm(folder / _ARM)), _values_of(expected)):
         yield f"{_ARM}: {line}"
-    found = result.cartesian
+    cartesian = result.cartesian
     try:
-        known = read_arm_covariance(folder / COVARIANCE_FILE, found.names, digest)
+        known = read_arm_covariance(folder / COVARIANCE_FILE, cartesian.names, digest)
     except ValueError as error:
         yield str(error)
         return
-    scale = np.sqrt(np.diag(found.covariance))
-    off = np.abs(known.covariance - found.covariance)
+    scale = np.sqrt(np.diag(cartesian.covariance))
+    off = np.abs(known.covariance - cartesian.covariance)
     if not (off <= 1e-6 * np.outer(scale, scale) + 1e-15).all():
         yield f"{COVARIANCE_FILE} does not follow from the data"
 

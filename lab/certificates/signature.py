@@ -42,8 +42,8 @@ def read_certificate(path: Path) -> x509.Certificate:
     try:
         return x509.load_pem_x509_certificate(bytes_of(path))
     except ValueError as error:
-        told = f"is no X.509 certificate in PEM form: {error}"
-        raise FileError(path, told) from error
+        message = f"is no X.509 certificate in PEM form: {error}"
+        raise FileError(path, message) from error
 
 
 def read_signing_key(
@@ -58,23 +58,25 @@ def read_signing_key(
     try:
         private = serialization.load_pem_private_key(bytes_of(key), secret)
     except (ValueError, TypeError) as error:
-        told = (
+        message = (
             "is no private key in PEM form, or its password is not that of "
             f"TRAVERSE_KEY_PASSWORD: {error}"
         )
-        raise FileError(key, told) from error
+        raise FileError(key, message) from error
     is_usable = isinstance(private, ec.EllipticCurvePrivateKey) or (
         isinstance(private, rsa.RSAPrivateKey) and private.key_size >= _LEAST_RSA_BITS
     )
     if not is_usable:
-        told = f"is no ECDSA key, nor RSA with {_LEAST_RSA_BITS} bits or more; make one"
-        raise FileError(key, told)
-    found = read_certificate(certificate)
-    if found.public_key() != private.public_key():
+        message = (
+            f"is no ECDSA key, nor RSA with {_LEAST_RSA_BITS} bits or more; make one"
+        )
+        raise FileError(key, message)
+    of_key = read_certificate(certificate)
+    if of_key.public_key() != private.public_key():
         raise FileError(certificate, f"does not belong to the key {key}")
-    if not _is_valid(found, issued):
-        raise FileError(certificate, f"is {_validity(found)}, not on {issued}")
-    return SigningKey(private, found)  # type: ignore[arg-type]  # of two kinds
+    if not _is_valid(of_key, issued):
+        raise FileError(certificate, f"is {_validity(of_key)}, not on {issued}")
+    return SigningKey(private, of_key)  # type: ignore[arg-type]  # of two kinds
 
 
 def _validity(certificate: x509.Certificate) -> str:
@@ -118,47 +120,49 @@ def checked_signature(
     signatures = root.findall(SIGNATURE)
     if not signatures and not trusted:
         return Checked(notes=("is not signed: who made it is not proved",))
-    keys = [key for one in signatures for key in one.findall(f".//{_X509}")]
+    keys = [key for entry in signatures for key in entry.findall(f".//{_X509}")]
     if len(signatures) != 1 or len(keys) != 1:
         return Checked(("is not signed, or not once by one key",))
     try:
-        own = x509.load_der_x509_certificate(b64decode(keys[0].text or ""))
-        _verify(root, own)
-        if not _is_valid(own, issued):
-            raise ValueError(f"its certificate is {_validity(own)}, not on {issued}")
-        signer = _described(own)
+        of_signer = x509.load_der_x509_certificate(b64decode(keys[0].text or ""))
+        _verify(root, of_signer)
+        if not _is_valid(of_signer, issued):
+            raise ValueError(
+                f"its certificate is {_validity(of_signer)}, not on {issued}"
+            )
+        signer = _described(of_signer)
     except (*_INVALID, etree.LxmlError) as error:
         return Checked((f"was altered, or has no valid signature: {error}",))
     if not trusted:
         compare = "the signer was not compared: name whom you trust by --trust"
         return Checked(notes=(f"signed by {signer}", compare))
-    if not any(_vouches(one, own) for one in trusted):
+    if not any(_vouches(entry, of_signer) for entry in trusted):
         return Checked((f"was signed by one who is not trusted: {signer}",))
     return Checked(notes=(f"signed by {signer}, who is trusted",))
 
 
-def _verify(root: etree._Element, own: x509.Certificate) -> None:
+def _verify(root: etree._Element, of_signer: x509.Certificate) -> None:
     """Verify that the one signature is of the whole document.
 
     Raises:
         SignXMLException, ValueError: It is not.
     """
     # Nobody attests when it was signed: validity is that on the date of issue.
-    wishes = SignatureConfiguration(
+    expected = SignatureConfiguration(
         location="./",
-        verification_time=own.not_valid_after_utc,
+        verification_time=of_signer.not_valid_after_utc,
         expect_references=1,
     )
-    result = XMLVerifier().verify(root, x509_cert=own, expect_config=wishes)
+    result = XMLVerifier().verify(root, x509_cert=of_signer, expect_config=expected)
     document = None if isinstance(result, list) else result.signed_xml
     if document is None or document.tag != root.tag:
         raise ValueError("something else in it is signed")
 
 
-def _described(own: x509.Certificate) -> str:
-    fingerprint = own.fingerprint(hashes.SHA256()).hex()
-    name = own.subject.rfc4514_string()
-    return f"{name}, certificate {_validity(own)}, SHA-256 {fingerprint}"
+def _described(certificate: x509.Certificate) -> str:
+    fingerprint = certificate.fingerprint(hashes.SHA256()).hex()
+    name = certificate.subject.rfc4514_string()
+    return f"{name}, certificate {_validity(certificate)}, SHA-256 {fingerprint}"
 
 
 def _vouches(trusted: x509.Certificate, signer: x509.Certificate) -> bool:

@@ -117,11 +117,11 @@ class Tracer:
             return self._campaign(folder)
         if (link := self._walked(path)) is not None:
             return link
-        told = (
+        message = (
             "is neither a folder of results or of a campaign, nor an arm file, a "
             "recording (.mcap) or points (.jsonl)"
         )
-        raise FileError(path, told)
+        raise FileError(path, message)
 
     def _walked(self, path: Path) -> Link | None:
         """Walk the chain of a file by its kind; None: it follows from nothing."""
@@ -140,8 +140,8 @@ class Tracer:
         elif problems := list(sums_problems(folder, named)):
             link.alter(*problems)
         if (folder / DCC).is_file():
-            told = "signature and figures are checked by `traverse verify --check`"
-            link.remarks.append(f"has a certificate, {DCC}: {told}")
+            remark = "signature and figures are checked by `traverse verify --check`"
+            link.remarks.append(f"has a certificate, {DCC}: {remark}")
         return link
 
     def _verification(self, folder: Path) -> Link:
@@ -183,11 +183,11 @@ class Tracer:
         return link or Link(path.name, path, digest)
 
     def _arm(self, arm: Arm, path: Path | None) -> Link:
-        own = arm_digest(arm)
-        link = Link(f"arm file {arm.name}", path, own)
-        if own in self._seen:
+        digest = arm_digest(arm)
+        link = Link(f"arm file {arm.name}", path, digest)
+        if digest in self._seen:
             return link  # it is in the tree already, with its origin
-        self._seen.add(own)
+        self._seen.add(digest)
         source = arm.identification
         if source is None or source.campaign_digest is None:
             link.remarks.append("states no identification: it is a design")
@@ -224,10 +224,10 @@ class Tracer:
                 text, tear = run.files.get("arm.toml"), run.tear
         except ValueError as error:
             try:
-                found = read_recording(path)  # of samples, not of a daemon
+                recording = read_recording(path)  # of samples, not of a daemon
             except FileError:
                 return link.alter(str(error))
-            text, tear = found.arm_text.encode(), found.tear
+            text, tear = recording.arm_text.encode(), recording.tear
         if tear is not None:
             link.alter(f"is not whole: {tear}")
         else:  # a file that is none may be endless
@@ -243,19 +243,19 @@ class Tracer:
         with text_lines(path) as lines:
             points = list(points_of_lines(lines))
         link = Link("points", path)
-        wrong = [one for one in points if isinstance(one, str)]
-        whole = [one for one in points if not isinstance(one, str)]
-        signed = [one for one in whole if one.signature is not None]
+        wrong = [point for point in points if isinstance(point, str)]
+        whole = [point for point in points if not isinstance(point, str)]
+        signed = [point for point in whole if point.signature is not None]
         if self._public_key is not None:
             wrong = checked_points(points, self._public_key).problems
         elif signed:
-            told = "signed, and not checked: name the arm's public key by --key"
-            link.remarks.append(told)
+            remark = "signed, and not checked: name the arm's public key by --key"
+            link.remarks.append(remark)
         if wrong:
             link.alter(*wrong)
         else:  # a file that is none may be endless
             link.sha256 = digest_of_files([path])
-        models = dict.fromkeys(one.model for one in whole)
+        models = dict.fromkeys(point.model for point in whole)
         link.links += [self._named("arm file", model) for model in models]
         return link
 
@@ -272,21 +272,21 @@ class Tracer:
     @cached_property
     def _known(self) -> dict[str, Path]:
         """Files of the folders by the digests that others name them by."""
-        found: dict[str, Path] = {}
+        files: dict[str, Path] = {}
         for path in self._candidates():
             try:
                 if path.name == "campaign.toml":
                     for digest in _campaign_digests(path, read_campaign_file(path)):
-                        found.setdefault(digest, path)
+                        files.setdefault(digest, path)
                 elif path.suffix == ".toml" and "joints" in toml_table(
                     toml_text(path), str(path)
                 ):
-                    found.setdefault(arm_digest(read_arm(path)), path)
+                    files.setdefault(arm_digest(read_arm(path)), path)
                 elif path.suffix == ".npz":
-                    found.setdefault(digest_of_files([path]), path)
+                    files.setdefault(digest_of_files([path]), path)
             except (FileError, OSError):
                 continue  # whatever it is, it is not what is looked for
-        return found
+        return files
 
     def _candidates(self) -> Iterator[Path]:
         n_left = _MOST_ENTRIES

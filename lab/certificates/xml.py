@@ -48,8 +48,8 @@ def indented(text: str, source: str) -> etree._Element:
     try:
         root = etree.fromstring(text.encode(), _parser(compact=True))
     except etree.XMLSyntaxError as error:
-        told = f"states a character that XML does not have: {error.msg}"
-        raise FileError(source, told) from error
+        message = f"states a character that XML does not have: {error.msg}"
+        raise FileError(source, message) from error
     etree.indent(root, space=" ")
     return root
 
@@ -95,8 +95,8 @@ def schema_problems(
             etree.fromstring(bytes_of(path), parser, base_url=str(path.resolve()))
         )
     except (etree.LxmlError, OSError) as error:
-        told = f"is no schema that can be used: {error}; see the guide to --schemas"
-        raise FileError(path, told) from error
+        message = f"is no schema that can be used: {error}; see the guide to --schemas"
+        raise FileError(path, message) from error
     if not schema.validate(root):
         for entry in schema.error_log:
             yield f"line {entry.line}: {entry.message}"

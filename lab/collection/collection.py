@@ -116,11 +116,11 @@ class Collection:
         journal, table = self.folder / JOURNAL, self.folder / self.file.poses
         if not journal.exists():
             if table.exists():
-                told = (
+                message = (
                     f"is there, and was not written by `traverse collect` ({JOURNAL} "
                     "is missing); move it away, or name another file in the campaign"
                 )
-                raise FileError(table, told)
+                raise FileError(table, message)
             return
         problems = []
         lines = bytes_of(journal).split(b"\n")
@@ -132,13 +132,13 @@ class Collection:
             try:
                 self._apply(_LINE.validate_json(line))
             except ValidationError:
-                told = "is no line that `traverse collect` writes"
+                message = "is no line that `traverse collect` writes"
             except ValueError as error:
-                told = f"is no point of this collection: {error}"
+                message = f"is no point of this collection: {error}"
             else:
                 continue
-            told += "; mend it, or move the file and the poses away and begin anew"
-            problems.append(Problem(f"line {number}", told))
+            message += "; mend it, or move the file and the poses away and begin anew"
+            problems.append(Problem(f"line {number}", message))
         if problems:
             raise FileError(journal, problems)
         self._write_table()
@@ -305,7 +305,7 @@ def touch_of(
 def collection_report(collection: Collection) -> dict[str, Any]:
     """Touches of every feature, and whether they reach the target."""
     # The last target of a recurring feature includes all its touches.
-    last = {(one.artefact, one.feature): one for one in collection.targets}
+    last = {(target.artefact, target.feature): target for target in collection.targets}
     table = collection.folder / collection.file.poses
     files = [path for path in (collection.folder / CAMPAIGN, table) if path.is_file()]
     source = ReportSource(collection.folder.resolve().name, digest_of_files(files))
@@ -316,11 +316,11 @@ def collection_report(collection: Collection) -> dict[str, Any]:
         "complete": not collection.unfinished(),
         "features": [
             {
-                "artefact": one.artefact,
-                "feature": one.feature or None,
-                "touches": collection.count(one),
-                "wanted": one.wanted,
+                "artefact": target.artefact,
+                "feature": target.feature or None,
+                "touches": collection.count(target),
+                "wanted": target.wanted,
             }
-            for one in last.values()
+            for target in last.values()
         ],
     }

@@ -51,12 +51,19 @@ def agreement(collection: Collection, artefact: str, kind: str) -> str:
                     f"rms {worse_mm:.4f} mm"
                 )
             case "plane" | "parallel_planes":
-                rms_mm = max(_flatness(_places(own)) for own in by_feature.values())
+                rms_mm = max(
+                    _flatness(_places(of_feature)) for of_feature in by_feature.values()
+                )
                 return f"flat within rms {rms_mm:.4f} mm"
             case _:
-                repeated = [own for own in by_feature.values() if len(own) > 1]
+                repeated = [
+                    of_feature
+                    for of_feature in by_feature.values()
+                    if len(of_feature) > 1
+                ]
                 worst = max(
-                    spread_about_mean(_places(own)).max_deviation_mm for own in repeated
+                    spread_about_mean(_places(of_feature)).max_deviation_mm
+                    for of_feature in repeated
                 )
                 return f"repeats within {worst:.4f} mm"
     except (ValueError, KeyError):

@@ -148,7 +148,7 @@ def charted(
     side: Side = "above" if positive else "both"
     scale = np.sqrt(given) if positive else given
     base: list[float] = []
-    found: list[ChartPoint] = []
+    points: list[ChartPoint] = []
     ewma, before = 0.0, None
     for value, x in zip(given.tolist(), scale.tolist(), strict=True):
         q: float | None = None
@@ -158,7 +158,7 @@ def charted(
             ewma = (1.0 - WEIGHT) * ewma + WEIGHT * q
         step = None if q is None or before is None else q - before
         alarms = _alarms(side, q, step, ewma)
-        found.append(
+        points.append(
             ChartPoint(
                 value, q, None if step is None else abs(step), ewma, *limits, alarms
             )
@@ -166,7 +166,7 @@ def charted(
         before = q
         if not alarms and abs(value) <= most and len(base) < BASE:
             base.append(x)
-    return found
+    return points
 
 
 def _alarms(

@@ -147,22 +147,22 @@ def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
             said = counted(n, "touch")
             raise IncompleteError(f"{name}: {said}, expected {fewest} or more")
     scatter = spread_about_mean(seat.places_mm)
-    found = fitted_sphere(sphere, touched, ball)
+    fit = fitted_sphere(sphere, touched, ball)
     off_mm = off_seat(seat.places_mm, seat.places_mm)
     if scatter.max_deviation_mm > PLAUSIBLE_MM:
         raise IncompleteError(
             f"{cone}: touch {int(off_mm.argmax()) + 1} of {len(seat)} is "
             f"{off_mm.max():.1f} mm off the others; was it the right seat? Check again"
         )
-    if found.form_mm > PLAUSIBLE_MM:
-        worst = int(np.abs(found.off_mm).argmax())
+    if fit.form_mm > PLAUSIBLE_MM:
+        worst = int(np.abs(fit.off_mm).argmax())
         raise IncompleteError(
-            f"{ball}: form {found.form_mm:.1f} mm, touch {worst + 1} of {len(touched)} "
+            f"{ball}: form {fit.form_mm:.1f} mm, touch {worst + 1} of {len(touched)} "
             "is farthest off; was it the right sphere? Check again"
         )
-    if abs(found.size_mm) > SIZE_MM:
+    if abs(fit.size_mm) > SIZE_MM:
         raise IncompleteError(
-            f"{ball}: its diameter is {found.size_mm:+.2f} mm off the calibrated "
+            f"{ball}: its diameter is {fit.size_mm:+.2f} mm off the calibrated "
             f"{2.0 * float(sphere.radius_mm or 0.0):g} mm; is the radius that of this "
             "sphere, and the arm file's probe the one that touched it? Correct the one "
             "that is not, and check again"
@@ -172,8 +172,8 @@ def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
     return DailyCheckFigures(
         spat_2s_mm=scatter.two_s_mm,
         spat_max_mm=scatter.max_deviation_mm,
-        sphere_form_mm=found.form_mm,
-        sphere_diameter_mm=found.size_mm,
+        sphere_form_mm=fit.form_mm,
+        sphere_diameter_mm=fit.size_mm,
         n_cone=len(seat),
         n_sphere=len(touched),
         sphere_radius_mm=float(sphere.radius_mm or 0.0),

@@ -86,8 +86,8 @@ def add_check(path: Path, check: Check) -> bool:
         HistoryRefusedError: The file is not a history, or of another version.
         sqlite3.Error: It cannot be written.
     """
-    *own, figures = astuple(check)
-    values = [*own, *figures]
+    *columns, figures = astuple(check)
+    values = [*columns, *figures]
     marks = ", ".join("?" * len(values))
     with _opened(path) as connection:
         done = connection.execute(

@@ -292,10 +292,10 @@ def fitted_sphere(sphere: Sphere, touched: ArtefactTouches, what: str) -> Fitted
     Raises:
         IncompleteError: They fit no sphere, or its temperature is unknown.
     """
-    found = fitted(touched, what)
+    fit = fitted(touched, what)
     calibrated_mm = 2.0 * float(sphere.radius_mm or 0.0) * growth(sphere, touched)
-    size_mm = 2.0 * (found.radius_mm - float(touched.tip_mm.mean())) - calibrated_mm
-    away_mm = np.linalg.norm(touched.places_mm - found.centre_mm, axis=1)
+    size_mm = 2.0 * (fit.radius_mm - float(touched.tip_mm.mean())) - calibrated_mm
+    away_mm = np.linalg.norm(touched.places_mm - fit.centre_mm, axis=1)
     return FittedSphere(
-        found.centre_mm, size_mm, away_mm - found.radius_mm, float(np.ptp(away_mm))
+        fit.centre_mm, size_mm, away_mm - fit.radius_mm, float(np.ptp(away_mm))
     )

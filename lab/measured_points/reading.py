@@ -79,7 +79,9 @@ class KnownArm:
 def effects_of_poses(arm: Arm) -> tuple[Effect, ...]:
     """Leave out the effects of standards: their certificates say how long they are."""
     kinds = EFFECT_KINDS
-    return tuple(one for one in arm.effects if kinds[one.kind].effect_class != "O")
+    return tuple(
+        effect for effect in arm.effects if kinds[effect.kind].effect_class != "O"
+    )
 
 
 def known_arm(path: Path, arm: Arm, span: Span | None) -> KnownArm:
@@ -94,12 +96,12 @@ def known_arm(path: Path, arm: Arm, span: Span | None) -> KnownArm:
         ValueError: There is none, or it is of another arm; says what to do.
     """
     effects = effects_of(arm, effects_of_poses(arm), span)
-    found = read_parameter_covariance(
+    covariance = read_parameter_covariance(
         path, arm, effects_of(arm, arm.effects, span), effects
     )
-    if found is None:
+    if covariance is None:
         raise ValueError(f"{path} names no covariance_file; `traverse identify` does")
-    return KnownArm(arm, effects, found)
+    return KnownArm(arm, effects, covariance)
 
 
 def shared_by_points(points: Sequence[Point], path: Path, arm: Arm) -> Floats:
@@ -156,14 +158,16 @@ def errors_of_poses(
     noise = PointNoise(
         np.full(n_joints, encoder_rad), np.zeros(n_joints), contact_mm, 0.0
     )
-    found = point_uncertainties(
+    uncertainties = point_uncertainties(
         geometry_from_arm(arm),
         known.effects,
         campaign.block().part(rows),
         noise,
         known.covariance,
     )
-    return JointCovariance(places_mm, found.covariances_mm2, found.shared_mm)
+    return JointCovariance(
+        places_mm, uncertainties.covariances_mm2, uncertainties.shared_mm
+    )
 
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
@@ -265,10 +269,12 @@ def read_by_tool(
     campaign = read_campaign(data, names, several_tools=several_tools)
     numbers = campaign.poses.tools
     if numbers is None:
-        found = measured_campaign(campaign, arm, file.artefacts, str(data), arm_file)
-        return (found,)
-    own = Tool(name=OWN_PROBE, vector_mm=arm.probe.vector_mm)
-    tools = {number: (own, *file.tools)[number] for number in np.unique(numbers)}
+        measurement = measured_campaign(
+            campaign, arm, file.artefacts, str(data), arm_file
+        )
+        return (measurement,)
+    own_tool = Tool(name=OWN_PROBE, vector_mm=arm.probe.vector_mm)
+    tools = {number: (own_tool, *file.tools)[number] for number in np.unique(numbers)}
     missing = [tool.name for tool in tools.values() if tool.vector_mm is None]
     if missing:
         problems = [Problem(f"tools.{name}.vector_mm", _NO_VECTOR) for name in missing]
@@ -278,9 +284,9 @@ def read_by_tool(
         probe = arm.probe.model_copy(update={"vector_mm": tool.vector_mm})
         with_it = arm.model_copy(update={"probe": probe})
         part = campaign.part(numbers == number)
-        found = measured_campaign(part, with_it, file.artefacts, str(data))
+        measurement = measured_campaign(part, with_it, file.artefacts, str(data))
         unknown = "poses name tools, whose vectors have no stated uncertainty"
-        each.append(replace(found, tool=tool, errors_unknown=unknown))
+        each.append(replace(measurement, tool=tool, errors_unknown=unknown))
     return tuple(each)
 
 
@@ -299,14 +305,14 @@ def files_read(data: Path) -> tuple[Path, ...]:
         for table in raw.get("artefacts", ())
         if isinstance(table.get("points_mm"), str)
     ]
-    found = (data / "campaign.toml", data / file.poses, *dict.fromkeys(named))
-    elsewhere = [path for path in found if path.parent != data]
+    files = (data / "campaign.toml", data / file.poses, *dict.fromkeys(named))
+    elsewhere = [path for path in files if path.parent != data]
     if elsewhere:
         raise FileError(
             data / "campaign.toml",
             [Problem("", f"names {p}; put it beside campaign.toml") for p in elsewhere],
         )
-    return found
+    return files
 
 
 def measured_campaign(
@@ -329,9 +335,9 @@ def measured_campaign(
         FileError: The campaign lacks data that effects need.
     """
     geometry = geometry_from_arm(arm)
-    own, block = effects_of_poses(arm), campaign.block()
+    of_poses, block = effects_of_poses(arm), campaign.block()
     try:
-        effects = effects_of(arm, own, campaign.span)
+        effects = effects_of(arm, of_poses, campaign.span)
         places_mm, _, flags = corrected_pose(geometry, effects, block)
     except ValueError as error:
         raise FileError(source, str(error)) from error
@@ -360,7 +366,9 @@ def measured_campaign(
     notes += [
         f"{kind} of the arm file is not applied: what a standard is long says its "
         "certificate"
-        for kind in dict.fromkeys(one.kind for one in arm.effects if one not in own)
+        for kind in dict.fromkeys(
+            effect.kind for effect in arm.effects if effect not in of_poses
+        )
     ]
     times_ns = list[int]()
     if campaign.start_utc is not None and block.utc_ns is not None:
@@ -393,7 +401,7 @@ def _occasion(stated: CampaignFile | Campaign, times_ns: Sequence[int]) -> Occas
 
 def _flag_notes(flags: PoseFlags) -> Iterator[str]:
     """Return where effects of the arm were applied in part only."""
-    for which, told in (
+    for which, words in (
         (
             flags.surface_unknown,
             "effects of the contact left out: no direction_x, y, z",
@@ -404,7 +412,7 @@ def _flag_notes(flags: PoseFlags) -> Iterator[str]:
     ):
         count = int(np.count_nonzero(which))
         if count:
-            yield f"{count} of {len(which)} touches: {told}"
+            yield f"{count} of {len(which)} touches: {words}"
 
 
 def _from_recording(path: Path, arm: Arm, arm_file: Path | None) -> Measurement:

@@ -15,11 +15,11 @@ def plain_values(value: Any) -> Any:  # noqa: ANN401 - as of json
     if is_dataclass(value):
         return {f.name: plain_values(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, Mapping):
-        return {key: plain_values(one) for key, one in value.items()}
+        return {key: plain_values(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):
         return plain_values(value.tolist())
     if isinstance(value, list | tuple):
-        return [plain_values(one) for one in value]
+        return [plain_values(entry) for entry in value]
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     return value
@@ -48,12 +48,12 @@ def differences(stated: object, again: object, where: str = "") -> Iterator[str]
         if len(stated) != len(again):
             yield f"{where}: the data give {len(again)}, the result has {len(stated)}"
             return
-        for at, (one, other) in enumerate(zip(stated, again, strict=True)):
-            name = one.get("name", at) if isinstance(one, Mapping) else at
-            yield from differences(one, other, f"{where}[{name}]")
+        for at, (entry, other) in enumerate(zip(stated, again, strict=True)):
+            name = entry.get("name", at) if isinstance(entry, Mapping) else at
+            yield from differences(entry, other, f"{where}[{name}]")
     elif not _agree(stated, again):
-        told = f"the data give {shown(again)}, the result states {shown(stated)}"
-        yield f"{where}: {told}"
+        message = f"the data give {shown(again)}, the result states {shown(stated)}"
+        yield f"{where}: {message}"
 
 
 def _agree(stated: object, again: object) -> bool:

@@ -36,7 +36,8 @@ def shown_unit(largest: float, unit: str) -> tuple[float, str]:
         _LENGTHS if base == "mm" else [(f, prefix + base) for f, prefix in _PREFIXES]
     )
     factor, name = next(
-        (one for one in known if one[0] * largest >= 1.0 or largest == 0.0), known[-1]
+        (step for step in known if step[0] * largest >= 1.0 or largest == 0.0),
+        known[-1],
     )
     return factor, f"{name}{slash}{per}"
 

@@ -95,4 +95,4 @@ def _visible(value: object) -> object:
     r"""Write what nobody would see in a text as Python does, such as `\x1b`."""
     if not isinstance(value, str) or not _HIDDEN.search(value):
         return value
-    return type(value)(_HIDDEN.sub(lambda one: ascii(one[0])[1:-1], value))
+    return type(value)(_HIDDEN.sub(lambda match: ascii(match[0])[1:-1], value))

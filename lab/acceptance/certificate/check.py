@@ -62,10 +62,10 @@ def _read(file: Path) -> dict[str, Any]:
     try:
         values = json_of(file)
     except (OSError, ValueError) as error:
-        told = f"is not JSON: {error}"
+        message = f"is not JSON: {error}"
         if isinstance(error, OSError):
-            told = f"cannot be read: {error.strerror or error}; check the path"
-        raise FileError(file, told) from error
+            message = f"cannot be read: {error.strerror or error}; check the path"
+        raise FileError(file, message) from error
     is_ours = isinstance(values, dict) and values.get("schema") == SCHEMA
     stated = values.get("digest") if is_ours else None
     if not isinstance(stated, dict) or not isinstance(stated.get("files"), dict):
@@ -85,10 +85,10 @@ def _digest_problems(
         files[name] = hashlib.sha256(bytes_of(path)).hexdigest()
         if files[name] != digest:
             yield f"{DATA}/{name} was changed: its digest is not the one stated"
-    found = digest_values(values, dict(stated["files"]))
-    if found["result"] != stated.get("result"):
+    digests = digest_values(values, dict(stated["files"]))
+    if digests["result"] != stated.get("result"):
         yield "the figures were changed: their digest is not that of the certificate"
-    if found["digest"] != stated.get("digest"):
+    if digests["digest"] != stated.get("digest"):
         yield "the digest over all is not that of the certificate"
 
 
@@ -114,19 +114,19 @@ def _figure_problems(values: Mapping[str, Any], folder: Path) -> Iterator[str]:
         administration_of(measured, arm),
         report_provenance(ReportSource(data.name, digest_of_files(files_read(data)))),
     )
-    found = json.loads(json.dumps(result_values(again)))
+    computed = json.loads(json.dumps(result_values(again)))
     stated = dict(values)
     for name in _NOT_COMPARED:
-        source = (found.pop(name, None), stated.pop(name, None))
+        source = (computed.pop(name, None), stated.pop(name, None))
         if name == "provenance" and not _same_campaign(*source):
             yield "the campaign is not the one that its provenance names"
     if "administration" not in stated:  # certificates of early versions
-        found.pop("administration")
-    yield from differences(stated, found)
+        computed.pop("administration")
+    yield from differences(stated, computed)
 
 
-def _same_campaign(found: Any, stated: Any) -> bool:  # noqa: ANN401 - of a file
+def _same_campaign(computed: Any, stated: Any) -> bool:  # noqa: ANN401 - of a file
     try:
-        return bool(found["campaign"]["sha256"] == stated["campaign"]["sha256"])
+        return bool(computed["campaign"]["sha256"] == stated["campaign"]["sha256"])
     except (KeyError, TypeError):
         return False

@@ -30,17 +30,20 @@ def figure_cells(figure: Mapping[str, Any]) -> list[str]:
 
 def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return who measured, where, when and what: pairs of label and text."""
-    found, source = values["administration"], values["provenance"]
-    measured = [found["measured_from_utc"], found["measured_to_utc"]]
-    warm_c = [found[f"temperature_{which}_c"] for which in ("least", "largest", "mean")]
+    administration, source = values["administration"], values["provenance"]
+    measured = [administration["measured_from_utc"], administration["measured_to_utc"]]
+    warm_c = [
+        administration[f"temperature_{which}_c"]
+        for which in ("least", "largest", "mean")
+    ]
     versions = ", ".join(f"{name} {text}" for name, text in source["versions"].items())
     return [
-        ("Arm", found["arm_name"]),
-        ("Serial number of the arm", found["arm_serial_number"] or NOT_STATED),
-        ("Arm calibrated", _time(found["arm_calibration_date"])),
-        ("Measured", " to ".join(_time(one) for one in dict.fromkeys(measured))),
-        ("Place", found["place"] or NOT_STATED),
-        ("Operator", found["operator"] or NOT_STATED),
+        ("Arm", administration["arm_name"]),
+        ("Serial number of the arm", administration["arm_serial_number"] or NOT_STATED),
+        ("Arm calibrated", _time(administration["arm_calibration_date"])),
+        ("Measured", " to ".join(_time(entry) for entry in dict.fromkeys(measured))),
+        ("Place", administration["place"] or NOT_STATED),
+        ("Operator", administration["operator"] or NOT_STATED),
         (
             "Temperature",
             NOT_STATED
@@ -49,10 +52,10 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
         ),
         *(
             (
-                f"Vector of {one['name']}",
-                "{:.4f}, {:.4f}, {:.4f} mm, as given".format(*one["vector_mm"]),
+                f"Vector of {entry['name']}",
+                "{:.4f}, {:.4f}, {:.4f} mm, as given".format(*entry["vector_mm"]),
             )
-            for one in found.get("tools", ())
+            for entry in administration.get("tools", ())
         ),
         ("Computed", f"{_time(source['date_utc'])}, by {source['computed_by']}"),
         ("Versions", versions),
@@ -66,14 +69,14 @@ def standard_cells(values: Mapping[str, Any]) -> list[list[str]]:
     """Write a row for every standard."""
     return [
         [
-            one["kind"].replace("_", " "),
+            standard["kind"].replace("_", " "),
             *(
-                one[key] or NOT_STATED
+                standard[key] or NOT_STATED
                 for key in ("serial_number", "calibration_date", "certificate_number")
             ),
-            _places(one["artefacts"]),
+            _places(standard["artefacts"]),
         ]
-        for one in values["administration"]["standards"]
+        for standard in values["administration"]["standards"]
     ]
 
 
@@ -98,7 +101,9 @@ def certificate_page(certificate: SealedCertificate) -> str:
         standards=standard_cells(values),
         figures=[figure_cells(figure) for figure in values["figures"]],
         missing=[
-            (one["name"], what) for one in values["missing"] for what in one["what"]
+            (lacking["name"], what)
+            for lacking in values["missing"]
+            for what in lacking["what"]
         ],
         files=certificate.files,
         pictures=painted(paintings(values), WIDTH_MM),

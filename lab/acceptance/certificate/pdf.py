@@ -185,14 +185,16 @@ def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
         texts=2,
     )
     for remark in [
-        *(f"{f['name']}: {one}" for f in values["figures"] for one in f["remarks"]),
+        *(f"{f['name']}: {entry}" for f in values["figures"] for entry in f["remarks"]),
         *values["remarks"],
     ]:
         document.text_block(f"{remark[0].upper()}{remark[1:]}.", note=True)
     if values["missing"]:
         document.heading("Missing")
         rows = [
-            (one["name"], what) for one in values["missing"] for what in one["what"]
+            (entry["name"], what)
+            for entry in values["missing"]
+            for what in entry["what"]
         ]
         document.rows(("not computed", "because"), rows, (45, 125), texts=2)
     document.heading("Measurement", keep_mm=60.0)

@@ -64,10 +64,10 @@ def _lengths(lengths: list[Mapping[str, Any]], figure: Figure) -> None:
     axes = figure.subplots()
     positions = list(dict.fromkeys(_position(entry) for entry in lengths))
     for number, position in enumerate(positions[:20]):
-        own = [entry for entry in lengths if _position(entry) == position]
+        of_position = [entry for entry in lengths if _position(entry) == position]
         axes.plot(
-            [entry["length_mm"] for entry in own],
-            [1e3 * entry["error_mm"] for entry in own],
+            [entry["length_mm"] for entry in of_position],
+            [1e3 * entry["error_mm"] for entry in of_position],
             _MARKS[number % len(_MARKS)],
             markersize=3.5,
             color=BLUE if number < len(_MARKS) else VERMILION,

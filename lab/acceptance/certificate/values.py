@@ -37,20 +37,31 @@ def administration_of(measured: Sequence[Measurement], arm: Arm) -> dict[str, An
     the campaign names any.
     """
     occasion = measured[0].occasion
-    firsts = [at for one in measured if (at := one.occasion.first_utc) is not None]
-    lasts = [at for one in measured if (at := one.occasion.last_utc) is not None]
-    warm_c = np.concatenate([one.temperature_c for one in measured])
+    firsts = [
+        at
+        for measurement in measured
+        if (at := measurement.occasion.first_utc) is not None
+    ]
+    lasts = [
+        at
+        for measurement in measured
+        if (at := measurement.occasion.last_utc) is not None
+    ]
+    warm_c = np.concatenate([measurement.temperature_c for measurement in measured])
     known = bool(len(warm_c))
     identified = arm.identification and arm.identification.date
     touched = {
         name: artefact
         for name, artefact in measured[0].artefacts.items()
-        if any(len(one.of(name)) for one in measured)
+        if any(len(measurement.of(name)) for measurement in measured)
     }
     tools = [
-        {"name": one.tool.name, "vector_mm": list(one.tool.vector_mm or ())}
-        for one in measured
-        if one.tool is not None
+        {
+            "name": measurement.tool.name,
+            "vector_mm": list(measurement.tool.vector_mm or ()),
+        }
+        for measurement in measured
+        if measurement.tool is not None
     ]
     return {
         "operator": occasion.operator,
@@ -70,21 +81,21 @@ def administration_of(measured: Sequence[Measurement], arm: Arm) -> dict[str, An
 
 def _standards(artefacts: Mapping[str, Artefact]) -> list[dict[str, Any]]:
     """Name each standard once, however many places it was touched in."""
-    found: dict[tuple[str | None, ...], dict[str, Any]] = {}
+    standards: dict[tuple[str | None, ...], dict[str, Any]] = {}
     for name, artefact in artefacts.items():
         if artefact.kind in ("cone", "plane"):
             continue  # not calibrated
         calibrated = artefact.calibration_date
-        own: dict[str, Any] = {
+        stated: dict[str, Any] = {
             "kind": artefact.kind,
             "artefacts": [],
             "serial_number": artefact.serial_number,
             "calibration_date": None if calibrated is None else calibrated.isoformat(),
             "certificate_number": artefact.certificate_number,
         }
-        identity = tuple(text for key, text in own.items() if key != "artefacts")
-        found.setdefault(identity, own)["artefacts"].append(name)
-    return list(found.values())
+        identity = tuple(text for key, text in stated.items() if key != "artefacts")
+        standards.setdefault(identity, stated)["artefacts"].append(name)
+    return list(standards.values())
 
 
 SCHEMA = "traverse/acceptance/1"
@@ -122,20 +133,20 @@ class SealedCertificate:
 
 def result_values(certificate: SealedCertificate) -> dict[str, Any]:
     """Put everything but the digest into plain values."""
-    found, limits = certificate.verification, certificate.limits
+    verification, limits = certificate.verification, certificate.limits
     judged = acceptance_outcome(
         AcceptanceEvidence(
-            [_decided(figure) for figure in found.figures],
-            [entry["name"] for entry in plain_values(found.missing)],
+            [_decided(figure) for figure in verification.figures],
+            [entry["name"] for entry in plain_values(verification.missing)],
         )
     )
     predicted = {}
-    if found.predicted is not None:
-        predicted[PREDICTED] = _predicted(found.predicted, found.lengths)
+    if verification.predicted is not None:
+        predicted[PREDICTED] = _predicted(verification.predicted, verification.lengths)
     return {
         "schema": SCHEMA,
-        "standard": found.standard,
-        "title": found.title,
+        "standard": verification.standard,
+        "title": verification.title,
         "date_utc": certificate.provenance.date_utc,
         "provenance": certificate.provenance.values,
         "administration": dict(certificate.administration),
@@ -143,15 +154,15 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         **outcome_json(judged.outcome),
         "conclusion": judged.title,
         "sentences": list(judged.sentences),
-        "verdict": found.verdict,
-        "complete": not found.missing,
+        "verdict": verification.verdict,
+        "complete": not verification.missing,
         "decision": picked(limits, "guard_factor", "coverage_factor", rule="decision"),
-        "figures": [_figure(figure, limits) for figure in found.figures],
-        "missing": plain_values(found.missing),
-        "lengths": [_of_tool(asdict(error)) for error in found.lengths],
-        "scatters": plain_values(found.scatters),
+        "figures": [_figure(figure, limits) for figure in verification.figures],
+        "missing": plain_values(verification.missing),
+        "lengths": [_of_tool(asdict(error)) for error in verification.lengths],
+        "scatters": plain_values(verification.scatters),
         **predicted,
-        "remarks": list(found.remarks),
+        "remarks": list(verification.remarks),
     }
 
 
@@ -167,14 +178,14 @@ def _decided(figure: Figure) -> DecidedFigure:
 
 
 def _predicted(
-    found: PredictedLengths, errors: Sequence[LengthError]
+    lengths: PredictedLengths, errors: Sequence[LengthError]
 ) -> dict[str, Any]:
     return {
         "coverage_factor": PREDICTED_FACTOR,
-        **picked(found, "sigma0", "p_value", "explains", inside="n_inside"),
+        **picked(lengths, "sigma0", "p_value", "explains", inside="n_inside"),
         "lengths": [
             {"artefact": error.artefact, "repeat": error.repeat, "standard_mm": std_mm}
-            for error, std_mm in zip(errors, found.stds_mm, strict=True)
+            for error, std_mm in zip(errors, lengths.stds_mm, strict=True)
         ],
     }
 
@@ -208,7 +219,7 @@ def _of_tool(values: dict[str, Any]) -> dict[str, Any]:
 
 def _figure(figure: Figure, limits: Limits) -> dict[str, Any]:
     decision, standard_mm = figure.decision, figure.budget.standard_mm
-    found = {
+    values = {
         **picked(figure, "key", "name", "definition", "source", "confirm", "value_mm"),
         "expanded_uncertainty_mm": None
         if standard_mm is None
@@ -220,4 +231,4 @@ def _figure(figure: Figure, limits: Limits) -> dict[str, Any]:
         "remarks": list(figure.remarks),
         "tool": figure.tool,
     }
-    return _of_tool(found)
+    return _of_tool(values)

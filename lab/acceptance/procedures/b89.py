@@ -100,9 +100,9 @@ def volumetric(measured: Measurement, limits: Limits) -> Iterator[Part]:
     yield from parts
     if not sets:
         return
-    found = [error for errors in sets for error in errors]
-    values = np.array([error.error_mm for error in found])
-    worst, budget = largest_of(found, measured, limits)
+    counted = [error for errors in sets for error in errors]
+    values = np.array([error.error_mm for error in counted])
+    worst, budget = largest_of(counted, measured, limits)
     yield judged_figure(
         limits,
         "volumetric_max",
@@ -114,7 +114,7 @@ def volumetric(measured: Measurement, limits: Limits) -> Iterator[Part]:
             ("mean", float(values.mean())),
             ("twice the standard deviation", 2.0 * float(values.std(ddof=1))),
         ),
-        remarks=_bar_remarks(measured, found),
+        remarks=_bar_remarks(measured, counted),
     )
     yield judged_figure(
         limits,
@@ -126,8 +126,8 @@ def volumetric(measured: Measurement, limits: Limits) -> Iterator[Part]:
     )
 
 
-def _bar_remarks(measured: Measurement, found: Sequence[LengthError]) -> Iterator[str]:
-    lengths = np.array([error.length_mm for error in found]) / measured.reach_mm
+def _bar_remarks(measured: Measurement, errors: Sequence[LengthError]) -> Iterator[str]:
+    lengths = np.array([error.length_mm for error in errors]) / measured.reach_mm
     for text, (low, high) in (("short", SHORT), ("long", LONG)):
         if not np.any((low <= lengths) & (lengths <= high)):
             yield (
@@ -135,8 +135,8 @@ def _bar_remarks(measured: Measurement, found: Sequence[LengthError]) -> Iterato
                 f"{lengths.max():.0%} of the arm's reach, expected one of {low:.0%} to "
                 f"{high:.0%}"
             )
-    yield from direction_remarks(measured, [error.artefact for error in found])
-    places = [measured.of(error.artefact).places_mm.mean(axis=0) for error in found]
+    yield from direction_remarks(measured, [error.artefact for error in errors])
+    places = [measured.of(error.artefact).places_mm.mean(axis=0) for error in errors]
     octants = {tuple((place > measured.shoulder_mm).tolist()) for place in places}
     if len(octants) < 4:
         said = counted(len(octants), "octant")

@@ -67,7 +67,7 @@ def length_test(
 def _figure(
     measured: Measurement, key: str, sets: Sequence[list[LengthError]], limits: Limits
 ) -> Figure:
-    counted = [error for found in sets for error in found[:SET]]
+    counted = [error for errors in sets for error in errors[:SET]]
     largest, budget = largest_of(counted, measured, limits)
     verdict, remarks = _judged(sets, limits)
     decision = None
@@ -92,7 +92,7 @@ def _figure(
         (
             *remarks,
             *_range_remarks(measured, counted, limits),
-            *direction_remarks(measured, [found[0].artefact for found in sets]),
+            *direction_remarks(measured, [errors[0].artefact for errors in sets]),
         ),
     )
 
@@ -104,9 +104,9 @@ def _judged(
     outside: list[tuple[list[LengthError], Verdict, bool]] = []
     remarks: list[str] = []
     too_many = False
-    for found in sets:
+    for errors in sets:
         verdicts: list[Verdict] = []
-        for error in found:
+        for error in errors:
             if error.limit_mm is None:
                 return None, remarks
             measured = error.error_mm, error.limit_mm, error.standard_mm
@@ -118,17 +118,17 @@ def _judged(
         cured = len(bad) == 1 and len(again) == AGAIN and set(again) == {"accept"}
         too_many = too_many or len(bad) > 1
         if bad:
-            outside.append((found, worst(verdicts), cured))
+            outside.append((errors, worst(verdicts), cured))
     if not outside:
         return "accept", remarks
     open_ = [entry for entry in outside if not entry[2]]
     if not open_ and len(outside) <= MOST_SETS:
-        names = ", ".join(found[0].artefact for found, _, _ in outside)
+        names = ", ".join(errors[0].artefact for errors, _, _ in outside)
         remarks.append(f"one error outside in {names}: measured ten times again, good")
         return "accept", remarks
     may = not too_many and len(outside) <= MOST_SETS
-    if may and open_ and all(len(found) == SET for found, _, _ in open_):
-        names = ", ".join(found[0].artefact for found, _, _ in open_)
+    if may and open_ and all(len(errors) == SET for errors, _, _ in open_):
+        names = ", ".join(errors[0].artefact for errors, _, _ in open_)
         remarks.append(
             f"one error outside in {names}: measure each ten times again in the same "
             "place; until then nothing is decided"
@@ -175,9 +175,9 @@ def interim_test(measured: Measurement, limits: Limits) -> Iterator[Part]:
     yield from parts
     if not sets:
         return
-    found = [error for errors in sets for error in errors]
-    values = np.array([error.error_mm for error in found])
-    worst, budget = largest_of(found, measured, limits)
+    counted = [error for errors in sets for error in errors]
+    values = np.array([error.error_mm for error in counted])
+    worst, budget = largest_of(counted, measured, limits)
     within = [float(np.ptp([e.error_mm for e in errors])) for errors in sets]
     yield judged_figure(
         limits,

@@ -59,7 +59,7 @@ def errors_of(
         raise IncompleteError(f"{name}: was not measured")
     length_mm, _ = certified_length(artefact)
     limit = limits.mpe.of(key)
-    found = []
+    errors = []
     for number, (first, second) in enumerate(
         repeats_of(artefact, measured.of(name)), 1
     ):
@@ -68,7 +68,7 @@ def errors_of(
         error_mm = _measured_mm(artefact, first, second, where) - length_mm * growth(
             artefact, both
         )
-        found.append(
+        errors.append(
             LengthError(
                 name,
                 number,
@@ -79,7 +79,7 @@ def errors_of(
                 "set" if number <= SET else "repeat",
             )
         )
-    return found
+    return errors
 
 
 def budget_of(artefact: Artefact, touched: ArtefactTouches, limits: Limits) -> Budget:

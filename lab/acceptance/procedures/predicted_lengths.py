@@ -69,8 +69,8 @@ def predicted_lengths(
     certified = [certified_length(measured.artefacts[e.artefact]) for e in errors]
     standards = list(dict.fromkeys(certified))
     standards_mm = np.zeros((len(errors), len(standards)))
-    for row, one in enumerate(certified):
-        standards_mm[row, standards.index(one)] = one[1]
+    for row, length in enumerate(certified):
+        standards_mm[row, standards.index(length)] = length[1]
     common = np.column_stack([factor, standards_mm])
     covariance = np.diag(own_mm2) + common @ common.T
     found_mm = np.array([error.error_mm for error in errors])

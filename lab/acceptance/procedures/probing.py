@@ -98,13 +98,13 @@ def size_and_form(
         try:
             sphere = certified_sphere(measured.artefacts.get(name), name)
             refuse_another_count(touched, 25, name)
-            found = fitted_sphere(sphere, touched, name)
+            fit = fitted_sphere(sphere, touched, name)
         except IncompleteError as error:
             problems.append(str(error))
             continue
-        sizes_mm[name], forms_mm[name] = found.size_mm, found.form_mm
-        remarks += half_sphere_remarks(touched, found.centre_mm, name)
-        yield Scatter(name, tuple(found.off_mm.tolist()))
+        sizes_mm[name], forms_mm[name] = fit.size_mm, fit.form_mm
+        remarks += half_sphere_remarks(touched, fit.centre_mm, name)
+        yield Scatter(name, tuple(fit.off_mm.tolist()))
     if problems:
         yield Missing("P_SIZE", tuple(problems))
         yield Missing("P_FORM", tuple(problems))
@@ -150,13 +150,13 @@ def _parts_of(touched: ArtefactTouches, name: str, n: int, what: str) -> list[st
     Raises:
         IncompleteError: There are more or fewer of them.
     """
-    found = list(dict.fromkeys(touched.features))
-    if len(found) != n:
+    features = list(dict.fromkeys(touched.features))
+    if len(features) != n:
         raise IncompleteError(
-            f"{name}: has {len(found)} {what} ({', '.join(found) or 'none'}), "
+            f"{name}: has {len(features)} {what} ({', '.join(features) or 'none'}), "
             f"expected {n}, told apart by their feature"
         )
-    return found
+    return features
 
 
 def location(measured: Measurement, name: str, limits: Limits) -> Iterator[Part]:
@@ -209,8 +209,8 @@ def effective_diameter(
         for repeat in repeats:
             part = touched.of(repeat)
             refuse_another_count(part, 9, f"{name} repeat {repeat}")
-            found = fitted_sphere(sphere, part, f"{name} repeat {repeat}")
-            errors_mm[repeat] = found.size_mm
+            fit = fitted_sphere(sphere, part, f"{name} repeat {repeat}")
+            errors_mm[repeat] = fit.size_mm
         budget = _diameter_budget(sphere, touched, limits)
     except IncompleteError as error:
         yield Missing("effective diameter", (str(error),))
