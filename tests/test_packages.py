@@ -169,7 +169,7 @@ def test_what_people_import_is_there_without_the_service() -> None:
             *("mcap", "daemon", ("export", "points.jsonl")), marks=pytest.mark.slow
         ),
         ("ezdxf", "lab", ("export", "points.jsonl", "--to", "dxf")),
-        ("mcap", "lab", ("align", "points.csv", "--nominal", "nominal.toml")),
+        ("mcap", "lab", ("trace", "points.jsonl")),
     ],
 )
 def test_a_command_says_which_extra_it_lacks(

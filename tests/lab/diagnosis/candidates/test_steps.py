@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from traverse.lab.campaign.plausible_sizes import plausible_values
 
 from tests.lab.diagnosis.fitted_rows import measured, measured_rows, serial_rows
 from traverse.kinematics.effects.arm_effects import effects_of
@@ -146,4 +145,4 @@ def test_plausible_steps_are_those_of_the_identification():
             candidate, np.ones(candidate.size), measured_rows()
         )
         built = effects_of(measured().arm, (effect,), campaign.span)
-        assert candidate.scales == plausible_values(built.corrections[0], campaign)
+        assert candidate.scales == campaign.plausible_values(built.corrections[0])
