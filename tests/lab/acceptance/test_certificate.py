@@ -267,4 +267,7 @@ def test_a_table_of_points_gives_the_same_figures(made, tmp_path):
     )
     with pytest.raises(FileError) as refused:
         read_measured(folder, arm)
-    assert [p.where for p in refused.value.problems] == ["line 2", "line 3"]
+    assert [p.where for p in refused.value.problems] == [
+        "line 2",
+        "line 3, column z_mm",
+    ]
