@@ -119,7 +119,7 @@ bench-kernel: $(PEERS)/.ready  ## kernel and measurement path beside others; tak
 
 bench: venv system bench-kernel  ## the figures of docs/performance.md; takes eight minutes
 	$(BIN)/python -m benchmarks $(FIGURES)
-	$(BIN)/python -m benchmarks.service.latency $(FIGURES)/latency.json
+	$(BIN)/python -m benchmarks.service.plain $(FIGURES)/presses.json
 	$(BIN)/python -m benchmarks.service.stages $(FIGURES)/press.json
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.effects $(FIGURES)/effects.json
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.gil $(FIGURES)/gil.json

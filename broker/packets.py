@@ -241,7 +241,7 @@ class PacketDecoder:
         self._waiting: tuple[int, bytes, int] | None = None  # first, body, length
         self._n_to_skip = 0
 
-    def feed(self, data: bytes) -> None:
+    def feed(self, data: bytes | memoryview) -> None:
         """Append bytes, in the order of arrival."""
         if self._n_to_skip:
             n_skipped = min(self._n_to_skip, len(data))

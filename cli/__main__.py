@@ -23,7 +23,10 @@ from traverse.cli.common.options import CommandGroup, words_of
 from traverse.cli.common.refusals import REFUSED, RefusalError, end, missing_library
 
 FOLDERS = {"amt21": "devices.", "can": "devices.", "microscribe": "devices."}
-CONTROL = ("point", "undo", "scan", "label", "session", "reload", "confirm", "home")
+CONTROL = (
+    *("point", "undo", "scan", "label", "session", "reload", "confirm", "home"),
+    "send",
+)
 OLD_NAMES = {"interim": "daily-check"}
 """Kept for one release, and not shown."""
 COMMANDS = (

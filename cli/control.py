@@ -194,6 +194,32 @@ def home(
     _show({"homed": homed}, f"homed: {', '.join(homed)}", as_json=as_json)
 
 
+def send(
+    command: str,
+    values: Annotated[list[str] | None, typer.Argument(metavar="KEY=VALUE")] = None,
+    *,
+    arm: ArmName = None,
+    as_json: Json = False,
+    broker: BrokerOptions,
+) -> None:
+    """Send any command of the MQTT interface, and print its result.
+
+    Args:
+        command: Its name, such as covariance.
+        values: Its arguments; each value is JSON, or else a text.
+    """
+    from traverse.protocol.encoding import parse_args
+    from traverse.protocol.message_error import MessageError
+
+    try:
+        args = parse_args(command, dict(map(_argument, values or ())))
+    except MessageError as error:
+        refuse(str(error))
+    result = dict(send_command(arm, broker, lambda it: it.execute(args)))
+    lines = [f"{key}: {json.dumps(value)}" for key, value in result.items()]
+    _show(result, "\n".join(lines) or "done", as_json=as_json)
+
+
 def send_command(
     name: str | None, broker: BrokerOptions, act: Callable[["Arm"], Awaitable[T]]
 ) -> T:
@@ -209,6 +235,16 @@ def send_command(
 
     with client_errors():
         return asyncio.run(run())
+
+
+def _argument(text: str) -> tuple[str, Any]:
+    key, is_there, value = text.partition("=")
+    if not is_there:
+        refuse(f"{text}: expected KEY=VALUE, such as note=second")
+    try:
+        return key, json.loads(value)
+    except ValueError:
+        return key, value
 
 
 def _place(text: str) -> tuple[float, float, float]:

@@ -33,8 +33,6 @@ from traverse.protocol.messages import (
 )
 from traverse.protocol.topics import command_topic
 
-REPEATABLE = frozenset({"label", "probe", "reload", "align", "resend"})
-"""Commands that may be executed twice with the same effect."""
 MOST_READINGS = 8
 
 
@@ -138,7 +136,7 @@ class CommandClient:
         self, args: Args, request: str, until_ns: int, answer: asyncio.Future[Reply]
     ) -> Reply:
         is_stop = isinstance(args, ScanArgs) and args.action == "stop"
-        may_repeat = is_stop or args.command in REPEATABLE
+        may_repeat = is_stop or args.is_repeatable
         topic = command_topic(self._arm, args.command)
         daemon_session: str | None = None
         was_sent = False

@@ -16,6 +16,7 @@ from typing import Any
 
 from traverse.daemon.acquisition.device import Device, open_device, running_drivers
 from traverse.daemon.clock import FrozenClock, HostClock
+from traverse.daemon.command_handlers import handlers_of
 from traverse.daemon.commands.dispatcher import MAX_REMEMBERED, CommandDispatcher
 from traverse.daemon.commands.expiry import KEPT_S, PERIOD_S, CommandExpiry
 from traverse.daemon.commands.points import PointCommands, point_result
@@ -230,21 +231,9 @@ class Service:
             expiry=self.expiry,
             response_topics=broker.response_topics,
             offer=lambda answer: queue.offer("reply", answer),
-            carry_out={
-                "point": points.take_point,
-                "undo": points.undo,
-                "label": points.label,
-                "session": points.begin_session,
-                "probe": points.change_probe,
-                "reference": points.confirm_reference,
-                "home": points.home,
-                "scan": scans.change_scan,
-                "align": points.align,
-                "covariance": points.covariance,
-                "reload": reloader.carry_out,
-                "resend": ResendCommands(outbox, spool).carry_out,
-                "record": recorder.carry_out,
-            },
+            carry_out=handlers_of(
+                points, scans, reloader, ResendCommands(outbox, spool), recorder
+            ),
         )
 
     @property

@@ -23,7 +23,7 @@ class Board(EdgeBoard):
     """One of many boards, whose button is never pressed."""
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path, 1.0)
+        super().__init__(path, ("1",))
 
     @property
     def line(self) -> int:

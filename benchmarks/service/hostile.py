@@ -16,13 +16,13 @@ from pathlib import Path
 
 import msgpack
 
-from benchmarks.service.latency import ARM, begin_scan
 from benchmarks.tools import rig
+from benchmarks.tools.presses import ARM
 from benchmarks.tools.raw_mqtt import PUBLISH, RawClient, packet, text
 from benchmarks.tools.rounds import load
 from benchmarks.tools.sizes import sized
 from traverse.protocol.encoding import decode, encode
-from traverse.protocol.messages import Command, PointArgs, Scan
+from traverse.protocol.messages import Command, PointArgs, Scan, ScanArgs
 from traverse.protocol.topics import command_topic
 
 POINTS = sized(200, 5)
@@ -30,6 +30,21 @@ PACE_S = 0.025  # below the limit of 50 points a second
 FLOOD_S = sized(15.0, 1.0)
 SCAN_HZ = 200.0
 TOPIC = command_topic(ARM, "point")
+
+
+def begin_scan(port: int, rate_hz: float) -> None:
+    """Have the daemon stream; returns when it does."""
+    client = RawClient(port, "scan-starter")
+    client.subscribe(f"traverse/{ARM}/health")
+    client.subscribe(f"traverse/{ARM}/scan")
+    args = ScanArgs(action="start", rate_hz=rate_hz)
+    command = Command.carrying(args, request="latency")
+    for _, payload in client.payloads():
+        if "dtime_ns" in msgpack.unpackb(payload):
+            break
+        # A status proves that it is subscribed; the first may be the previous daemon's.
+        client.publish(command_topic(ARM, "scan"), 1, encode(command, "json"))
+    client.close()
 
 
 def by_command_ms(port: int, name: str, n: int = POINTS) -> list[float]:

@@ -11,9 +11,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.service.latency import edge_board
-from benchmarks.service.points import NEVER_HZ, threads_ns
 from benchmarks.tools import rig
+from benchmarks.tools.presses import NEVER_HZ, Spent, edge_board
 from benchmarks.tools.rounds import load
 
 ROUNDS = 5
@@ -74,13 +73,13 @@ def idle(folder: Path, seconds: float, *, moves: bool) -> Idle:
             _, board = stack.enter_context(edge_board(folder, NEVER_HZ))
         process = stack.enter_context(rig.daemon(folder, port))
         time.sleep(SETTLE_S)
-        ns, n = threads_ns(process.pid), switches(process.pid)
-        of_board_ns, begun_s = sum(threads_ns(board.pid).values()), time.monotonic()
+        before, n = Spent.by(process.pid), switches(process.pid)
+        board_before, begun_s = Spent.by(board.pid), time.monotonic()
         time.sleep(seconds)
         elapsed_s = time.monotonic() - begun_s
-        ns_after, n_after = threads_ns(process.pid), switches(process.pid)
-        of_board_ns = sum(threads_ns(board.pid).values()) - of_board_ns
-        shares = [(ns_after[one] - ns[one]) * 1e-9 / elapsed_s for one in ns]
+        spent, n_after = Spent.by(process.pid).since(before), switches(process.pid)
+        of_board_ns = sum(Spent.by(board.pid).since(board_before).cpu_ns)
+        shares = [cpu_ns * 1e-9 / elapsed_s for cpu_ns in spent.cpu_ns]
         return Idle(
             moves,
             sum(shares),

@@ -12,8 +12,8 @@ from pathlib import Path
 import msgpack
 import numpy as np
 
-from benchmarks.service.latency import ARM, edge_board
 from benchmarks.tools import rig
+from benchmarks.tools.presses import ARM, edge_board
 from benchmarks.tools.raw_mqtt import RawClient
 from benchmarks.tools.rounds import given, load, write_json
 from benchmarks.tools.sizes import sized

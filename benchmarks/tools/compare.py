@@ -1,7 +1,7 @@
 """`python -m benchmarks.tools.compare FOLDER`: what got worse since the last release.
 
 FOLDER holds what `make bench` wrote. Every headline figure is a ratio to its peer in
-the same run: other libraries, a plain loop, bare sockets, the board that presses, the
+the same run: other libraries, a plain loop, a plain script, the board that rests, the
 simulator that sends the stream, a bare interpreter. `--keep` stores them for the next
 release; else they are compared with the stored ones. Worse is what lies by a tenth
 beyond the stored median and outside of the spread of both.
@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.tools.plots import tables
+from benchmarks.tools.plots import press_ratios, tables
 from benchmarks.tools.rounds import write_json
 from benchmarks.tools.sizes import IS_TINY
 
@@ -73,7 +73,7 @@ def headlines(folder: Path) -> dict[str, Figure]:
         for found in (
             _of_tables(folder / "kinematics.json"),
             _of_tables(folder / "path.json"),
-            _of_latency(folder / "latency.json"),
+            _of_presses(folder / "presses.json"),
             _of_streams(folder / "streams.json"),
         )
         for name, figure in found
@@ -101,16 +101,11 @@ def _of_tables(path: Path) -> Iterator[tuple[str, Figure]]:
         )
 
 
-def _of_latency(path: Path) -> Iterator[tuple[str, Figure]]:
-    for one in json.loads(path.read_text("utf-8"))["latency"]:
-        beside = f" beside {one['stream_hz']:.0f} Hz" if one["stream_hz"] else ""
-        for name in ("p50_us", "p99_us"):
-            ratios = [each["point"][name] / each["raw"][name] for each in one["rounds"]]
-            what = f"{one['rate_hz']:.0f} points/s{beside}, {name[:3]}: times as long"
-            yield what, _figure(ratios, "bare sockets")
-        ratios = [each["daemon_share"] / each["board_share"] for each in one["rounds"]]
-        what = f"{one['rate_hz']:.0f} points/s{beside}: times the CPU"
-        yield what, _figure(ratios, "the board that presses")
+def _of_presses(path: Path) -> Iterator[tuple[str, Figure]]:
+    for rate_hz, ratios in press_ratios(path).items():
+        for name, values in ratios.items():
+            what = f"{rate_hz:.0f} presses/s, {name}: times"
+            yield what, _figure(values, "the plain script")
 
 
 def _of_streams(path: Path) -> Iterator[tuple[str, Figure]]:

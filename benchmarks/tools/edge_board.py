@@ -1,8 +1,11 @@
-"""`python -m benchmarks.tools.edge_board`: a board that only presses its button.
+"""`python -m benchmarks.tools.edge_board PATH RATE[xN] ...`: presses its button.
 
 Opens a pty, links it to the given path, answers the driver, streams at the
-requested rate, presses and releases its button so many times a second. For each press
-it prints the monotonic time right after the last byte was written.
+requested rate, presses and releases its button N times at so many a second, at the last
+rate for ever. Edges that are not acknowledged are sent again, as the protocol has it,
+but none is ever given up. For each press it prints the monotonic time right after the
+last byte was written first. The first encoder counts the presses, so that points can be
+told apart.
 """
 
 import os
@@ -11,6 +14,9 @@ import select
 import sys
 import time
 import tty
+from collections import deque
+from collections.abc import Iterator, Sequence
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -30,21 +36,25 @@ IDENTITY = wire.Identity(
     moduli=tuple(1 << bits for bits in BITS),
 )
 COUNTS = np.arange(1, 8, dtype=np.uint32) * 100_000
+FIRST_PRESS_NS = 1_000_000_000  # after the stream has begun
+AGAIN_NS, MOST_AGAIN = 50_000_000, 16
 STATUS = np.zeros(7, np.uint8)
 
 
 class EdgeBoard:
     """The board's side of the line."""
 
-    def __init__(self, path: Path, presses_hz: float) -> None:
+    def __init__(self, path: Path, rates: Sequence[str]) -> None:
         self._port, self._line = pty.openpty()
         tty.setraw(self._line)
         path.unlink(missing_ok=True)
         path.symlink_to(os.ttyname(self._line))
         self._segments = wire.Segments()
         self._start_ns = time.monotonic_ns()
-        self._period_ns = int(1e9 / presses_hz / 2)
+        self._pauses_ns = pauses_ns(rates)
+        self._counts = COUNTS.copy()
         self._edge_seq = 0
+        self._kept: deque[tuple[int, int, bytes]] = deque()  # number, time sent, frame
         self._stream = (0, 0, 0)  # request, period [ns], begun [ns]
         self._sample_seq = 0
         self._beat_ns = 0
@@ -56,16 +66,20 @@ class EdgeBoard:
             now_ns = time.monotonic_ns()
             request, period_ns, begun_ns = self._stream
             if request and not edge_ns:
-                edge_ns = now_ns + 1_000_000_000
+                edge_ns = now_ns + FIRST_PRESS_NS
             if edge_ns and now_ns >= edge_ns:
                 self._send_edge()
-                edge_ns += self._period_ns
+                edge_ns += next(self._pauses_ns)
             if request and now_ns >= begun_ns + self._sample_seq * period_ns:
                 self._send_sample(request)
+            if self._kept and now_ns >= self._kept[0][1] + AGAIN_NS:
+                self._send_again(now_ns)
             if now_ns >= self._beat_ns:
                 self._beat_ns = now_ns + 500_000_000
                 self._send_heartbeat()
             dues = [self._beat_ns]
+            if self._kept:
+                dues.append(self._kept[0][1] + AGAIN_NS)
             if edge_ns:
                 dues.append(edge_ns)
             if self._stream[0]:
@@ -79,20 +93,31 @@ class EdgeBoard:
 
     def _send_edge(self) -> None:
         level = 1 - self._edge_seq % 2
+        self._counts[0] = COUNTS[0] + self._edge_seq // 2
         data = wire.edge(
             0,
             level,
             level,
             seq=self._edge_seq,
             ticks=self._ticks(),
-            counts=COUNTS,
+            counts=self._counts,
             status=STATUS,
         )
         os.write(self._port, data)
+        self._kept.append((self._edge_seq, time.monotonic_ns(), data))
         if level:
             sys.stdout.write(f"{time.monotonic_ns()}\n")
             sys.stdout.flush()
         self._edge_seq += 1
+
+    def _send_again(self, now_ns: int) -> None:
+        """Send the oldest edges again that are not acknowledged."""
+        for at in range(min(MOST_AGAIN, len(self._kept))):
+            number, sent_ns, data = self._kept[at]
+            if now_ns < sent_ns + AGAIN_NS:
+                break
+            os.write(self._port, data)
+            self._kept[at] = number, now_ns, data
 
     def _send_sample(self, request: int) -> None:
         data = wire.samples(
@@ -123,7 +148,12 @@ class EdgeBoard:
     def _receive(self, data: bytes) -> None:
         for segment in self._segments.feed(data):
             body = wire.body_of(segment)
-            if body is None or body[0] == 6:
+            if body is None:
+                continue
+            if body[0] == 6:
+                done = int.from_bytes(body[1:5], "little")
+                while self._kept and self._kept[0][0] <= done:
+                    self._kept.popleft()
                 continue
             kind, request = body[0], body[1]
             if kind == 1:
@@ -137,5 +167,13 @@ class EdgeBoard:
                 self._sample_seq = 0
 
 
+def pauses_ns(rates: Sequence[str]) -> Iterator[int]:
+    """Time from each edge to the next; two make a press."""
+    for text in rates:
+        rate, _, times = text.partition("x")
+        period_ns = int(1e9 / float(rate) / 2)
+        yield from repeat(period_ns, 2 * int(times)) if times else repeat(period_ns)
+
+
 if __name__ == "__main__":
-    EdgeBoard(Path(sys.argv[1]), float(sys.argv[2])).run()
+    EdgeBoard(Path(sys.argv[1]), sys.argv[2:]).run()

@@ -1,13 +1,12 @@
 """`python -m benchmarks.tools.plots FOLDER`: pictures of docs/performance.md.
 
-FOLDER holds what the benchmarks wrote: kinematics.json, path.json, latency.json,
+FOLDER holds what the benchmarks wrote: kinematics.json, path.json, presses.json,
 press.json. The pictures are written beside them; `make figures` takes them into docs/.
 """
 
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -68,26 +67,44 @@ def stacked(found: Tables, path: Path, height: float, of: str, key: str = "") ->
     figure.savefig(path, dpi=110)
 
 
-def latency(found: dict[str, list[dict[str, Any]]], path: Path) -> None:
-    """Bare sockets and points, median and 99th percentile."""
-    rates = found["latency"]
+def press_ratios(path: Path) -> dict[float, dict[str, list[float]]]:
+    """By rate of presses and figure: Traverse's to the plain script's, by rounds."""
+    figures: dict[float, dict[str, dict[str, list[float]]]] = {}
+    for turn in json.loads(path.read_text("utf-8"))["turns"]:
+        of_rate = figures.setdefault(turn["rate_hz"], {})
+        values = {"CPU a point": turn["cpu_us"], **turn["latency"]}
+        for key, name in (
+            ("CPU a point", "CPU a point"),
+            ("p50_us", "p50"),
+            ("p99_us", "p99"),
+        ):
+            programs = of_rate.setdefault(name, {})
+            programs.setdefault(turn["program"], []).append(values[key])
+    return {
+        rate_hz: {
+            name: np.divide(programs["Traverse"], programs["plain script"]).tolist()
+            for name, programs in names.items()
+        }
+        for rate_hz, names in figures.items()
+    }
+
+
+def presses(found: dict[float, dict[str, list[float]]], path: Path) -> None:
+    """Times the plain script, round by round."""
     figure, places = plt.subplots(
-        1, len(rates), figsize=(7.5, 3.2), layout="constrained", sharey=True
+        1, len(found), figsize=(7.5, 3.2), layout="constrained", sharey=True
     )
-    for axes, rate in zip(np.atleast_1d(places), rates, strict=True):
-        for place, (who, colour) in enumerate((("raw", THEIRS), ("point", OURS))):
-            for name, shift in (("p50_us", -0.18), ("p99_us", 0.18)):
-                values = [one[who][name] for one in rate["rounds"]]
-                at = np.full(len(values), place + shift)
-                marker = "o" if name == "p50_us" else "^"
-                axes.plot(at, values, marker, color=colour, linestyle="none")
-        axes.set_xticks((0, 1), ("bare sockets", "points"))
-        beside = f", beside {rate['stream_hz']:.0f} Hz" if rate["stream_hz"] else ""
-        title = f"{rate['rate_hz']:.0f} a second{beside}"
-        axes.set_title(title, fontsize=8, loc="left")
+    for axes, (rate_hz, names) in zip(
+        np.atleast_1d(places), found.items(), strict=True
+    ):
+        for place, values in enumerate(names.values()):
+            axes.plot(np.full(len(values), place), values, "o", color=OURS)
+        axes.axhline(1.0, color=THEIRS)
+        axes.set_xticks(range(len(names)), names, fontsize=7)
+        axes.set_title(f"{rate_hz:.0f} presses a second", fontsize=8, loc="left")
         axes.set_yscale("log")
         axes.spines[["top", "right"]].set_visible(False)
-    np.atleast_1d(places)[0].set_ylabel("us; dots median, triangles 99 %", fontsize=8)
+    np.atleast_1d(places)[0].set_ylabel("times the plain script", fontsize=8)
     figure.savefig(path, dpi=110)
 
 
@@ -113,8 +130,8 @@ def main(folder: Path) -> None:
     poses, samples = tables(folder / "kinematics.json"), tables(folder / "path.json")
     stacked(poses, folder / "performance-kernel.png", 9.5, "pose", key)
     stacked(samples, folder / "performance-path.png", 8.0, "sample")
-    measured = json.loads((folder / "latency.json").read_text("utf-8"))
-    latency(measured, folder / "performance-latency.png")
+    ratios = press_ratios(folder / "presses.json")
+    presses(ratios, folder / "performance-presses.png")
     stages_of_one = json.loads((folder / "press.json").read_text("utf-8"))
     press(stages_of_one, folder / "performance-press.png")
 

@@ -69,8 +69,12 @@ class RawClient:
         finally:
             self._socket.setblocking(True)
 
-    def payloads(self) -> Iterator[tuple[int, bytes]]:
-        """Payloads of the subscribed topics, with the time [ns] after the read."""
+    def payloads(self, silence_ns: int | None = None) -> Iterator[tuple[int, bytes]]:
+        """Payloads of the subscribed topics, with the time [ns] after the read.
+
+        Ends when the broker has sent nothing for so long, where that is given.
+        """
+        self._socket.settimeout(silence_ns and silence_ns * 1e-9)
         for kind, content in self._packets():
             now_ns = time.monotonic_ns()
             if kind >> 4 == PUBLISH:
@@ -94,7 +98,10 @@ class RawClient:
                 self._rest = data[at + length :]
                 yield data[0], data[at : at + length]
                 continue
-            more = self._socket.recv(READ_BYTES)
+            try:
+                more = self._socket.recv(READ_BYTES)
+            except TimeoutError:
+                return
             if not more:
                 raise ConnectionError("the broker has closed the connection")
             self._rest += more

@@ -8,6 +8,7 @@ from typing import Any
 
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.acquisition.joint_devices import JointDevices
+from traverse.daemon.command_handlers import handles
 from traverse.daemon.errors import CaptureRefusedError, RequestRefusedError, Result
 from traverse.daemon.executor import (
     AwaitLatch,
@@ -65,6 +66,7 @@ class PointCommands:
     def __post_init__(self) -> None:
         self._devices = self.measurement.joint_devices
 
+    @handles(PointArgs)
     async def take_point(self, args: PointArgs) -> Result:
         """Capture one sample or a mean; return session, seq and id of the point."""
         check_ready(self._devices)
@@ -76,17 +78,21 @@ class PointCommands:
             point = await TakeNow().execute(self.measurement)
         return point_result(point)
 
+    @handles(UndoArgs)
     async def undo(self, args: UndoArgs) -> Result:
         """Retract the last point; return ids of retraction and point."""
         return point_result(await Undo(args.id).execute(self.measurement))
 
+    @handles(LabelArgs)
     async def label(self, args: LabelArgs) -> Result:
         label = await SetLabel(args.artefact, args.feature).execute(self.measurement)
         return {"label": label.model_dump()}
 
+    @handles(SessionArgs)
     async def begin_session(self, args: SessionArgs) -> Result:
         return {"session": await NewSession(args.note or "").execute(self.measurement)}
 
+    @handles(AlignArgs)
     async def align(self, args: AlignArgs) -> Result:
         """Set or clear the alignment and return it.
 
@@ -95,6 +101,7 @@ class PointCommands:
         await SetAlignment(args).execute(self.measurement)
         return {"aligned": args.action != "clear", "name": args.name}
 
+    @handles(ReferenceArgs)
     async def confirm_reference(self, args: ReferenceArgs) -> Result:
         """Accept devices and present positions; return what was in doubt."""
         if args.utc:
@@ -115,6 +122,7 @@ class PointCommands:
             "remembered": remembered,
         }
 
+    @handles(HomeArgs)
     async def home(self, args: HomeArgs) -> Result:
         """Set the counts at the home posture; return joints and what is confirmed."""
         check_ready(self._devices)
@@ -141,6 +149,7 @@ class PointCommands:
             return False
         return True
 
+    @handles(ProbeArgs)
     async def change_probe(self, args: ProbeArgs) -> Result:
         """Measure with a probe of the library; return its name and the new model."""
         path = self.probe_library
@@ -177,6 +186,7 @@ class PointCommands:
             "radius_mm": model.probe_radius_mm,
         }
 
+    @handles(CovarianceArgs)
     async def covariance(self, args: CovarianceArgs) -> Result:
         if cause := self.measurement.model.geometry_doubt:
             raise RequestRefusedError(

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from traverse.daemon.command_handlers import handles
 from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.inputs import Inputs, StartupError, read_inputs
 from traverse.daemon.measurement import Measurement
@@ -42,6 +43,7 @@ class ConfigurationReloader:
     def __post_init__(self) -> None:
         self._turn = asyncio.Lock()
 
+    @handles(ReloadArgs)
     async def carry_out(self, args: ReloadArgs) -> Result:
         """Reload; return the new model and the changes.
 

@@ -1,5 +1,6 @@
 """The command `resend`: list stored points and scans, or send them again."""
 
+from traverse.daemon.command_handlers import handles
 from traverse.daemon.errors import Result
 from traverse.daemon.store.durable_queue import DurableQueue
 from traverse.daemon.store.queries import (
@@ -26,6 +27,7 @@ class ResendCommands:
         self._points = points
         self._scans = scans
 
+    @handles(ResendArgs)
     async def carry_out(self, args: ResendArgs) -> Result:
         """Begin to send a range, or list what is stored.
 

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Literal
 
+from traverse.daemon.command_handlers import handles
 from traverse.daemon.commands.points import check_ready
 from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.executor import StartScan, stop_scan
@@ -30,6 +31,7 @@ class ScanCommands:
             capture = self._measurement.configuration.capture
             self._devices.request_stream(capture.tracking_rate_hz)
 
+    @handles(ScanArgs)
     async def change_scan(self, args: ScanArgs) -> Result:
         """Start a scan, or stop the running one; return its id."""
         if args.action == "stop":

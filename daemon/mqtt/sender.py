@@ -88,6 +88,7 @@ class PublishLoop:
                 if not packets:
                     break
                 client.write(b"".join(packets))
+                client.gather_acknowledgements()
         except MqttError as error:
             self._failed.set_exception(error)
         finally:

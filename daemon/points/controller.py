@@ -15,12 +15,16 @@ from traverse.daemon.points.averaging import SampleAverage
 from traverse.daemon.points.buttons import buttons_of
 from traverse.daemon.points.capture import Capture, Session, triggers_of
 from traverse.daemon.points.measurement import MeasurementContext, PointEvaluator
-from traverse.daemon.points.request_queue import (
-    OrderedReplies,
-    Outcome,
+from traverse.daemon.points.observation import Observation
+from traverse.daemon.points.request_queue import OrderedReplies, Outcome, RequestQueue
+from traverse.daemon.points.requests import (
+    EdgeRequest,
+    OrderedAct,
     PointRequest,
-    PointRequestQueue,
+    Request,
+    observation_of,
 )
+from traverse.daemon.store.records import PendingPoint
 from traverse.drivers.base.values import LatchedCounts
 from traverse.protocol.messages import Point
 from traverse.protocol.messages.point import Trigger
@@ -59,13 +63,15 @@ class PointController:
         self.use(settings)
         self._latencies = latencies
         self._on_action = on_action
-        self._pending = PointRequestQueue(self._look, self._deal_with)
-        self._answers = OrderedReplies(self._tell)
+        self._pending = RequestQueue()
+        self._answers = OrderedReplies(self._report_outcome)
 
     def arm_changed(self) -> None:
         """Use another arm from now on, also for requests that wait."""
         self.evaluator.arm_changed()
-        self._pending.look_again()
+        for observation in self._pending.observations:
+            observation.begin_anew()
+            self.evaluator.look(observation)
 
     @property
     def is_idle(self) -> bool:
@@ -85,10 +91,18 @@ class PointController:
 
     def settle(self, now_ns: int | None = None) -> None:
         """Take all points that can be taken; refuse what waits beyond some time."""
-        if self._pending:
-            if now_ns is not None:
-                self._buttons.passed(now_ns)
-            self._pending.settle(now_ns)
+        pending = self._pending
+        if not pending:
+            return
+        if now_ns is not None:
+            self._buttons.passed(now_ns)
+        for observation in pending.observations:
+            if not observation.is_complete:
+                self.evaluator.look(observation)
+        while pending:
+            if not self._deal_with(pending.first, pending.must_not_wait(now_ns)):
+                break
+            pending.remove_first()
 
     # -- requests for points --------------------------------------------------
 
@@ -96,56 +110,66 @@ class PointController:
         """Process an edge, and only then acknowledge it to the device."""
         name, number = device.section.id, latch.input
         trigger = self.triggers.get((name, number))
-        request = self._request_of(latch, trigger)
-        request.device = device
+        request = EdgeRequest(device, latch, trigger, self._deadline_ns())
+        if trigger is not None and latch.active:
+            identity = device.identity
+            request.observation = Observation(
+                latch.sample_time_ns,
+                request.deadline_ns,
+                latch=latch,
+                time_bound_ns=0
+                if identity is None
+                else latch.time_bound_ns or identity.jitter_ns,
+            )
         if trigger == "button" and number is not None:
             which, time_ns = (name, number), latch.sample_time_ns
             if latch.active:
                 request.press = self._buttons.down(which, time_ns)
             else:
                 request.ends = self._buttons.up(which, time_ns)
-        self._pending.add(request)
+        self._add(request)
 
     def take_now(self) -> PointFuture:
         """Take a point at this very instant, out of the stream."""
-        return self._asked(self._request_now("command"))
+        return self._take_from_now(None)
 
     def add_latched(
         self, latch: LatchedCounts, answer: PointFuture, requested_by: str | None
     ) -> None:
         """Take a point of what a device has latched on request."""
-        request = self._request_of(latch, "command")
-        request.answer, request.requested_by = answer, requested_by
-        self._pending.add(request)
+        deadline_ns = self._deadline_ns()
+        seen = Observation(latch.sample_time_ns, deadline_ns, latch=latch)
+        self._add(
+            PointRequest(
+                latch.received_ns, deadline_ns, answer, seen, requested_by=requested_by
+            )
+        )
 
     def take_mean(self, average: SampleAverage) -> PointFuture:
         """Take a point that is the mean of the samples from now on."""
-        request = self._request_now("command")
-        self.evaluator.start_average(request, average)
-        return self._asked(request)
+        return self._take_from_now(average)
 
     def in_order(self, act: Callable[[], Any]) -> asyncio.Future[Any]:
         """Do this after all points that were requested before."""
-        request = self._request_now(None)
-        request.act = act
-        return self._asked(request)
-
-    def _request_of(
-        self, latch: LatchedCounts, trigger: Trigger | None
-    ) -> PointRequest:
-        until_ns = self._now_ns() + self._stage.point_wait_ns
-        times_ns = latch.sample_time_ns, latch.received_ns, until_ns
-        return PointRequest(*times_ns, trigger, latch=latch)
-
-    def _request_now(self, trigger: Trigger | None) -> PointRequest:
-        now_ns = self._now_ns()
-        return PointRequest(now_ns, now_ns, now_ns + self._stage.point_wait_ns, trigger)
-
-    def _asked(self, request: PointRequest) -> asyncio.Future[Any]:
         answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
-        request.answer = answer
-        self._pending.add(request)
+        self._add(OrderedAct(self._now_ns(), self._deadline_ns(), answer, act))
         return answer
+
+    def _take_from_now(self, average: SampleAverage | None) -> PointFuture:
+        now_ns, deadline_ns = self._now_ns(), self._deadline_ns()
+        observation = Observation(now_ns, deadline_ns)
+        if average is not None:
+            self.evaluator.start_average(observation, average)
+        answer: PointFuture = asyncio.get_running_loop().create_future()
+        self._add(PointRequest(now_ns, deadline_ns, answer, observation))
+        return answer
+
+    def _add(self, request: Request) -> None:
+        self._pending.add(request)
+        self.settle()
+
+    def _deadline_ns(self) -> int:
+        return self._now_ns() + self._stage.point_wait_ns
 
     def report(self, code: str, text: str, data: dict[str, str] | None = None) -> None:
         """Report what has changed, each time it does."""
@@ -160,17 +184,18 @@ class PointController:
 
     # -- results ---------------------------------------------------------------
 
-    def _look(self, request: PointRequest) -> None:
-        self.evaluator.look(request)
-
-    def _deal_with(self, request: PointRequest, is_last_chance: bool) -> bool:
-        press, answer = request.press, request.answer
-        if press is not None and press.action is None:
-            return False
+    def _deal_with(self, request: Request, is_last_chance: bool) -> bool:
+        """Deal with a request; False while it has to wait."""
         outcome: Outcome = True
-        # Do not create a point after its requester has timed out.
-        if answer is None or not answer.done():
-            within = CURRENT_REQUEST.set(request.requested_by)
+        requested_by = None
+        if isinstance(request, EdgeRequest):
+            if request.press is not None and request.press.action is None:
+                return False
+            is_wanted = True
+        else:  # no point is created after its requester has timed out
+            is_wanted, requested_by = not request.answer.done(), request.requested_by
+        if is_wanted:
+            within = CURRENT_REQUEST.set(requested_by)
             try:
                 outcome = self._outcome(request, is_last_chance)
             except CaptureRefusedError as error:
@@ -182,11 +207,67 @@ class PointController:
                 CURRENT_REQUEST.reset(within)
             if outcome is None:
                 return False
-        self.evaluator.forget(request)
+        observation = observation_of(request)
+        if observation is not None:
+            self.evaluator.forget(observation)
         self._answers.add(request, outcome)
         return True
 
-    def _tell(self, request: PointRequest, outcome: Outcome) -> None:
+    def _outcome(self, request: Request, is_last_chance: bool) -> object:
+        """The result of a request; None while it is pending.
+
+        Raises:
+            CaptureRefusedError: nothing, for a reason.
+        """
+        match request:
+            case OrderedAct():
+                return request.act()
+            case PointRequest(observation=observation):
+                return self._point(observation, "command", is_last_chance)
+            case EdgeRequest(observation=Observation() as observation) if (
+                request.captures and request.trigger is not None
+            ):
+                press = request.press
+                is_mean = press is not None and press.action == "average"
+                if is_mean and observation.average is None:
+                    self.evaluator.start_average(observation)
+                return self._point(observation, request.trigger, is_last_chance)
+            case EdgeRequest():
+                return self._action_done(request, is_last_chance=is_last_chance)
+
+    def _point(
+        self, observation: Observation, trigger: Trigger, is_last_chance: bool
+    ) -> PendingPoint | None:
+        measured = self.evaluator.measured(
+            observation,
+            is_last_chance=is_last_chance,
+            is_crowded=self._pending.is_crowded,
+        )
+        if measured is None:
+            return None
+        self._stage.quality.check(measured.pose.quality)
+        return self._capture.take(measured, trigger)
+
+    def _action_done(self, edge: EdgeRequest, *, is_last_chance: bool) -> object:
+        """Do what an edge means that takes no point; None while that has to wait."""
+        action = None if edge.press is None else edge.press.action
+        if edge.ends is not None and edge.ends.action == "scan":
+            action = "stop"
+        outcome: object = True
+        if action == "undo" and edge.trigger is not None:
+            outcome = self._capture.undo(edge.trigger)
+        elif action == "air" and edge.observation is not None:
+            if not self.evaluator.set_air_point(
+                edge.observation, is_last_chance=is_last_chance
+            ):
+                return None
+        elif action == "session":
+            self.begin_session()
+        if action in OTHER_ACTIONS:
+            self._on_action(action)
+        return outcome
+
+    def _report_outcome(self, request: Request, outcome: Outcome) -> None:
         """Answer a request: its point is on the disk, or there is none."""
         if isinstance(outcome, CaptureRefusedError):
             self._capture.refused += request.captures
@@ -197,66 +278,27 @@ class PointController:
             now_ns = self._stage.clock.running.monotonic_ns()
             taken = self._latencies["capture_to_publish"]
             taken.add(now_ns - request.received_ns)
-        elif isinstance(outcome, Point) and request.device is not None:
+        elif isinstance(outcome, Point) and isinstance(request, EdgeRequest):
             self.report("capture.undone", f"{outcome.retracts} is taken back")
-        request.resolve(outcome)
-        if request.device is not None and request.latch is not None:
-            self._report_edge(request, request.device, request.latch)
+        if isinstance(request, EdgeRequest):
+            self._report_edge(request)
             # Only now may the device drop it.
             request.device.driver.acknowledge(request.latch.token)
+        else:
+            request.resolve(outcome)
 
-    def _report_edge(
-        self, request: PointRequest, device: Device, latch: LatchedCounts
-    ) -> None:
+    def _report_edge(self, edge: EdgeRequest) -> None:
         """An edge was dealt with: first what it was, then the gesture it made."""
-        trigger, press = request.trigger, request.press
+        trigger, press, latch = edge.trigger, edge.press, edge.latch
         if trigger is None:
             return
         level, way = ("on", "pressed") if latch.active else ("off", "released")
-        told = {f"{trigger}.{way}": f"{trigger} {level}"}
+        texts = {f"{trigger}.{way}": f"{trigger} {level}"}
         if press is not None and press.gesture not in ("click", "part", None):
-            told[f"{trigger}.{press.gesture}"] = f"{press.gesture}: {press.action}"
-        source = f"{device.section.id}/{latch.input}"
-        for code, text in told.items():
+            texts[f"{trigger}.{press.gesture}"] = f"{press.gesture}: {press.action}"
+        source = f"{edge.device.section.id}/{latch.input}"
+        for code, text in texts.items():
             self._events.report("info", code, text, source=source, distinct=True)
-
-    def _outcome(self, request: PointRequest, is_last_chance: bool) -> object:
-        """The result of a request; None while it is pending.
-
-        Raises:
-            CaptureRefusedError: nothing, for a reason.
-        """
-        if request.act is not None:
-            return request.act()
-        if not request.captures or request.trigger is None:
-            return self._done(request, is_last_chance=is_last_chance)
-        press = request.press
-        if press is not None and press.action == "average" and request.average is None:
-            self.evaluator.start_average(request)
-        measured = self.evaluator.measured(
-            request, is_last_chance=is_last_chance, is_crowded=self._pending.is_crowded
-        )
-        if measured is None:
-            return None
-        self._stage.quality.check(measured.pose.quality)
-        return self._capture.take(measured, request.trigger)
-
-    def _done(self, request: PointRequest, *, is_last_chance: bool) -> object:
-        """Do what an edge means that takes no point; None while that has to wait."""
-        action = None if request.press is None else request.press.action
-        if request.ends is not None and request.ends.action == "scan":
-            action = "stop"
-        outcome: object = True
-        if action == "undo" and request.trigger is not None:
-            outcome = self._capture.undo(request.trigger)
-        elif action == "air":
-            if not self.evaluator.set_air_point(request, is_last_chance=is_last_chance):
-                return None
-        elif action == "session":
-            self.begin_session()
-        if action in OTHER_ACTIONS:
-            self._on_action(action)
-        return outcome
 
     def _now_ns(self) -> int:
         return self._stage.clock.monotonic_ns()

@@ -18,7 +18,7 @@ from traverse.daemon.points.compensation import (
     TipCompensator,
     without_direction,
 )
-from traverse.daemon.points.request_queue import PointRequest
+from traverse.daemon.points.observation import Observation
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import LatchedPose, PoseBlock
 from traverse.daemon.pose.quality_monitor import QualityMonitor
@@ -56,7 +56,7 @@ class MeasurementContext(ABC):
 
 
 class PointEvaluator:
-    """Follows the stream for all requests that need more than their instant."""
+    """Follows the stream for all points that need more than their instant."""
 
     def __init__(
         self, stage: MeasurementContext, settings: CaptureSection, events: EventLog
@@ -83,77 +83,77 @@ class PointEvaluator:
         for pull in self._pulls:
             pull.add(poses)
 
-    def look(self, request: PointRequest) -> None:
-        """Find out what can be seen of the arm at the instant of a request."""
-        if request.average is not None:
+    def look(self, observation: Observation) -> None:
+        """Find out what can be seen of the arm at an instant."""
+        if observation.average is not None:
             return
-        seen = request.seen
+        seen = observation.seen
         if seen is None:
-            request.seen = seen = self._evaluate(request)
+            observation.seen = seen = self._evaluate(observation)
             if seen is None:
                 return
-            self._watch(request, seen.pose.sample_time_ns, seen)
+            self._watch(observation, seen.pose.sample_time_ns, seen)
         # An edge may overtake samples from before it.
         time_ns = seen.pose.sample_time_ns
         if not self.tip.needs_trajectory or self._stage.trajectory.covers(time_ns):
             before_mm = self.tip.before(time_ns, seen.pose.xyz_mm)
             if before_mm is not seen.before_mm:
-                request.seen = replace(seen, before_mm=before_mm)
-            request.is_evaluated = True
+                observation.seen = replace(seen, before_mm=before_mm)
+            observation.is_complete = True
 
     def start_average(
-        self, request: PointRequest, average: SampleAverage | None = None
+        self, observation: Observation, average: SampleAverage | None = None
     ) -> None:
-        """Average samples from the instant of a request on; else as buttons do."""
+        """Average samples from an instant on, as given or else as buttons do."""
         self._stage.evaluate_readings()
-        begin_ns, path = request.instant_ns, self._stage.trajectory
+        begin_ns, path = observation.instant_ns, self._stage.trajectory
         if average is None:
             average = SampleAverage(begin_ns, None, self._dwell_ns, self._limits)
         average.begin_speed_mm_s = path.speed_mm_s(begin_ns)
         for block in path.between(begin_ns, self._stage.clock.monotonic_ns()):
             average.add(block)
-        request.average = average
+        observation.average = average
         self._averages.append(average)
         # Its place is hardly known yet: good enough for a direction.
         here_mm = path.position_mm(begin_ns)
         if here_mm is not None:
             average.before_mm = self.tip.before(begin_ns, here_mm)
 
-    def set_air_point(self, request: PointRequest, *, is_last_chance: bool) -> bool:
-        """Remember where the ball was at a press in the air; False while it waits.
+    def set_air_point(self, observation: Observation, *, is_last_chance: bool) -> bool:
+        """Remember where the ball was at an instant, in the air; False while it waits.
 
         Raises:
             CaptureRefusedError: its place is not known.
         """
-        if request.seen is None:
+        if observation.seen is None:
             if is_last_chance:
-                raise CaptureRefusedError(*self._missing_reason(request))
+                raise CaptureRefusedError(*self._missing_reason(observation))
             return False
-        self.tip.air_mm = request.seen.pose.xyz_mm
+        self.tip.air_mm = observation.seen.pose.xyz_mm
         return True
 
     def measured(
-        self, request: PointRequest, *, is_last_chance: bool, is_crowded: bool
+        self, observation: Observation, *, is_last_chance: bool, is_crowded: bool
     ) -> PointMeasurement | None:
-        """What the point of a request is made of; None while that has to wait.
+        """What a point of an instant is made of; None while that has to wait.
 
         Raises:
             CaptureRefusedError: nothing, for a reason.
         """
-        average, seen = request.average, request.seen
+        average, seen = observation.average, observation.seen
         if average is not None:
-            if request.mean is None:
-                request.mean = self._mean(average, is_last_chance, is_crowded)
-                if request.mean is not None:
-                    self._watch(request, average.last_ns, request.mean)
-            seen = request.mean
+            if observation.mean is None:
+                observation.mean = self._mean(average, is_last_chance, is_crowded)
+                if observation.mean is not None:
+                    self._watch(observation, average.last_ns, observation.mean)
+            seen = observation.mean
         elif seen is None and (
             is_last_chance or self._stage.joint_devices.first_mismatched is not None
         ):
-            raise CaptureRefusedError(*self._missing_reason(request))
+            raise CaptureRefusedError(*self._missing_reason(observation))
         if seen is None:
             return None
-        pull, stage = request.pull, self._stage
+        pull, stage = observation.pull, self._stage
         if pull is not None and not is_crowded:
             now_ns = stage.clock.monotonic_ns()
             if not pull.is_over(stage.trajectory, now_ns, stage.point_wait_ns):
@@ -174,21 +174,21 @@ class PointEvaluator:
         for average in self._averages:
             average.is_mixed = average.is_mixed or average.n > 0
 
-    def forget(self, request: PointRequest) -> None:
-        """A request has been dealt with."""
-        if request.average is not None:
-            self._averages.remove(request.average)
-        if request.pull is not None:
-            self._pulls.remove(request.pull)
+    def forget(self, observation: Observation) -> None:
+        """Nothing more is wanted of an instant."""
+        if observation.average is not None:
+            self._averages.remove(observation.average)
+        if observation.pull is not None:
+            self._pulls.remove(observation.pull)
 
     def _watch(
-        self, request: PointRequest, time_ns: int, measured: PointMeasurement
+        self, observation: Observation, time_ns: int, measured: PointMeasurement
     ) -> None:
-        if request.pull is not None:
-            self._pulls.remove(request.pull)
-        request.pull = self.tip.pull(time_ns, measured.pose.xyz_mm)
-        if request.pull is not None:
-            self._pulls.append(request.pull)
+        if observation.pull is not None:
+            self._pulls.remove(observation.pull)
+        observation.pull = self.tip.pull(time_ns, measured.pose.xyz_mm)
+        if observation.pull is not None:
+            self._pulls.append(observation.pull)
 
     def _mean(
         self, average: SampleAverage, is_last_chance: bool, is_crowded: bool
@@ -209,22 +209,20 @@ class PointEvaluator:
 
     # -- the arm at an instant ---------------------------------------------------
 
-    def _evaluate(self, request: PointRequest) -> PointMeasurement | None:
-        """The arm at the instant of a request; None while that is not known."""
+    def _evaluate(self, observation: Observation) -> PointMeasurement | None:
+        """The arm at an instant; None while that is not known."""
         stage = self._stage
         temperature_c = stage.joint_devices.temperature_c
-        pose = self._pose(request, temperature_c)
+        pose = self._pose(observation, temperature_c)
         if pose is None:
             return None
-        jitter_ns = request.latch.time_bound_ns if request.latch else 0
+        latch = observation.latch
+        jitter_ns = 0 if latch is None else latch.time_bound_ns
         if pose.error_bounds_counts is not None:
             # An instant by another clock than that of the readings: what both leave
             # open moves all joints together.
-            jitter_ns = stage.resampler.time_bound_at_ns(pose.sample_time_ns)
-            if request.device is not None and request.device.identity is not None:
-                stated_ns = request.device.identity.jitter_ns
-                latch_ns = request.latch.time_bound_ns if request.latch else 0
-                jitter_ns = max(jitter_ns, latch_ns or stated_ns)
+            clocks_ns = stage.resampler.time_bound_at_ns(pose.sample_time_ns)
+            jitter_ns = max(clocks_ns, observation.time_bound_ns)
         speeds_rad_s = stage.trajectory.speeds_rad_s(
             pose.sample_time_ns, pose.angles_rad
         )
@@ -262,13 +260,15 @@ class PointEvaluator:
             before_mm=average.before_mm,
         )
 
-    def _missing_reason(self, request: PointRequest) -> tuple[str, str]:
+    def _missing_reason(self, observation: Observation) -> tuple[str, str]:
         """Why nothing is known of an instant, and what to do."""
         first_mismatched = self._stage.joint_devices.first_mismatched
         if first_mismatched is not None:
             text = f"{first_mismatched.section.id} does not fit the arm file"
             return text, "see the event device.mismatch"
-        lack = self._stage.resampler.missing_reason(request.instant_ns, request.latch)
+        lack = self._stage.resampler.missing_reason(
+            observation.instant_ns, observation.latch
+        )
         text = f"the joints are not known at the instant of the point: {lack}"
         return text, "see the device's events, then take the point again"
 
@@ -283,16 +283,16 @@ class PointEvaluator:
         )
 
     def _pose(
-        self, request: PointRequest, temperature_c: float | None
+        self, observation: Observation, temperature_c: float | None
     ) -> LatchedPose | None:
-        stage, latch = self._stage, request.latch
+        stage, latch = self._stage, observation.latch
         if stage.joint_devices.first_mismatched is not None:
             return None
         if latch is not None and self._is_whole(latch):
             return stage.pipeline.latched_pose(latch, temperature_c)
-        instant_ns = request.instant_ns
+        instant_ns = observation.instant_ns
         found = stage.resampler.at(instant_ns, latch)
-        is_waiting = stage.clock.monotonic_ns() < request.deadline_ns
+        is_waiting = stage.clock.monotonic_ns() < observation.deadline_ns
         # Motion at the instant follows from all samples before it, not from those that
         # happen to have arrived already: a replay finds the same, however it is cut.
         if found is None or (is_waiting and not stage.trajectory.covers(instant_ns)):

@@ -7,111 +7,28 @@ their order and no edge is acknowledged before an earlier one.
 
 import asyncio
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Iterator
 
-from traverse.daemon.acquisition.device import Device
-from traverse.daemon.config.schema import Action
-from traverse.daemon.current_request import CURRENT_REQUEST
 from traverse.daemon.errors import CaptureRefusedError
-from traverse.daemon.points.averaging import SampleAverage
-from traverse.daemon.points.buttons import Press
-from traverse.daemon.points.capture import PointMeasurement
-from traverse.daemon.points.compensation import RetractDetector
+from traverse.daemon.points.observation import Observation
+from traverse.daemon.points.requests import Request, observation_of
 from traverse.daemon.store.records import PendingPoint
-from traverse.drivers.base.values import LatchedCounts
-from traverse.protocol.messages.point import Trigger
 
-CAPTURING: frozenset[Action] = frozenset(("point", "average"))
 MAX_PENDING = 256
 MAX_WAITING_DURING_MEAN = (
     12  # behind a mean: a board keeps 16 edges that are not acknowledged
 )
 
 
-@dataclass(slots=True, eq=False)
-class PointRequest:
-    """An edge, or a command.
-
-    Attributes:
-        instant_ns: host monotonic time of it.
-        received_ns: when the daemon got it.
-        deadline_ns: until when it may wait for readings.
-        trigger: what it captures with; None for what captures nothing.
-        device: whose edge it is; None for a command.
-        latch: what a device latched at that instant.
-        press: which press of a button the edge is; None for releases and switches.
-        ends: the hold that ends with this release.
-        answer: receives the result of a command.
-        act: what a command does that takes no point.
-        average: the samples of a mean.
-        mean: of these samples, as soon as they are complete.
-        pull: watches where the probe is pulled to.
-        is_evaluated: nothing more is to be seen of its instant.
-        seen: what is known of the arm at the instant, as soon as it is.
-        requested_by: the request of the command; None for an edge.
-    """
-
-    instant_ns: int
-    received_ns: int
-    deadline_ns: int
-    trigger: Trigger | None = None
-    device: Device | None = None
-    latch: LatchedCounts | None = None
-    press: Press | None = None
-    ends: Press | None = None
-    answer: asyncio.Future[Any] | None = None
-    act: Callable[[], object] | None = None
-    average: SampleAverage | None = None
-    mean: PointMeasurement | None = None
-    pull: RetractDetector | None = None
-    seen: PointMeasurement | None = None
-    is_evaluated: bool = False
-    requested_by: str | None = field(default_factory=CURRENT_REQUEST.get)
-
-    @property
-    def captures(self) -> bool:
-        """Whether it requests a point."""
-        if self.press is not None and self.press.action is not None:
-            return self.press.action in CAPTURING
-        return self.may_capture
-
-    @property
-    def may_capture(self) -> bool:
-        """Whether it may turn out to request one."""
-        if self.trigger is None or self.act is not None:
-            return False
-        return self.device is None or self.latch is None or self.latch.active
-
-    def resolve(self, outcome: object) -> None:
-        """Report the result to the requester, if it still waits."""
-        if self.answer is None or self.answer.done():
-            return
-        if isinstance(outcome, Exception):
-            self.answer.set_exception(outcome)
-        else:
-            self.answer.set_result(outcome)
-
-
-@dataclass(eq=False)
-class PointRequestQueue:
-    """Deals with requests one after the other.
-
-    Args:
-        look: finds out what a request that has not seen the arm yet can see of it.
-        try_one: deals with a request; False while it has to wait. With the second
-            argument True it must not wait any more.
+class RequestQueue:
+    """Keeps requests in order.
 
     Attributes:
         some: set while there are requests that wait.
     """
 
-    look: Callable[[PointRequest], None]
-    try_one: Callable[[PointRequest, bool], bool]
-
-    def __post_init__(self) -> None:
-        self._requests: deque[PointRequest] = deque()
+    def __init__(self) -> None:
+        self._requests: deque[Request] = deque()
         self.some = asyncio.Event()
 
     def __len__(self) -> int:
@@ -122,36 +39,31 @@ class PointRequestQueue:
         """So many wait that a mean must not be waited for."""
         return len(self._requests) > MAX_WAITING_DURING_MEAN
 
-    def add(self, request: PointRequest) -> None:
-        """Take a request, and deal with all that can be dealt with."""
+    @property
+    def first(self) -> Request:
+        """The one whose turn it is."""
+        return self._requests[0]
+
+    @property
+    def observations(self) -> Iterator[Observation]:
+        """What all that wait are to see of the arm."""
+        return filter(None, map(observation_of, self._requests))
+
+    def add(self, request: Request) -> None:
+        """Take a request."""
         self._requests.append(request)
-        self.settle()
+        self.some.set()
 
-    def look_again(self) -> None:
-        """Use another arm: what waits was requested after the change."""
-        for request in self._requests:
-            if request.may_capture:
-                request.seen = None
-                request.is_evaluated = False
-                self.look(request)
-
-    def settle(self, now_ns: int | None = None) -> None:
-        """Deal with what can be dealt with, or has waited long enough by some time."""
-        for request in self._requests:
-            if request.may_capture and not request.is_evaluated:
-                self.look(request)
-        while self._requests:
-            request = self._requests[0]
-            is_last_chance = len(self._requests) > MAX_PENDING or (
-                now_ns is not None and now_ns >= request.deadline_ns
-            )
-            if not self.try_one(request, is_last_chance):
-                break
-            self._requests.popleft()
-        if self._requests:
-            self.some.set()
-        else:
+    def remove_first(self) -> None:
+        """The first has been dealt with."""
+        self._requests.popleft()
+        if not self._requests:
             self.some.clear()
+
+    def must_not_wait(self, now_ns: int | None) -> bool:
+        """Whether the first has waited long enough, or there is no more room."""
+        is_late = now_ns is not None and now_ns >= self.first.deadline_ns
+        return is_late or len(self._requests) > MAX_PENDING
 
 
 Outcome = object | CaptureRefusedError
@@ -161,26 +73,26 @@ class OrderedReplies:
     """Requests with their results.
 
     Args:
-        tell: called with each request and its result, when it may be reported: a
+        report: called with each request and its result, when it may be reported: a
             point, another result, or why there is none.
     """
 
-    def __init__(self, tell: Callable[[PointRequest, Outcome], None]) -> None:
-        self._tell = tell
-        self._waiting: deque[tuple[PointRequest, Outcome]] = deque()
+    def __init__(self, report: Callable[[Request, Outcome], None]) -> None:
+        self._report = report
+        self._waiting: deque[tuple[Request, Outcome]] = deque()
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def add(self, request: PointRequest, outcome: Outcome) -> None:
+    def add(self, request: Request, outcome: Outcome) -> None:
         """Report the result of a request; of a `PendingPoint`, what becomes of it."""
         self._waiting.append((request, outcome))
         if isinstance(outcome, PendingPoint):
-            outcome.on_settled(self._tell_all)
+            outcome.on_settled(self._report_settled)
         else:
-            self._tell_all()
+            self._report_settled()
 
-    def _tell_all(self) -> None:
+    def _report_settled(self) -> None:
         while self._waiting:
             request, outcome = self._waiting[0]
             if isinstance(outcome, PendingPoint):
@@ -188,7 +100,8 @@ class OrderedReplies:
                     return
                 trouble, outcome = outcome.trouble, outcome.point
                 if trouble is not None:
-                    told = trouble.text, trouble.remedy, "outbox.failed"
-                    outcome = CaptureRefusedError(*told)
+                    outcome = CaptureRefusedError(
+                        trouble.text, trouble.remedy, "outbox.failed"
+                    )
             self._waiting.popleft()
-            self._tell(request, outcome)
+            self._report(request, outcome)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from traverse.daemon.clock import HostClock
+from traverse.daemon.command_handlers import handles
 from traverse.daemon.config.schema import RecordingSection
 from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.monitoring.events import EventLog
@@ -244,6 +245,7 @@ class Recorder:
         recorded = self._thread.recorded
         return None if recorded is None else recorded.name
 
+    @handles(RecordArgs)
     async def carry_out(self, args: RecordArgs) -> Result:
         """Start or stop a recording; return its file, and at the end its length.
 

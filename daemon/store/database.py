@@ -36,7 +36,7 @@ ROOM_BYTES = 65_536  # what a few points take, with their part of every index
 VACUUM_PAGES = 128
 DAY_NS = 86_400 * 10**9
 NOTE_BELIEVED_NS = 3_600 * 10**9
-NOTE_S = 0.02  # at most so often, since it takes as long as to store a point
+NOTE_S = 0.2  # at most so often, since it takes as long as to store a point
 ROWS = 100  # of one statement
 
 

@@ -48,6 +48,8 @@ from traverse.plurals import counted
 
 T = TypeVar("T")
 
+POLLS_A_MARK = 4  # a second: to mark what the broker has costs as much as some points
+
 
 @dataclass(frozen=True, slots=True)
 class QueueProfile:
@@ -115,6 +117,7 @@ class DurableQueue:
         self._to_disk = to_disk
         self._ready_changed = ready_changed
         self._in_flight: deque[tuple[int, NewMessage, PendingWrite]] = deque()
+        self._polls = POLLS_A_MARK  # since marks were written
         self._unreported_bytes = 0  # that the status does not count yet
         self._settled = asyncio.Event()
         self._starting: asyncio.Task[None] | None = None
@@ -219,7 +222,9 @@ class DurableQueue:
     def poll(self) -> None:
         """Process deferred work; call a few times a second."""
         if self.is_open:
-            self._acks.flush()
+            self._polls += 1
+            if self._polls >= POLLS_A_MARK and self._acks.flush():
+                self._polls = 0
             self.refill()
 
     def refill(self) -> None:

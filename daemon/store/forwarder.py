@@ -44,10 +44,10 @@ class AckBuffer:
         """Add the number of an acknowledged message."""
         self._add(number, number)
 
-    def flush(self, *, is_last: bool = False) -> None:
-        """Write collected ranges, unless a write is under way."""
+    def flush(self, *, is_last: bool = False) -> bool:
+        """Write collected ranges, unless a write is under way; whether one began."""
         if (self._is_writing and not is_last) or not self._ranges:
-            return
+            return False
         ranges, self._ranges = self._ranges, []
         self._is_writing = True
 
@@ -59,6 +59,7 @@ class AckBuffer:
                     self._add(*ends)
 
         self._writer.query(lambda store: store.mark_sent(ranges), on_result)
+        return True
 
     def _add(self, first: int, last: int) -> None:
         if self._ranges and self._ranges[-1][1] == first - 1:

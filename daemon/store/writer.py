@@ -40,7 +40,7 @@ from traverse.drivers.base.heartbeat import Heartbeat
 log = logging.getLogger("traverse.daemon.outbox")
 
 POLL_S = 0.5
-STATUS_S = 0.2
+STATUS_S = 1.0
 DELETE_S = 0.3
 REMOVED_S = 60.0  # from one report of what was removed to the next
 MAX_BATCH = 500

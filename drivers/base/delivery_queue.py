@@ -76,8 +76,11 @@ class DeliveryQueue:
         """Whether the consumer was woken and has not taken anything since."""
         return self._filled.is_set()
 
-    def put(self, delivery: Delivery) -> bool:
-        """Append a delivery from the reader thread; False if there is no room."""
+    def put(self, delivery: Delivery, *, wakes: bool = True) -> bool:
+        """Append a delivery from the reader thread; False if there is no room.
+
+        With ``wakes`` False it waits for the next that wakes the loop, or for `wake`.
+        """
         with self._lock:
             if isinstance(delivery, CountSamples):
                 size = len(delivery.seq)
@@ -95,13 +98,23 @@ class DeliveryQueue:
                         self.dropped_others += 1
                     return False
                 self._waiting_others += 1
-                wake = True
+                wake = wakes
             self._waiting.append(delivery)
             wake = wake and not self._is_woken
             if wake:
                 self._is_woken = True
                 self._woken_ns = self._now_ns()
         return not wake or self._wake_loop()
+
+    def wake(self) -> None:
+        """Wake the loop for what was put without that, if it still waits."""
+        with self._lock:
+            wake = self._waiting_others > 0 and not self._is_woken
+            if wake:
+                self._is_woken = True
+                self._woken_ns = self._now_ns()
+        if wake:
+            self._wake_loop()
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:

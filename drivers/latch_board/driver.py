@@ -7,10 +7,12 @@ from pydantic import Field
 
 from traverse.drivers.base.driver import Driver, DriverOptions
 from traverse.drivers.base.values import (
+    CountSamples,
     DeviceError,
     DeviceRefusedError,
     DeviceTemperatures,
     DeviceUp,
+    LatchedCounts,
 )
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
@@ -55,7 +57,6 @@ TIE_AGAIN_NS, MEASURE_DELAY_NS = 100_000_000, 1_000_000_000
 # while its point is on its way, and several are at once.
 AGAIN_NS = 70_000_000
 ACKNOWLEDGED_NS = 20_000_000
-BATCH_WINDOW_WITH_EDGES_NS = 5_000_000
 
 
 class LatchBoardDriver(Driver):
@@ -96,6 +97,11 @@ class LatchBoardDriver(Driver):
         self._edges.acknowledge(token)
 
     # -- in the reader thread -------------------------------------------------
+
+    def _put(self, delivery: CountSamples | LatchedCounts) -> bool:
+        """Hand over; a release, of which no point is made, wakes nobody by itself."""
+        is_release = isinstance(delivery, LatchedCounts) and not delivery.active
+        return self._delivery_queue.put(delivery, wakes=not is_release)
 
     def _connect(self) -> None:
         self._port = SerialPort(self._path, self.options.baud_rate, self._wake_read)
@@ -141,7 +147,7 @@ class LatchBoardDriver(Driver):
             clock=clock,
             n_channels=len(hello.channels),
             debounce_ns=self.options.debounce_us * 1000,
-            put=self._delivery_queue.put,
+            put=self._put,
             fault=self._fault,
             counters=self._counters,
         )
@@ -217,7 +223,7 @@ class LatchBoardDriver(Driver):
         """
         window_ns = self._delivery_queue.batch_window_ns
         if self._edges.needs_acknowledgement:
-            window_ns = min(window_ns, BATCH_WINDOW_WITH_EDGES_NS)
+            window_ns = min(window_ns, ACKNOWLEDGED_NS)
         until_ns = max(self._taken_ns + window_ns, self._now_ns())
         line.read(until_ns)
         self._taken_ns = min(until_ns, self._now_ns())
@@ -256,8 +262,9 @@ class LatchBoardDriver(Driver):
                 self._request_or_fault(line, "STOP", wire.stop_request)
 
     def _acknowledge(self, line: LatchBoardLine) -> None:
-        """Acknowledge processed edges to the board."""
+        """Acknowledge processed edges to the board; have waiting ones processed."""
         self._acknowledged_ns = self._now_ns()
+        self._delivery_queue.wake()
         if (done := self._edges.take_acknowledgement()) is not None:
             line.port.write(wire.edge_ack(done))
 

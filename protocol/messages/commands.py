@@ -29,6 +29,10 @@ ROTATION_TOLERANCE = 1e-6
 RECORDING_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
 
 
+COMMANDS: dict[str, "type[Args]"] = {}
+"""The arguments of each command, by its name."""
+
+
 class Args(Value):
     """Arguments of one command; what each key means stands beside it."""
 
@@ -36,6 +40,15 @@ class Args(Value):
 
     command: ClassVar[str]
     """Last level of the command's topic."""
+    is_repeatable: ClassVar[bool] = False
+    """Carried out twice it has the same effect: clients may send it to a daemon that
+    was restarted meanwhile."""
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: object) -> None:
+        """Make the command known under its name."""
+        super().__pydantic_init_subclass__(**options)
+        COMMANDS[cls.command] = cls
 
 
 class PointArgs(Args):
@@ -96,12 +109,14 @@ class LabelArgs(Args, Label):
     """Set what the next points are taken on; both null ends it."""
 
     command = "label"
+    is_repeatable = True
 
 
 class ProbeArgs(Args):
     """Change the probe."""
 
     command = "probe"
+    is_repeatable = True
     name: Name
     """Name in the probe library."""
 
@@ -143,12 +158,14 @@ class ReloadArgs(Args):
     """Read arm file and configuration again, between two samples."""
 
     command = "reload"
+    is_repeatable = True
 
 
 class AlignArgs(Args):
     """Set or clear the alignment: part = scale * rotation * arm + translation_mm."""
 
     command = "align"
+    is_repeatable = True
     action: Literal["set", "clear"]
     """With "clear" all other keys are ignored."""
     name: Text | None = None
@@ -195,6 +212,7 @@ class ResendArgs(Args):
     """
 
     command = "resend"
+    is_repeatable = True
     session: Name | None = None
     """Session of the points; not with `scan`."""
     scan: Name | None = None
@@ -262,27 +280,6 @@ class Command(Message):
         """The envelope around typed arguments; what is left out stays out."""
         given = args.model_dump(exclude_unset=True)
         return cls(request=request, args=given, expires=expires)
-
-
-COMMANDS: dict[str, type[Args]] = {
-    args.command: args
-    for args in (
-        PointArgs,
-        ScanArgs,
-        UndoArgs,
-        LabelArgs,
-        ProbeArgs,
-        ReferenceArgs,
-        HomeArgs,
-        ReloadArgs,
-        AlignArgs,
-        SessionArgs,
-        ResendArgs,
-        RecordArgs,
-        CovarianceArgs,
-    )
-}
-"""The arguments of each command, by its name."""
 
 
 def _is_rotation(rows: tuple[Vector, Vector, Vector]) -> bool:

@@ -34,17 +34,17 @@ def written(folder, *, point_us=2000.0, ours_s=1e-6):
     ]
     (folder / "kinematics.json").write_text(json.dumps({"benchmarks": benchmarks}))
     (folder / "path.json").write_text(json.dumps({"benchmarks": benchmarks[:2]}))
-    rounds = [
+    turns = [
         {
-            "raw": {"p50_us": 200.0, "p99_us": 400.0},
-            "point": {"p50_us": point_us * part, "p99_us": 3 * point_us * part},
-            "daemon_share": 0.2 * part,
-            "board_share": 0.1,
+            "program": program,
+            "rate_hz": 100.0,
+            "cpu_us": 1500.0 * part,
+            "latency": {"p50_us": p50_us * part, "p99_us": 3 * p50_us * part},
         }
         for part in (0.97, 1.0, 1.02)
+        for program, p50_us in (("plain script", 200.0 / part), ("Traverse", point_us))
     ]
-    latency = [{"rate_hz": 100.0, "stream_hz": 1000.0, "rounds": rounds}]
-    (folder / "latency.json").write_text(json.dumps({"latency": latency}))
+    (folder / "presses.json").write_text(json.dumps({"turns": turns}))
     stream = {
         "rate_hz": 1e3,
         "daemon_share": 0.06,
@@ -66,9 +66,9 @@ def test_figures_are_ratios_to_peers_of_the_same_run(tmp_path):
     found = headlines(written(tmp_path))
     assert {name: round(one.median, 6) for name, one in found.items()} == {
         "one pose: times faster": 4.0,
-        "100 points/s beside 1000 Hz, p50: times as long": 10.0,
-        "100 points/s beside 1000 Hz, p99: times as long": 15.0,
-        "100 points/s beside 1000 Hz: times the CPU": 2.0,
+        "100 presses/s, CPU a point: times": 1.0,
+        "100 presses/s, p50: times": 10.0,
+        "100 presses/s, p99: times": 10.0,
         "1000 Hz: times the CPU": 2.0,
         "idle, the arm rests: times the CPU": 1.5,
         "idle, the arm moves: times the CPU": 3.0,
@@ -86,7 +86,7 @@ def test_what_got_worse_is_said_and_nothing_else(tmp_path):
     lines, n_worse = report(now, before)
     worse = [line for line in lines if "WORSE" in line]
     assert n_worse == len(worse) == 3
-    assert "p50: times as long bare sockets: 13 (" in worse[0]
+    assert "p50: times the plain script: 13 (" in worse[0]
     assert "was 10 (" in worse[0]
     back, n_back = report(before, now)
     assert n_back == 0

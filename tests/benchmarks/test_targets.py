@@ -25,7 +25,7 @@ TARGETS = dict(
 (GROUPS,) = re.findall(r"^TEST_GROUPS := (.*)$", MAKEFILE, re.MULTILINE)
 # What a target leaves in BUILD, if anything.
 LEAVES = {
-    "bench": ("figures/performance-path.png", "figures/performance-latency.png"),
+    "bench": ("figures/performance-path.png", "figures/performance-presses.png"),
     "blind": ("blind.jsonl",),
     "deb": ("traverse_*.deb", "traverse-lab_*.deb"),
     "docs": ("site/index.html",),

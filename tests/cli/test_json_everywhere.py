@@ -60,10 +60,10 @@ ELSEWHERE = {
     "microscribe arm-file": "tests/cli/devices/test_microscribe.py",
     **dict.fromkeys(("can scan", "can preset"), "tests/cli/devices/test_can.py"),
     **dict.fromkeys(
-        ("point", "undo", "scan", "label", "session", "reload", "confirm", "home"),
+        (*("point", "undo", "scan", "label", "session", "reload"), "confirm", "home"),
         "tests/end_to_end/cli/test_control.py",
     ),
-    "probe use": "tests/end_to_end/cli/test_control.py",
+    **dict.fromkeys(("probe use", "send"), "tests/end_to_end/cli/test_control.py"),
     **dict.fromkeys(
         ("amt21 scan", "amt21 zero", "amt21 reset"),
         "tests/cli/devices/test_amt21.py",

@@ -132,6 +132,27 @@ async def test_points_are_in_doubt_after_a_loss_of_power_until_confirmed(
     assert flags == [(), ("turns_uncertain",), ()]
 
 
+async def test_any_command_can_be_sent(resting: Workbench) -> None:
+    async with measuring(resting):
+        words = ("send", "session", "action=new", "note=the second one")
+        status, output, errors = await told(resting, *words, "--json")
+        assert (status, errors) == (0, "")
+        session = json.loads(output)["session"]
+        status, output, _ = await told(resting, "point", "--json")
+        assert json.loads(output)["session"] == session
+        status, output, _ = await told(resting, "send", "resend", f"session={session}")
+        assert status == 0
+        assert "points: 1" in output
+        for words, fault in (
+            (("align", "action=set"), "rotation"),
+            (("brew",), "expected one of point, scan"),
+            (("session", "action"), "expected KEY=VALUE"),
+        ):
+            status, _, errors = await told(resting, "send", *words)
+            assert status == 2
+            assert fault in errors
+
+
 async def test_an_arm_is_homed_from_a_terminal(resting: Workbench) -> None:
     names = [f"J{k}" for k in range(1, 8)]
     home = dict(zip(names, (0.1, 0.2, -0.3, 0.4, 0.5, -0.6, 0.7), strict=True))
