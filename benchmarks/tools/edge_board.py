@@ -137,7 +137,7 @@ class EdgeBoard:
             1 if self._stream[0] else 0,
             0,
             self._ticks(),
-            edges_back=0,
+            edges_back=min(255, len(self._kept)),
             next_sample_seq=self._sample_seq,
             next_edge_seq=self._edge_seq,
             tx_dropped=0,

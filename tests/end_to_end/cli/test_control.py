@@ -135,12 +135,14 @@ async def test_points_are_in_doubt_after_a_loss_of_power_until_confirmed(
 async def test_any_command_can_be_sent(resting: Workbench) -> None:
     async with measuring(resting):
         words = ("send", "session", "action=new", "note=the second one")
-        status, output, errors = await told(resting, *words, "--json")
+        status, output, errors = await traverse(resting, *words, "--json")
         assert (status, errors) == (0, "")
         session = json.loads(output)["session"]
-        status, output, _ = await told(resting, "point", "--json")
+        status, output, _ = await traverse(resting, "point", "--json")
         assert json.loads(output)["session"] == session
-        status, output, _ = await told(resting, "send", "resend", f"session={session}")
+        status, output, _ = await traverse(
+            resting, "send", "resend", f"session={session}"
+        )
         assert status == 0
         assert "points: 1" in output
         for words, fault in (
@@ -148,7 +150,7 @@ async def test_any_command_can_be_sent(resting: Workbench) -> None:
             (("brew",), "expected one of point, scan"),
             (("session", "action"), "expected KEY=VALUE"),
         ):
-            status, _, errors = await told(resting, "send", *words)
+            status, _, errors = await traverse(resting, "send", *words)
             assert status == 2
             assert fault in errors
 
