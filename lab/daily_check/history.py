@@ -5,12 +5,14 @@ Only this is written: what is drawn and judged is computed anew from it each tim
 
 import contextlib
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 from traverse.lab.daily_check.figures import DailyCheckFigures
+from traverse.protocol.printable import printable
 from traverse.strict_toml.files import text_of
+from traverse.strict_toml.problems import shown
 
 VERSION = 2
 APPLICATION = 0x54525649  # "TRVI"
@@ -43,6 +45,22 @@ _OWN = [field.name for field in fields(Check)][:-1]
 _COLUMNS = [*_OWN, *(field.name for field in fields(DailyCheckFigures))]
 
 
+# Locked, read-only, a full disk and so on: the file is whole.
+_OF_THE_SYSTEM = (
+    sqlite3.SQLITE_BUSY,
+    sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_IOERR,
+    sqlite3.SQLITE_FULL,
+    sqlite3.SQLITE_CANTOPEN,
+)
+
+
+def _told(error: Exception) -> str:
+    """Return the reason; that of a damaged file may itself be no text."""
+    damaged = isinstance(error, UnicodeDecodeError)
+    return "its content is no text" if damaged else printable(str(error))
+
+
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
     if path.exists() and not path.is_file():
@@ -56,9 +74,9 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
             (version,) = execute("PRAGMA user_version").fetchone()
             (application,) = execute("PRAGMA application_id").fetchone()
             (tables,) = execute("SELECT count(*) FROM sqlite_master").fetchone()
-        except sqlite3.DatabaseError as error:
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
             raise HistoryRefusedError(
-                f"{path}: is no history of checks ({error}); name another file"
+                f"{path}: is no history of checks ({_told(error)}); name another file"
             ) from error
         if (version, application, tables) == (0, 0, 0):
             execute("BEGIN IMMEDIATE")
@@ -75,8 +93,19 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
                 f"{path}: has a table of version {version}, this program knows "
                 f"{VERSION}; use the version of traverse that wrote it"
             )
-        execute("PRAGMA synchronous = FULL")
-        yield connection
+        try:
+            execute("PRAGMA synchronous = FULL")
+            (verdict,) = execute("PRAGMA quick_check(1)").fetchone()
+            if verdict != "ok":
+                raise sqlite3.DatabaseError(verdict)
+            yield connection
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
+            if getattr(error, "sqlite_errorcode", None) in _OF_THE_SYSTEM:
+                raise
+            raise HistoryRefusedError(
+                f"{path}: is damaged ({_told(error)}); take its last copy, or begin a "
+                "new history"
+            ) from error
 
 
 def add_check(path: Path, check: Check) -> bool:
@@ -122,8 +151,25 @@ def checks_of(path: Path, arm: str) -> list[Check]:
             "ORDER BY time_utc, number",
             (arm,),
         ).fetchall()
+        for number, row in enumerate(rows, 1):
+            _check_types(row, number)
     n = len(_OWN)
     return [Check(*(*row[:n], DailyCheckFigures(*row[n:]))) for row in rows]
+
+
+def _check_types(row: Sequence[object], number: int) -> None:
+    """Refuse a row with values of other types than were written.
+
+    Raises:
+        sqlite3.DatabaseError: It has one.
+    """
+    for column, value in zip(_COLUMNS, row, strict=True):
+        is_text = column in _OWN
+        may_be = column == "temperature_c" and value is None
+        good = isinstance(value, str) if is_text else isinstance(value, int | float)
+        if not good and not may_be:
+            what = f"check {number}: {column} is {shown(value)}"
+            raise sqlite3.DatabaseError(what)
 
 
 def since_base(checks: list[Check]) -> list[Check]:

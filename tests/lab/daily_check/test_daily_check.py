@@ -1,5 +1,6 @@
 """The daily check: figures with known results, the history, the report, pictures."""
 
+import contextlib
 import sqlite3
 from contextlib import closing
 from dataclasses import replace
@@ -152,6 +153,30 @@ def test_other_files_are_left_alone(tmp_path):
         with pytest.raises(HistoryRefusedError, match=words):
             add_check(path, check(0))
         assert path.read_bytes() == before
+
+
+def test_a_damaged_history_is_refused_and_nothing_else(tmp_path):
+    path, damaged = tmp_path / "interim.db", tmp_path / "damaged.db"
+    for day in range(8):
+        add_check(path, check(day))
+    whole, rng = path.read_bytes(), np.random.default_rng(5)
+    for _ in range(60):
+        content = bytearray(whole)
+        start = int(rng.integers(len(whole)))
+        length = int(rng.integers(1, 300))
+        content[start : start + length] = rng.bytes(length)
+        damaged.write_bytes(content)
+        with contextlib.suppress(HistoryRefusedError):
+            assert len(checks_of(damaged, "arm-7")) <= 8
+    # Not text where the message of SQLite is made of it.
+    name = whole.index(b"CREATE TABLE checks")
+    damaged.write_bytes(whole[: name + 20] + b"\xd8" * 40 + whole[name + 60 :])
+    with pytest.raises(HistoryRefusedError, match="is no history of checks"):
+        checks_of(damaged, "arm-7")
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE checks SET spat_2s_mm = x'00' WHERE number = 3")
+    with pytest.raises(HistoryRefusedError, match="check 3: spat_2s_mm is b"):
+        checks_of(path, "arm-7")
 
 
 @pytest.mark.parametrize("with_limits", [False, True])
