@@ -71,12 +71,13 @@ def check(
 
 
 def _doubts(content: object) -> Iterator[str]:
-    """Ask about values of an arm file that can hardly be meant."""
+    """Ask about values that can hardly be meant."""
     from traverse.kinematics.arm_file.arm import Arm
     from traverse.kinematics.importers.unit_doubts import arm_doubts
 
     if isinstance(content, Arm):
         yield from arm_doubts(content)
+    yield from getattr(content, "notes", ())  # of a campaign
 
 
 def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:

@@ -9,6 +9,7 @@ import errno
 import math
 import re
 import tomllib
+import unicodedata
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,6 +123,22 @@ def shown(value: object) -> str:
     """Say a value as found in a file, shortened."""
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= _SHOWN_LENGTH else text[: _SHOWN_LENGTH - 3] + "..."
+
+
+def character_name(character: str) -> str:
+    """Name a character as Unicode does: U+2212 MINUS SIGN."""
+    name = unicodedata.name(character, "control character")
+    return f"U+{ord(character):04X} {name}"
+
+
+def odd_characters(text: str) -> str:
+    """Name the characters of a number that are no plain ones; empty without any."""
+    odd = dict.fromkeys(
+        character
+        for character in text
+        if not (character.isascii() and character.isprintable())
+    )
+    return ", ".join(map(character_name, odd))
 
 
 def system_reason(error: OSError) -> str:
@@ -258,10 +275,13 @@ def toml_table(text: str, source: str) -> dict[str, Any]:
             lines = text.split("\n")
             where = f"line {len(lines)}, column {len(lines[-1]) + 1}"
         what = _SYNTAX_PLACE.sub("", message).partition("; use sys.")[0]
-        number = re.search(r"\d+", where)
-        line = text.split("\n")[int(number.group()) - 1] if number else ""
-        if re.search(r"=\s*[+-]?\d+,\d+\s*(#.*)?$", line):
-            what += "; a decimal comma: write a decimal point"
+        if numbers := re.findall(r"\d+", where):
+            line_number, column = map(int, numbers)
+            line = text.split("\n")[line_number - 1]
+            if re.search(r"=\s*[+-]?\d+,\d+\s*(#.*)?$", line):
+                what += "; a decimal comma: write a decimal point"
+            elif odd := odd_characters(line[column - 1 : column]):
+                what += f"; {odd} is there"
         raise FileError(source, [Problem(where, f"not TOML: {what}")]) from error
 
 

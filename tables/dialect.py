@@ -15,7 +15,6 @@ The detection, in this order; what is left in doubt is refused:
 
 import codecs
 import io
-import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,7 +22,13 @@ from pathlib import Path
 from typing import TextIO
 
 from traverse.strict_toml.files import MOST_LINE, open_regular
-from traverse.strict_toml.problems import FileError, Problem, shown, system_reason
+from traverse.strict_toml.problems import (
+    FileError,
+    Problem,
+    character_name,
+    shown,
+    system_reason,
+)
 
 SUFFIXES = (".csv", ".txt", ".tsv")
 SEPARATORS = {",": "','", ";": "';'", "\t": "tab"}
@@ -61,12 +66,6 @@ class Dialect:
     separator: str
     trailing: int
     header_line: int
-
-
-def character_name(character: str) -> str:
-    """Name a character as Unicode does: U+2212 MINUS SIGN."""
-    name = unicodedata.name(character, "control character")
-    return f"U+{ord(character):04X} {name}"
 
 
 @contextmanager

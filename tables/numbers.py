@@ -19,8 +19,7 @@ from typing import Literal
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.strict_toml.problems import LARGEST, shown
-from traverse.tables.dialect import character_name
+from traverse.strict_toml.problems import LARGEST, odd_characters, shown
 
 Unit = Literal["rad", "deg", "other"]
 
@@ -244,13 +243,8 @@ def _what_is_wrong(text: str, unit: Unit) -> str:
         what += f": expected {expected}"
     elif unit != "rad" and part_of_pi(text.strip()) is not None:
         what += ": parts of pi are radians"
-    odd = dict.fromkeys(
-        character
-        for character in text
-        if not (character.isascii() and character.isprintable())
-    )
-    if odd:
-        what += f"; it has {', '.join(map(character_name, odd))}"
+    if odd := odd_characters(text):
+        what += f"; it has {odd}"
     elif " " in text.strip():
         what += "; it has U+0020 SPACE inside"
     return f"{what}; {_REMEDY}"

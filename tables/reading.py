@@ -256,12 +256,14 @@ def _split(
     path: Path, lines: Lines, dialect: Dialect, width: int
 ) -> Iterator[tuple[int, list[str]]]:
     """Yield the cells of every line that holds any."""
-    number, mark = 0, dialect.separator
+    number, mark, has_blanks = 0, dialect.separator, False
+    blanks = " " if mark == "\t" else " \t"
 
     def texts() -> Iterator[str]:
-        nonlocal number
+        nonlocal number, has_blanks
         for number, line in lines:
             bare = line.lstrip()
+            has_blanks = not line.isascii() or any(blank in line for blank in blanks)
             if not bare.startswith("#"):
                 yield line
             elif bare[1:2].strip() and bare.count(mark) + 1 == width > 1:
@@ -275,7 +277,7 @@ def _split(
     while True:
         before = reader.line_num
         try:
-            cells = [cell.strip() for cell in next(reader)]
+            cells = next(reader)
         except StopIteration:
             return
         except csv.Error as error:
@@ -284,6 +286,8 @@ def _split(
         if reader.line_num > before + 1:
             message = "has a cell in quotes that goes on over the end of a line"
             raise FileError(path, [Problem(f"line {number}", f"{message}; close it")])
+        if has_blanks:
+            cells = [cell.strip() for cell in cells]
         if any(cells):
             yield number, cells
 

@@ -34,6 +34,7 @@ from traverse.kinematics.importers.urdf_file import read_urdf
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.origins import length_mm, near_origins, slides_mm
 from traverse.strict_toml.problems import FileError, Problem
+from traverse.tables.numbers import NumberReader, unit_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,8 +280,10 @@ def numbers_of(option: str, text: str, count: int) -> tuple[float, ...]:
     Raises:
         typer.BadParameter: They are not `count` numbers, finite.
     """
+    unit = unit_of(option.replace("-", "_"))
+    reader = NumberReader(",")
     try:
-        numbers = tuple(float(word) for word in text.split(","))
+        numbers = tuple(reader.number(word, unit, 1) for word in text.split(","))
     except ValueError:
         numbers = ()
     if len(numbers) != count or not all(abs(n) < _LARGEST for n in numbers):

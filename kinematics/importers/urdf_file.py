@@ -31,6 +31,7 @@ from traverse.strict_toml.files import open_regular
 from traverse.strict_toml.problems import (
     FileError,
     Problem,
+    odd_characters,
     shown,
 )
 
@@ -317,6 +318,8 @@ class _Reading:
         if not good or not all(abs(number) < _LARGEST for number in numbers):
             expected = f"{counted(len(default), 'number')} below 1e6"
             what = f"<{element.tag}> {key} = {shown(text)}: expected {expected}"
+            if odd := odd_characters(" ".join(words)):
+                what += f"; it has {odd}"
             self._refuse(element, what)
             return default
         return numbers

@@ -121,6 +121,7 @@ class Arm(StrictModel):
         ("axis_inch = 1", "expected axis_mm = 25.4"),
         ("length_deg = 90", "unknown key 'length_deg'; known here: axis_mm, zero_rad"),
         ("axis_mm = [250,0, 0,5, 1]", "write 250.0, not 250,0"),
+        ("zero_rad = \u22121.5", "U+2212 MINUS SIGN is there"),
         ("zero_rad = 1,5", "a decimal comma: write a decimal point"),
     ],
 )

@@ -149,6 +149,7 @@ XACRO = "http://www.ros.org/wiki/xacro"
     [
         ("<axis", "<xacro:if/><axis", "line 4: <xacro:if> is a macro; expand the file"),
         ("<axis", "<q:block/><axis", "line 4: <q:block> is a macro; expand the file"),
+        ("0.1 0 0.2", "\u22120.1 0 0.2", "expected 3 numbers below 1e6; it has U+2212"),
         ("0.1 0 0.2", "${x} 0 0.2", "<origin> xyz = '${x} 0 0.2' is an expression of"),
         ('name="J2"', 'name="${p}J2"', "<joint> name = '${p}J2' is an expression of"),
         (
