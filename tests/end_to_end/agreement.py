@@ -13,7 +13,10 @@ from traverse.protocol.messages import Point
 def assert_one_point_an_edge(
     bench: Workbench, points: list[Point], truth: list[dict[str, Any]]
 ) -> None:
-    """Numbered from 0, each with the counts and the time of its edge."""
+    """Numbered from 0, each with the counts and the time of its edge.
+
+    On a busy machine the board's clock may be in doubt at some, at most at half.
+    """
     assert [p.seq for p in points] == list(range(len(truth)))
     assert len({p.id for p in points}) == len(points)
     assert {(p.arm, len(p.session)) for p in points} == {(bench.arm, 32)}
@@ -26,10 +29,12 @@ def assert_one_point_an_edge(
         assert np.abs(np.array(point.xyz_mm) - xyz_mm).max() < 1e-9
         assert np.abs(np.array(point.ijk) - shank).max() < 1e-12
         assert point.angles_rad == pytest.approx(arm.angles_rad(point.counts), 1e-14)
-        assert point.quality.ok, point.quality.flags
+        assert set(point.quality.flags) <= {"time_uncertain"}, point.quality.flags
+    certain = [not is_marked_for_time(point) for point in points]
+    assert 2 * sum(certain) >= len(points)
     # The mapping of the board's clock is still settling, and a busy machine reads
     # late; `test_points` is stricter where nothing disturbs.
-    delays = delays_s(points, truth)
+    delays = delays_s(points, truth)[certain]
     assert np.ptp(delays) < 0.1, delays - delays[-1]
 
 
