@@ -64,7 +64,13 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
-from traverse.protocol.messages import FLAG_MEANINGS, Label, Live, QualityFlag
+from traverse.protocol.messages import (
+    FLAG_MEANINGS,
+    REMARKS,
+    Label,
+    Live,
+    QualityFlag,
+)
 
 MAX_TEMPERATURES = 1000  # in a snapshot
 REST_NS, REST_MM = 2_000_000_000, 0.1  # so long within so much of one place
@@ -501,7 +507,8 @@ class Measurement(MeasurementContext):
         poses = self.pipeline.evaluate(readings, temperature_c)
         # The place is that of an instant, which the device's clock leaves open.
         bound_ns = max(samples.time_bound_ns, self.resampler.time_bound_ns)
-        if bound_ns and self._begins(poses):
+        is_ok = not poses.quality[0] & ~np.uint32(REMARKS.value)
+        if bound_ns and is_ok and self._begins(poses):
             poses.quality[0] |= np.uint32(QualityFlag.MOTION_UNKNOWN)
         if error_bounds_counts is not None:
             self.skew.flag_block(model, poses, error_bounds_counts)
