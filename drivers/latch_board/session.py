@@ -26,6 +26,7 @@ from traverse.protocol.latch_board import messages as wire
 WRAP = 1 << 32
 NUMBERED_NS = 20_000_000  # from a level that has held to the number of its edge
 MAX_HELD = 64  # blocks that wait for an answer
+WAITING_NS = 3_000_000_000  # longer than a quiet line takes to tie a clock
 MAX_JUMP = 1 << 20  # a hundred seconds at 10 kHz: no gap of a living stream
 # The maker's own bits of a status byte are unspecified warnings.
 _MAKERS = 0xF0
@@ -113,6 +114,8 @@ class LatchBoardSession:
         self._debounce_ns = debounce_ns
         # Number of the next edge, and ticks, unwrapped.
         self._heartbeat: tuple[int, int] | None = None
+        self._waiting_since_ns: int | None = None
+        self._is_waiting_reported = False
 
     def begin_stream(self, stream: int, request: int) -> None:
         """Accept the samples of this START."""
@@ -221,7 +224,9 @@ class LatchBoardSession:
         if not clock.running or (
             clock.is_uncertain and (clock.is_late or not edge.counts)
         ):
+            self._wait_with_edges(received_ns)
             return  # the board sends it again; until then it has no time
+        self._waiting_since_ns, self._is_waiting_reported = None, False
         if not self._fits(edge.counts):
             return
         verdict, lost = self._edges.classify(edge.seq, received_ns)
@@ -245,6 +250,22 @@ class LatchBoardSession:
             self._counters["edges_received"] += 1
         else:
             self._edges.mark_refused(edge.seq)
+
+    def _wait_with_edges(self, received_ns: int) -> None:
+        """Report edges that wait long for the board's clock; nobody sees them yet."""
+        if self._waiting_since_ns is None:
+            self._waiting_since_ns = received_ns
+        waited_ns = received_ns - self._waiting_since_ns
+        if waited_ns > WAITING_NS and not self._is_waiting_reported:
+            self._is_waiting_reported = True
+            self._fault(
+                "edges_waiting",
+                f"presses wait on the board for more than {WAITING_NS * 1e-9:g} s: its "
+                "clock is not known well enough to say when they were",
+                "relieve this computer or the line, whose delays vary too much; the "
+                "points come once the clock is known",
+                1,
+            )
 
     def _is_of_another_start(self, edge: wire.Edge) -> bool:
         """Return whether an edge precedes a heartbeat that did not have it.

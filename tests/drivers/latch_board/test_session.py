@@ -1,6 +1,7 @@
 """What an identified board sends, judged: edges of another start of the board."""
 
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
@@ -38,7 +39,12 @@ def delivered() -> list[LatchedCounts]:
 
 
 @pytest.fixture
-def session(delivered) -> LatchBoardSession:
+def faults() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def session(delivered, faults) -> LatchBoardSession:
     def put(latch) -> bool:
         delivered.append(latch)
         return True
@@ -51,7 +57,7 @@ def session(delivered) -> LatchBoardSession:
         n_channels=2,
         debounce_ns=DEBOUNCE_TICKS * 1000,
         put=put,
-        fault=print,
+        fault=lambda code, *_: faults.append(code),
         counters=Counter(),
     )
 
@@ -78,3 +84,23 @@ def test_an_old_edge_that_a_heartbeat_counts_is_taken(session, delivered):
     session.take(heartbeat(1, back=1), RECEIVED_NS)
     session.take(edge(0, 2000), RECEIVED_NS + 1_000_000)
     assert [latch.token for latch in delivered] == [0]
+
+
+def test_presses_that_wait_long_for_the_boards_clock_are_reported_once(
+    session, delivered, faults
+):
+    """A board without encoders sends an edge again until its clock is known."""
+    press = Edge(0, 1, 1, 0, UP_TICKS, (), ())
+    session._n_channels = 0
+    session.take(heartbeat(1, back=1), RECEIVED_NS)
+    for tenths in range(60):
+        session.take(press, RECEIVED_NS + tenths * 100_000_000)
+        assert faults == (["edges_waiting"] if tenths > 30 else [])
+    assert delivered == []
+    for number in range(300):
+        ticks, late_ns = 7_000_000 + 20_000 * number, 200_000
+        beat = replace(heartbeat(1, back=1), ticks=ticks)
+        session.take(beat, RECEIVED_NS + (ticks - UP_TICKS) * 1000 + late_ns)
+    session.take(press, RECEIVED_NS + 13_000_000_000)
+    assert [latch.token for latch in delivered] == [0]
+    assert faults == ["edges_waiting"]
