@@ -34,6 +34,7 @@ class Device:
         temperatures_c: of its sensors; empty before the first report.
         clock_text: state of its clock, in words; empty before the first report.
         clock_doubt: `clock_text` when the clock was last in doubt.
+        has_rate_error: its clock is known to run off its rate.
     """
 
     section: DeviceSection
@@ -53,6 +54,7 @@ class Device:
     temperatures_c: tuple[float | None, ...] = ()
     clock_text: str = ""
     clock_doubt: str = ""
+    has_rate_error: bool = False
     samples: int = 0
     reconnects: int = 0
 

@@ -116,9 +116,12 @@ class DeviceStateTracker:
             self.conditions.mark("device_clock", name, text)
         # Of a line that was laid below 1.5 s the slope is known no better than that.
         known = abs(clock.rate_error) - clock.bound_ns * 1e-9 / SHORTEST_S
-        is_off = known > 0.0 and abs(clock.rate_error) > USUAL_RATE_ERROR
+        # Once known to be off it stays so, however the bound varies on a busy machine.
+        is_known = known > 0.0 or device.has_rate_error
+        is_off = is_known and abs(clock.rate_error) > USUAL_RATE_ERROR
         if is_off and not clock.is_certain:
             return  # it may still be learned wrong
+        device.has_rate_error = is_off
         self.events.change(
             is_off,
             "warning",

@@ -2,7 +2,8 @@
 
 import pytest
 
-from tests.daemon.values import SetClock
+from tests.daemon.board_harness import Bench
+from tests.daemon.values import SetClock, arm_model
 from traverse.daemon.acquisition.monitors import clock_text
 from traverse.drivers.base.values import DeviceClockState
 from traverse.drivers.timing.clock_report import LASTING_NS, LEAST_NS, ClockReporter
@@ -50,3 +51,14 @@ def test_a_clock_is_reported_when_it_is_learned_and_when_it_has_changed():
     reporter.report(clock, now.now_ns)
     assert said[-1].is_certain
     assert said[-1].steps == 1
+
+
+async def test_a_rate_that_is_off_is_one_event_however_the_bound_varies(tmp_path):
+    """A busy machine reads late, which leaves more open for a while."""
+    bench = Bench(arm_model(tmp_path))
+    for bound_ns in (400_000, 8_000_000, 500_000, 9_000_000):
+        bench.take(DeviceClockState("base", True, 3e-3, bound_ns))
+    assert bench.codes() == ["device.clock_rate"]
+    bench.take(DeviceClockState("base", True, 1e-4, 300_000))
+    bench.device.driver.close()
+    assert [event.active for event in bench.events] == [True, False]
