@@ -129,6 +129,17 @@ REFUSED = ReadError(
     "refuses to send its registers",
     "check function, position_register and words with the encoder's manual",
 )
+ECHOED = ReadError(
+    "echoed",
+    "cannot be heard behind our own requests",
+    "the adapter echoes what is sent: set echo = true",
+)
+BUSY = ReadError(
+    "busy",
+    "answers that it is busy",
+    "lower tracking_rate_hz; see the encoder's manual for how often it may be read",
+)
+BUSY_CODE = 6  # of an exception, Modbus Application Protocol V1.1b3, section 7
 SHIFTED = ReadError(
     "shifted", "sends more than requested", "check cable and termination"
 )
@@ -241,19 +252,20 @@ class ModbusDriver(PolledDriver[ModbusClient]):
                 first, count=n_words, device_id=self._encoders[channel].address
             )
         except ModbusException:
-            miss = SILENT
+            miss = ECHOED if client.is_echoed else SILENT
         else:
             words = list(reply.registers)
             if reply.isError() or len(words) != n_words:
-                miss = REFUSED
+                miss = BUSY if reply.exception_code == BUSY_CODE else REFUSED
         sent_ns, received_ns = client.sent_ns, client.received_ns
-        if miss is SILENT or doubtful:
+        if miss in {SILENT, ECHOED} or doubtful:
             # A late reply must not pass for that to the next question.
             late = client.discard_late_bytes(self._usual_s())
             miss = miss or (SHIFTED if late else None)
         if miss is not None:
             doubt_ns = round(DOUBTED_TIMEOUTS * self._timeout_s * 1e9)
-            self._doubted_until_ns[channel] = sent_ns + doubt_ns * (miss is not REFUSED)
+            may_come_late = miss not in {REFUSED, BUSY}
+            self._doubted_until_ns[channel] = sent_ns + doubt_ns * may_come_late
             return miss
         self._longest_ns = max(self._longest_ns, received_ns - sent_ns)
         return words, (sent_ns, received_ns)

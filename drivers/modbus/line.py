@@ -13,6 +13,8 @@ from pymodbus.transport import CommParams, CommType
 
 from traverse.drivers.io.ports import BytePort
 
+MOST_BYTES = 256  # of a frame
+
 
 class ModbusClient(ModbusBaseSyncClient):
     """One line with Modbus RTU devices.
@@ -30,6 +32,8 @@ class ModbusClient(ModbusBaseSyncClient):
         received_ns: when the last bytes of its reply were read.
         unrequested_bytes: unexpected bytes.
     """
+
+    _request = _heard = b""
 
     def __init__(
         self,
@@ -75,6 +79,7 @@ class ModbusClient(ModbusBaseSyncClient):
             self._let_pass((self._silence_ns - quiet_ns) * 1e-9)
         if self._port.wait(0.0):
             self.unrequested_bytes += len(self._port.read())
+        self._request, self._heard = request, b""
         self.sent_ns = self.received_ns = self._now_ns()
         self._port.write(request)
         return len(request)
@@ -87,8 +92,14 @@ class ModbusClient(ModbusBaseSyncClient):
             if self._port.wait(left_ns * 1e-9):
                 data = self._port.read()
                 self.received_ns = self._now_ns()
+                self._heard = (self._heard + data)[:MOST_BYTES]
                 return data
         return b""
+
+    @property
+    def is_echoed(self) -> bool:
+        """The last request itself was heard, which begins no reply to it."""
+        return bool(self._request) and self._heard.startswith(self._request)
 
     def discard_late_bytes(self, seconds: float) -> int:
         """Discard input for a time; return the number of bytes."""

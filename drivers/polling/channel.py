@@ -100,6 +100,7 @@ class PolledChannel:
         self._is_checked = is_checked
         self._earlier: EncoderReading | None = None  # the good one before the last
         self._left_motion = False
+        self._bound_ns = 0  # of the last time
         self._doubted_until_ns = 0
 
     @property
@@ -120,7 +121,9 @@ class PolledChannel:
                 self.doubt(now_ns)
             return self._failed(answer, now_ns)
         if self.time_ns is not None:
-            before: EncoderReading | None = EncoderReading(self.count, self.time_ns)
+            before: EncoderReading | None = EncoderReading(
+                self.count, self.time_ns, bound_ns=self._bound_ns
+            )
         else:
             self._earlier = None
             before, self._unconfirmed = self._unconfirmed, answer
@@ -140,6 +143,7 @@ class PolledChannel:
                 self.doubt(now_ns)
             self._earlier = before
         self.count, self.time_ns = answer.count, answer.time_ns
+        self._bound_ns = answer.bound_ns
         self.misses = 0
         self._unconfirmed = None
         return None
@@ -176,7 +180,9 @@ class PolledChannel:
             return True
         before_ns = before.time_ns - earlier.time_ns
         passed_ns = after.time_ns - before.time_ns
-        if not (0 < before_ns < MOTION_NS and 0 < passed_ns < MOTION_NS):
+        # The times of three readings may each be off.
+        off_ns = SLACK_NS + earlier.bound_ns + 2 * before.bound_ns + after.bound_ns
+        if not (off_ns < before_ns < MOTION_NS and 0 < passed_ns < MOTION_NS):
             return True
         half = self.modulus // 2
         moved = (before.count - earlier.count + half) % self.modulus - half
@@ -184,7 +190,7 @@ class PolledChannel:
         speed = moved / before_ns
         most = (
             SLACK_COUNTS * (1.0 + passed_ns / before_ns)
-            + abs(speed) * SLACK_NS
+            + abs(speed) * off_ns * (1.0 + passed_ns / before_ns)
             + self._counts_per_ns2 * passed_ns * (before_ns + passed_ns) / 2.0
         )
         return abs(steps - speed * passed_ns) <= most

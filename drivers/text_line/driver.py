@@ -402,9 +402,12 @@ class TextLineDriver(Driver):
             uncertain = STATUS_TIME_UNCERTAIN if clock.is_uncertain else 0
             bound_ns = clock.error_bound_ns
         self._time_ns = time_ns = max(time_ns, self._time_ns)
+        # Lines without a time of their own are as late as reading them was.
+        about_ns = bound_ns or self._period_ns
         status = []
         for channel, count in zip(self._channels, line.counts, strict=True):
-            miss = channel.accept(EncoderReading(count, time_ns), time_ns)
+            reading = EncoderReading(count, time_ns, bound_ns=round(about_ns))
+            miss = channel.accept(reading, time_ns)
             status.append(STATUS_MISSING if miss else uncertain)
             if miss is IMPLAUSIBLE:
                 self._counters["implausible"] += 1

@@ -57,7 +57,8 @@ class _OddError(Exception):
 class LineSplitter:
     """Splits received bytes into lines of at most `MAX_LINE` bytes each.
 
-    Bytes before the first line end may be the rest of a line: they are dropped.
+    Lines end with CR, LF or both. Bytes before the first line end may be the rest of a
+    line: they are dropped.
     """
 
     def __init__(self) -> None:
@@ -68,12 +69,12 @@ class LineSplitter:
     def feed(self, data: bytes) -> list[bytes]:
         """Return complete lines, without their ends and empty ones."""
         lines = []
-        *ended, rest = data.split(b"\n")
+        *ended, rest = data.replace(b"\r", b"\n").split(b"\n")
         for part in ended:
             self._add(part)
             if self._dropping:
                 self._dropping = False
-            elif line := bytes(self._buffer.rstrip(b"\r")):
+            elif line := bytes(self._buffer):
                 lines.append(line)
             self._buffer.clear()
         self._add(rest)

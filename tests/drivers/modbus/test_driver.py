@@ -18,7 +18,7 @@ from traverse.drivers.base.values import (
     DeviceUp,
     StreamStarted,
 )
-from traverse.drivers.modbus.driver import ModbusDriver, ModbusOptions
+from traverse.drivers.modbus.driver import BUSY_CODE, ModbusDriver, ModbusOptions
 from traverse.drivers.modbus.line import ModbusClient
 from traverse.simulator.devices.modbus import ModbusTable, SimulatedModbusLine
 
@@ -155,6 +155,24 @@ def test_registers_that_are_not_there_are_reported_with_a_remedy(tmp_path):
 def test_an_echo_is_skipped(tmp_path):
     run = entries_of(tmp_path, table={"echo": True}, echo=True)
     assert not run.missing().any()
+
+
+def test_an_echo_that_nobody_expects_is_named(tmp_path):
+    run = entries_of(tmp_path, table={"echo": True}, echo=False, answer_timeout_s=0.03)
+    lost = run.of(DeviceLost)[0]
+    assert "behind our own requests" in lost.reason
+    assert "set echo = true" in lost.remedy
+
+
+def test_an_encoder_that_is_busy_is_not_asked_for_other_registers():
+    # Exception 6, as the specification of the application protocol has it.
+    port = Written("01 84 06 C3 02")
+    client = ModbusClient(
+        port, lambda: 0, lambda _s: None, timeout_s=0.1, silence_s=0.0, echo=False
+    )
+    reply = client.read_input_registers(0, count=2, device_id=1)
+    assert reply.exception_code == BUSY_CODE
+    assert not client.is_echoed
 
 
 @pytest.mark.parametrize(

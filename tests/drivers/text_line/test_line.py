@@ -126,6 +126,15 @@ def test_any_division_gives_the_same_lines(data, sizes):
     assert len(parts._buffer) <= MAX_LINE
 
 
+@pytest.mark.parametrize("end", [b"\n", b"\r", b"\r\n"])
+def test_lines_end_as_the_board_likes(end):
+    splitter = LineSplitter()
+    assert splitter.feed(b"rest" + end + b"1,2" + end + b"3,4" + end) == [
+        b"1,2",
+        b"3,4",
+    ]
+
+
 def test_a_line_without_end_is_bounded_and_costs_itself_only():
     splitter = LineSplitter()
     assert splitter.feed(b"half\nwhole\r\n") == [b"whole"]
