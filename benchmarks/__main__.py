@@ -63,12 +63,12 @@ def main(folder: Path | None = None, seconds: float = SECONDS) -> None:
     """Print every figure, and how busy the machine was meanwhile."""
     before, begun_s = load(), time.monotonic()
     print(before)
-    found = []
+    rounds = []
     for streamed in streams(seconds):
         print(streamed.line(), flush=True)
-        found.append(streamed)
+        rounds.append(streamed)
     for rate_hz in RATES_HZ:
-        shares = [one.daemon_share for one in found if one.rate_hz == rate_hz]
+        shares = [r.daemon_share for r in rounds if r.rate_hz == rate_hz]
         print(
             f"{rate_hz:6.0f} Hz: daemon {statistics.median(shares):.1%} of a core "
             f"({min(shares):.1%} to {max(shares):.1%})"
@@ -77,14 +77,15 @@ def main(folder: Path | None = None, seconds: float = SECONDS) -> None:
     for unused in idles(seconds):
         print(unused.line(), flush=True)
         idle_rounds.append(unused)
-    ready_s = [one.ready_s for one in found]
+    ready_s = [r.ready_s for r in rounds]
     bare_s, bare_mb = bare_start_s("import numpy"), bare_memory_mb("import numpy")
     print(
         f"ready after {statistics.median(ready_s):.2f} s ({min(ready_s):.2f} to "
-        f"{max(ready_s):.2f}), {statistics.median(o.start_cpu_s for o in found):.2f} s "
-        f"of CPU; bare interpreter {bare_start_s('pass'):.2f} s, with "
+        f"{max(ready_s):.2f}), "
+        f"{statistics.median(r.start_cpu_s for r in rounds):.2f} s of CPU; "
+        f"bare interpreter {bare_start_s('pass'):.2f} s, with "
         f"numpy {bare_s:.2f} s; at most "
-        f"{max(one.memory_mb for one in found):.0f} MB, that interpreter "
+        f"{max(r.memory_mb for r in rounds):.0f} MB, that interpreter "
         f"{bare_mb:.0f} MB"
     )
     print(noise())
@@ -93,13 +94,13 @@ def main(folder: Path | None = None, seconds: float = SECONDS) -> None:
     print(f"{load()}; took {time.monotonic() - begun_s:.0f} s")
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-        streamed_s = [asdict(one) for one in found]
+        streamed_s = [asdict(r) for r in rounds]
         values = {
             "load": before,
             "bare_start_s": bare_s,
             "bare_memory_mb": bare_mb,
             "streams": streamed_s,
-            "idle": [asdict(one) for one in idle_rounds],
+            "idle": [asdict(r) for r in idle_rounds],
         }
         (folder / "streams.json").write_text(json.dumps(values, indent=1))
 

@@ -118,8 +118,8 @@ class CheckedArm:
         high = np.array([0.0, 0.0, 1.0])
         ways = np.vstack([high, (low + high) / np.sqrt(2.0), low])
         ways = ways + self._rng.normal(0.0, 0.05, ways.shape)
-        found: Floats = ways / np.linalg.norm(ways, axis=1)[:, np.newaxis]
-        return found
+        directions: Floats = ways / np.linalg.norm(ways, axis=1)[:, np.newaxis]
+        return directions
 
     def _errors_mm(self, n: int, fault: Fault) -> Floats:
         angles = self._pool[self._rng.integers(0, POOL, n)]
@@ -184,36 +184,36 @@ def lines(years: int) -> Iterator[str]:
     """Results of all scenarios."""
     for place, (name, fault) in enumerate(SCENARIOS.items()):
         n = years if place == 0 else max(1, years // 3)
-        found = [year(1000 * place + seed, fault) for seed in range(n)]
-        first, last = np.mean([one.spat_2s_mm for one in found], axis=0)
+        all_years = [year(1000 * place + seed, fault) for seed in range(n)]
+        first, last = np.mean([a_year.spat_2s_mm for a_year in all_years], axis=0)
         yield f"{name} ({n} years; 2 s {1e3 * first:.1f} to {1e3 * last:.1f} um)"
-        yield from _false(found) if place == 0 else _found(found)
+        yield from _false(all_years) if place == 0 else _found(all_years)
 
 
-def _false(found: list[Year]) -> Iterator[str]:
+def _false(years: list[Year]) -> Iterator[str]:
     """False alarms: checks with any, and by rule beside what was computed."""
-    yield f"  {np.mean([one.beginnings() for one in found]):.2f} warnings a year"
+    yield f"  {np.mean([a_year.beginnings() for a_year in years]):.2f} warnings a year"
     for kind in KINDS:
         for rule in rules("above" if kind.positive else "both"):
             key = kind.key, rule.name
-            days = sum(_beginnings(one.alarms.get(key, [])) for one in found)
-            rate = days / (CHECKS * len(found))
+            days = sum(_beginnings(a_year.alarms.get(key, [])) for a_year in years)
+            rate = days / (CHECKS * len(years))
             yield (
                 f"  {kind.key}, {rule.name}: {rate:.3%} of checks, computed "
                 f"{rule.rate:.3%}"
             )
 
 
-def _found(found: list[Year]) -> Iterator[str]:
+def _found(years: list[Year]) -> Iterator[str]:
     """After how many checks a fault is found, and by what."""
     after = [
-        next((day - BEGINS + 1 for day in one.warned() if day >= BEGINS), CHECKS)
-        for one in found
+        next((day - BEGINS + 1 for day in a_year.warned() if day >= BEGINS), CHECKS)
+        for a_year in years
     ]
     low, middle, high = np.percentile(after, [10, 50, 90])
     seen = sum(count <= CHECKS - BEGINS for count in after)
     yield (
-        f"  found in {seen} of {len(found)} years, after {middle:.0f} checks (median; "
+        f"  found in {seen} of {len(years)} years, after {middle:.0f} checks (median; "
         f"{low:.0f} to {high:.0f} in eight of ten)"
     )
 

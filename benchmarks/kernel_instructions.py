@@ -55,7 +55,7 @@ def counted(name: str, folder: Path) -> tuple[Counter[str], str, int]:
         text=True,
     )
     texts = dict(re.findall(r"^ *([0-9a-f]+):\t(.+)$", listing.stdout, re.MULTILINE))
-    kinds = {int(at, 16): kind(name, text) for at, text in texts.items()}
+    kinds = {int(address, 16): kind(name, text) for address, text in texts.items()}
     totals, sums = [], []
     for n in SIZES:
         log = folder / f"log-{name}"
@@ -83,15 +83,15 @@ def kind(target: str, text: str) -> str:
 def main() -> int:
     """Print the counts; status 1 where the bits differ."""
     with tempfile.TemporaryDirectory() as folder:
-        found = {name: counted(name, Path(folder)) for name in TARGETS}
-    for name, (counts, _, n_loops) in found.items():
+        by_target = {name: counted(name, Path(folder)) for name in TARGETS}
+    for name, (counts, _, n_loops) in by_target.items():
         print(f"{name}: {sum(counts.values()):.0f} instructions a pose")
         for text, n in sorted(counts.items()):
             print(f"    {n:6.1f} {text}")
         print(
             f"    {n_loops} loops of the sources vectorised, by the compiler's report"
         )
-    same = len({sums for _, sums, _ in found.values()}) == 1
+    same = len({sums for _, sums, _ in by_target.values()}) == 1
     print("the bits of both are the same" if same else "THE BITS DIFFER")
     return 0 if same else 1
 

@@ -111,7 +111,7 @@ class Differences:
     """The same derivatives by forward differences over the same kernel."""
 
     def __init__(self, geometry: Geometry, variant: str, angles_rad: Floats) -> None:
-        self._chains = [Chain(one, variant) for one in _changed(geometry)]
+        self._chains = [Chain(changed, variant) for changed in _changed(geometry)]
         self._nominal = Chain(geometry, variant)
         self._angles_rad = angles_rad
         n_joints = geometry.n_joints
@@ -119,20 +119,20 @@ class Differences:
             angles_rad + STEP * np.eye(n_joints)[k] for k in range(n_joints)
         ]
         n_columns = n_joints + len(self._chains)
-        self.found = np.empty((n_columns, len(angles_rad), 3))
+        self.differences = np.empty((n_columns, len(angles_rad), 3))
 
     def compute(self) -> Floats:
         """One evaluation a parameter and one more: (n_parameters, n_samples, 3)."""
-        found, nominal = self.found, self._nominal
+        differences, nominal = self.differences, self._nominal
         centres_mm = nominal.centres(self._angles_rad)
-        columns = iter(found)
+        columns = iter(differences)
         for angles_rad in self._changed_rad:
             nominal.centres(angles_rad, out=next(columns))
         for chain in self._chains:
             chain.centres(self._angles_rad, out=next(columns))
-        found -= centres_mm
-        found /= STEP
-        return found
+        differences -= centres_mm
+        differences /= STEP
+        return differences
 
 
 def _changed(geometry: Geometry) -> Iterator[Geometry]:

@@ -256,10 +256,10 @@ def _values(figures: Sequence[Figure]) -> dict[str, float]:
 
 
 def _paired(
-    true: Sequence[LengthError], found: Sequence[LengthError]
+    true: Sequence[LengthError], measured: Sequence[LengthError]
 ) -> Iterator[tuple[float, float, float]]:
-    for one, other in zip(true, found, strict=True):
-        yield one.error_mm, other.error_mm, _stated(other.standard_mm)
+    for error, other in zip(true, measured, strict=True):
+        yield error.error_mm, other.error_mm, _stated(other.standard_mm)
 
 
 def drawn_again(test: int) -> SimulatedCampaign:

@@ -43,12 +43,12 @@ _N_BINS = 12
 _LABELS = {"p_size": "P_SIZE", "e_uni": "E_UNI"}
 
 
-def paint(found: Sequence[arms.Tested], folder: Path) -> None:
+def paint(tested: Sequence[arms.Tested], folder: Path) -> None:
     """Write acceptance-truth.png and acceptance-decisions.png."""
     folder.mkdir(parents=True, exist_ok=True)
-    truth = picture(165.0, 75.0, lambda figure: _truth(found, figure))
+    truth = picture(165.0, 75.0, lambda figure: _truth(tested, figure))
     (folder / "acceptance-truth.png").write_bytes(truth)
-    decisions = picture(165.0, 82.0, lambda figure: _decisions(found, figure))
+    decisions = picture(165.0, 82.0, lambda figure: _decisions(tested, figure))
     (folder / "acceptance-decisions.png").write_bytes(decisions)
     _, height_mm, painted = list(paintings(example()))[1]
     (folder / "acceptance-example.png").write_bytes(picture(165.0, height_mm, painted))
@@ -72,12 +72,12 @@ def example() -> dict[str, Any]:
         ).values
 
 
-def _truth(found: Sequence[arms.Tested], figure: Figure) -> None:
+def _truth(tested: Sequence[arms.Tested], figure: Figure) -> None:
     panels = figure.subplots(1, 2)
     for axes, key in zip(panels, arms.FIGURES, strict=True):
-        true = 1e3 * np.array([arm.true_mm[key] for arm in found])
-        measured = 1e3 * np.array([arm.found_mm[key] for arm in found])
-        limits = 1e3 * rates.limits_mm(found, key)
+        true = 1e3 * np.array([arm.true_mm[key] for arm in tested])
+        measured = 1e3 * np.array([arm.found_mm[key] for arm in tested])
+        limits = 1e3 * rates.limits_mm(tested, key)
         wrong = (true <= limits) != (measured <= limits)
         axes.plot(true[~wrong], measured[~wrong], ".", markersize=2.5, color=BLUE)
         axes.plot(true[wrong], measured[wrong], "x", markersize=3.5, color=VERMILION)
@@ -87,12 +87,12 @@ def _truth(found: Sequence[arms.Tested], figure: Figure) -> None:
         axes.set_ylabel("as measured [µm]")
 
 
-def _decisions(found: Sequence[arms.Tested], figure: Figure) -> None:
+def _decisions(tested: Sequence[arms.Tested], figure: Figure) -> None:
     panels = figure.subplots(1, 2, sharey=True)
     for axes, key in zip(panels, arms.FIGURES, strict=True):
-        true_mm = np.array([arm.true_mm[key] for arm in found])
-        standard_mm = np.array([arm.standard_mm[key] for arm in found])
-        off_u = (true_mm - rates.limits_mm(found, key)) / standard_mm
+        true_mm = np.array([arm.true_mm[key] for arm in tested])
+        standard_mm = np.array([arm.standard_mm[key] for arm in tested])
+        off_u = (true_mm - rates.limits_mm(tested, key)) / standard_mm
         edges = np.linspace(-arms.NEAR_U, arms.NEAR_U, _N_BINS + 1)
         middles = 0.5 * (edges[1:] + edges[:-1])
         bins = np.digitize(off_u, edges) - 1
@@ -102,7 +102,7 @@ def _decisions(found: Sequence[arms.Tested], figure: Figure) -> None:
             ("1.65", "neither", ORANGE, "-", "neither"),
             ("1.65", "reject", VERMILION, "-", "rejected, guard band 1.65 u"),
         ):
-            hit = rates.verdicts(found, key, rule) == verdict
+            hit = rates.verdicts(tested, key, rule) == verdict
             shares = [
                 100.0 * float(np.mean(hit[bins == n])) if np.any(bins == n) else np.nan
                 for n in range(_N_BINS)

@@ -11,12 +11,12 @@ from traverse.arrays import Floats
 from traverse.lab.acceptance.conformity import decision_of
 
 
-def limits_mm(found: Sequence[Tested], key: str) -> Floats:
+def limits_mm(tested: Sequence[Tested], key: str) -> Floats:
     """Take the limit of every arm, (n_arms,)."""
-    return np.array([arm.limit_mm[key] for arm in found])
+    return np.array([arm.limit_mm[key] for arm in tested])
 
 
-def verdicts(found: Sequence[Tested], key: str, rule: str) -> NDArray[np.str_]:
+def verdicts(tested: Sequence[Tested], key: str, rule: str) -> NDArray[np.str_]:
     """Decide on every arm by its figure alone."""
     limits = limits_of(rule)
     return np.array(
@@ -24,34 +24,34 @@ def verdicts(found: Sequence[Tested], key: str, rule: str) -> NDArray[np.str_]:
             decision_of(
                 arm.found_mm[key], arm.limit_mm[key], arm.standard_mm[key], limits
             ).verdict
-            for arm in found
+            for arm in tested
         ]
     )
 
 
-def rates(found: Sequence[Tested], key: str) -> Iterator[dict[str, Any]]:
+def rates(tested: Sequence[Tested], key: str) -> Iterator[dict[str, Any]]:
     """Count wrong decisions by rule."""
     for rule in RULES:
-        yield _rates(found, key, rule, verdicts(found, key, rule))
+        yield _rates(tested, key, rule, verdicts(tested, key, rule))
 
 
-def procedure_rates(found: Sequence[Tested]) -> Iterator[dict[str, Any]]:
+def procedure_rates(tested: Sequence[Tested]) -> Iterator[dict[str, Any]]:
     """Count the same of E_UNI with the rule for repeats."""
     for rule in RULES:
-        verdict = np.array([arm.procedure[rule] for arm in found])
-        row = _rates(found, "e_uni", rule, verdict)
+        verdict = np.array([arm.procedure[rule] for arm in tested])
+        row = _rates(tested, "e_uni", rule, verdict)
         yield {**row, "figure": "e_uni with repeats"}
 
 
 def _rates(
-    found: Sequence[Tested], key: str, rule: str, verdict: NDArray[np.str_]
+    tested: Sequence[Tested], key: str, rule: str, verdict: NDArray[np.str_]
 ) -> dict[str, Any]:
-    true = np.array([arm.true_mm[key] for arm in found])
-    good = true <= limits_mm(found, key)
+    true = np.array([arm.true_mm[key] for arm in tested])
+    good = true <= limits_mm(tested, key)
     return {
         "figure": key,
         "rule": rule,
-        "u_mm": float(np.mean([arm.standard_mm[key] for arm in found])),
+        "u_mm": float(np.mean([arm.standard_mm[key] for arm in tested])),
         "good": int(good.sum()),
         "bad": int((~good).sum()),
         "false_accept": float(np.mean(verdict[~good] == "accept")),
@@ -62,11 +62,11 @@ def _rates(
     }
 
 
-def agreement(found: Sequence[Tested], key: str) -> dict[str, Any]:
+def agreement(tested: Sequence[Tested], key: str) -> dict[str, Any]:
     """Compare figures with the truth."""
-    true = np.array([arm.true_mm[key] for arm in found])
-    measured = np.array([arm.found_mm[key] for arm in found])
-    u_mm = np.array([arm.standard_mm[key] for arm in found])
+    true = np.array([arm.true_mm[key] for arm in tested])
+    measured = np.array([arm.found_mm[key] for arm in tested])
+    u_mm = np.array([arm.standard_mm[key] for arm in tested])
     off = measured - true
     return {
         "figure": key,
@@ -77,9 +77,9 @@ def agreement(found: Sequence[Tested], key: str) -> dict[str, Any]:
     }
 
 
-def coverage(found: Sequence[Tested]) -> dict[str, float]:
+def coverage(tested: Sequence[Tested]) -> dict[str, float]:
     """Return how often single lengths are off by no more than U."""
-    true, measured, u_mm = np.array([row for arm in found for row in arm.lengths]).T
+    true, measured, u_mm = np.array([row for arm in tested for row in arm.lengths]).T
     off = np.abs(measured - true)
     return {
         "lengths": len(off),

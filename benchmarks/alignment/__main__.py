@@ -56,10 +56,10 @@ def _outcomes(lines: Sequence[Line]) -> list[Outcome]:
 
 def ratios(outcomes_of_trials: Sequence[Outcome]) -> dict[str, dict[str, float]]:
     """Compare observed errors with predicted ones, over classes."""
-    usable = [one for one in outcomes_of_trials if not one.refused]
+    usable = [outcome for outcome in outcomes_of_trials if not outcome.refused]
     classes = {
         "all": usable,
-        "no flag": [one for one in usable if not one.flags],
+        "no flag": [outcome for outcome in usable if not outcome.flags],
         "nearly collinear": _flagged(usable, "nearly_collinear"),
         "coplanar": _flagged(usable, "coplanar"),
         "small for the volume": _flagged(usable, "small_for_the_volume"),
@@ -70,13 +70,16 @@ def ratios(outcomes_of_trials: Sequence[Outcome]) -> dict[str, dict[str, float]]
 
 
 def _flagged(outcomes_of_trials: Sequence[Outcome], code: str) -> list[Outcome]:
-    return [one for one in outcomes_of_trials if code in one.flags]
+    return [outcome for outcome in outcomes_of_trials if code in outcome.flags]
 
 
 def ratio(outcomes_of_trials: Sequence[Outcome]) -> dict[str, float]:
     """Say how observed errors are to predicted ones: root mean square of the ratio."""
     squares = np.array(
-        [(one.observed_mm / one.predicted_mm) ** 2 for one in outcomes_of_trials]
+        [
+            (outcome.observed_mm / outcome.predicted_mm) ** 2
+            for outcome in outcomes_of_trials
+        ]
     )
     value = float(np.sqrt(squares.mean()))
     return {
@@ -84,31 +87,31 @@ def ratio(outcomes_of_trials: Sequence[Outcome]) -> dict[str, float]:
         "ratio_std": float(squares.std() / np.sqrt(len(squares)) / (2.0 * value)),
         "largest": float(np.sqrt(squares.max())),
         "predicted_mm": float(
-            np.median([one.predicted_mm for one in outcomes_of_trials])
+            np.median([outcome.predicted_mm for outcome in outcomes_of_trials])
         ),
         "residual_mm": float(
-            np.median([one.residual_mm for one in outcomes_of_trials])
+            np.median([outcome.residual_mm for outcome in outcomes_of_trials])
         ),
     }
 
 
 def order(outcomes_of_trials: Sequence[Outcome]) -> dict[str, float]:
     """Compute rank correlations with the true error, of all dispositions."""
-    true = np.array([one.true_mm for one in outcomes_of_trials])
-    usable = [one for one in outcomes_of_trials if not one.refused]
-    observed = np.array([one.observed_mm for one in usable])
+    true = np.array([outcome.true_mm for outcome in outcomes_of_trials])
+    usable = [outcome for outcome in outcomes_of_trials if not outcome.refused]
+    observed = np.array([outcome.observed_mm for outcome in usable])
     return {
         "index": rank_correlation(
-            np.array([one.index for one in outcomes_of_trials]), true
+            np.array([outcome.index for outcome in outcomes_of_trials]), true
         ),
         "fit": rank_correlation(
-            np.array([one.fit_mm for one in outcomes_of_trials]), true
+            np.array([outcome.fit_mm for outcome in outcomes_of_trials]), true
         ),
         "predicted_single": rank_correlation(
-            np.array([one.predicted_mm for one in usable]), observed
+            np.array([outcome.predicted_mm for outcome in usable]), observed
         ),
         "residual_single": rank_correlation(
-            np.array([one.residual_mm for one in usable]), observed
+            np.array([outcome.residual_mm for outcome in usable]), observed
         ),
         "refused": len(outcomes_of_trials) - len(usable),
     }

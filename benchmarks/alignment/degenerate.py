@@ -32,7 +32,7 @@ REFUSED = "refused"
 def degenerate(n_each: int) -> dict[str, dict[str, Any]]:
     """Count what is said of every kind."""
     rng = np.random.default_rng(7)
-    found = {}
+    by_kind = {}
     for kind, (n, widths_mm) in KINDS.items():
         said: Counter[str] = Counter()
         example = ""
@@ -40,8 +40,8 @@ def degenerate(n_each: int) -> dict[str, dict[str, Any]]:
             codes, text = _said(rng, kind, n, widths_mm)
             said.update(codes)
             example = example or text
-        found[kind] = {"said": dict(said), "of": n_each, "example": example}
-    return found
+        by_kind[kind] = {"said": dict(said), "of": n_each, "example": example}
+    return by_kind
 
 
 def _said(
@@ -60,9 +60,9 @@ def _said(
         tuple(Place(place, 0.0 * covariance) for place in to_mm),
     )
     try:
-        found = best_fit_alignment(common, fixed_volume(VOLUME), "drawn")
+        alignment = best_fit_alignment(common, fixed_volume(VOLUME), "drawn")
     except HelmertError as error:
         return [REFUSED], str(error)
-    codes = [flag.code for flag in found.flags]
-    texts = [flag.text for flag in found.flags]
+    codes = [flag.code for flag in alignment.flags]
+    texts = [flag.text for flag in alignment.flags]
     return codes or [NO_FLAG], texts[0] if texts else ""

@@ -76,8 +76,10 @@ def _example(title: str, to_mm: Floats, residual_mm: float) -> Example:
     for _ in range(_N_DRAWS):
         drawn = _aligned(title, to_mm, true, rng.normal(0.0, std_mm, to_mm.shape))
         given = drawn["alignment"]
-        found = Helmert(np.array(given["rotation"]), np.array(given["translation_mm"]))
-        off_mm = found.places_mm(true.inverse().places_mm(places_mm)) - places_mm
+        alignment = Helmert(
+            np.array(given["rotation"]), np.array(given["translation_mm"])
+        )
+        off_mm = alignment.places_mm(true.inverse().places_mm(places_mm)) - places_mm
         squares.append(np.mean(np.sum(off_mm**2, axis=1)))
     return Example(
         title, values, _residual_mm(values), float(np.sqrt(np.mean(squares)))
@@ -98,8 +100,8 @@ def _aligned(
         tuple(Place(place, None) for place in from_mm),
         tuple(Place(place, None) for place in to_mm),
     )
-    found = best_fit_alignment(common, fixed_volume(VOLUME), "of the example")
-    return alignment_values(found, name=title, arm=None, measured="", nominal="")
+    alignment = best_fit_alignment(common, fixed_volume(VOLUME), "of the example")
+    return alignment_values(alignment, name=title, arm=None, measured="", nominal="")
 
 
 _WIDTH_MM = 165.0
@@ -107,12 +109,12 @@ _N_BINS = 12
 _FACTOR = 900.0  # of both examples, so that they can be compared
 
 
-def paint(found: Sequence[Outcome], folder: Path) -> None:
+def paint(outcomes: Sequence[Outcome], folder: Path) -> None:
     """Write alignment-*.png, and print the figures of the example."""
     folder.mkdir(parents=True, exist_ok=True)
-    truth = picture(_WIDTH_MM, 75.0, lambda figure: _prediction(found, figure))
+    truth = picture(_WIDTH_MM, 75.0, lambda figure: _prediction(outcomes, figure))
     (folder / "alignment-prediction.png").write_bytes(truth)
-    index = picture(_WIDTH_MM, 75.0, lambda figure: _index(found, figure))
+    index = picture(_WIDTH_MM, 75.0, lambda figure: _index(outcomes, figure))
     (folder / "alignment-index.png").write_bytes(index)
     for name, example in zip(("line", "wide"), examples(), strict=True):
         _print_example(example)
@@ -137,11 +139,11 @@ def _print_example(example: Example) -> None:
     )
 
 
-def _prediction(found: Sequence[Outcome], figure: Figure) -> None:
+def _prediction(outcomes: Sequence[Outcome], figure: Figure) -> None:
     left, right = figure.subplots(1, 2)
-    usable = [one for one in found if not one.refused]
-    predicted = np.array([one.predicted_mm for one in usable])
-    observed = np.array([one.observed_mm for one in usable])
+    usable = [outcome for outcome in outcomes if not outcome.refused]
+    predicted = np.array([outcome.predicted_mm for outcome in usable])
+    observed = np.array([outcome.observed_mm for outcome in usable])
     _dots(left, predicted, observed)
     ends = [predicted.min(), predicted.max()]
     left.plot(ends, ends, color="black", linewidth=0.9)
@@ -166,13 +168,13 @@ def _prediction(found: Sequence[Outcome], figure: Figure) -> None:
     right.set_ylabel("observed / predicted, rms")
 
 
-def _index(found: Sequence[Outcome], figure: Figure) -> None:
+def _index(outcomes: Sequence[Outcome], figure: Figure) -> None:
     left, right = figure.subplots(1, 2, sharey=True)
-    true = np.array([one.true_mm for one in found])
-    _dots(left, np.array([one.index for one in found]), true)
+    true = np.array([outcome.true_mm for outcome in outcomes])
+    _dots(left, np.array([outcome.index for outcome in outcomes]), true)
     left.set_xlabel("disposition index")
     left.set_ylabel("true error in the volume [mm]")
-    _dots(right, np.array([one.fit_mm for one in found]), true, VERMILION)
+    _dots(right, np.array([outcome.fit_mm for outcome in outcomes]), true, VERMILION)
     right.set_xscale("linear")
     right.set_xlabel("residuals of the fit, rms [mm]")
 

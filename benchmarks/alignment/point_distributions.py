@@ -166,10 +166,10 @@ def gauss_places_mm(volume: Box) -> Floats:
     return places
 
 
-def error_in_volume(found: Helmert, drawn: Disposition) -> float:
+def error_in_volume(alignment: Helmert, drawn: Disposition) -> float:
     """Compute the root mean square error of position that an alignment has."""
     places_mm = gauss_places_mm(drawn.volume)
-    there_mm = found.places_mm(drawn.true.inverse().places_mm(places_mm))
+    there_mm = alignment.places_mm(drawn.true.inverse().places_mm(places_mm))
     return float(np.sqrt(np.mean(np.sum((there_mm - places_mm) ** 2, axis=1))))
 
 
@@ -196,7 +196,7 @@ def error_of_many(drawn: Disposition, rng: np.random.Generator) -> tuple[float, 
         sizes[:, 2] *= signs
         scale = sizes.sum(axis=1) / np.sum(x**2, axis=(1, 2))
     away = gauss_places_mm(drawn.volume) - centre_mm
-    there = scale[:, np.newaxis, np.newaxis] * ((away - means[:, np.newaxis]) @ turn)
-    error_mm = float(np.sqrt(np.mean(np.sum((there - away) ** 2, axis=2))))
+    aligned = scale[:, np.newaxis, np.newaxis] * ((away - means[:, np.newaxis]) @ turn)
+    error_mm = float(np.sqrt(np.mean(np.sum((aligned - away) ** 2, axis=2))))
     left_over = scale[0] * x[0] @ turn[0] - y
     return error_mm, float(np.sqrt(np.mean(np.sum(left_over**2, axis=1))))

@@ -75,16 +75,16 @@ def forward_bic(rows: ObservationEquations, bank: Bank) -> BaselineResult:
     while len(names) < _MOST_TERMS:
         total = float(residuals @ residuals)
         best, chosen = 0.0, None
-        for at, part in enumerate(bank.slices):
+        for number, part in enumerate(bank.slices):
             basis = _spanned(columns[:, part])
             explained = float(np.sum((basis.T @ residuals) ** 2))
             gain = -n * np.log1p(-explained / total) - basis.shape[1] * np.log(n)
             if gain > best:
-                best, chosen = gain, (at, basis)
+                best, chosen = gain, (number, basis)
         if chosen is None:
             break
-        at, basis = chosen
-        names.append(bank.candidates[at].identity)
+        number, basis = chosen
+        names.append(bank.candidates[number].identity)
         columns = columns - basis @ (basis.T @ columns)
         residuals = residuals - basis @ (basis.T @ residuals)
     return BaselineResult(bool(names), tuple(names))
@@ -108,22 +108,22 @@ def sparse_regression(rows: ObservationEquations, bank: Bank) -> BaselineResult:
     amplitudes = np.zeros(n_columns)
     for _ in range(_SWEEPS):
         largest = 0.0
-        for at in range(n_columns):
-            wanted = gradient[at] + amplitudes[at]
+        for column in range(n_columns):
+            wanted = gradient[column] + amplitudes[column]
             new = float(np.sign(wanted) * max(abs(wanted) - penalty, 0.0))
-            step = new - amplitudes[at]
+            step = new - amplitudes[column]
             if step:
-                gradient -= products[:, at] * step
-                amplitudes[at] = new
+                gradient -= products[:, column] * step
+                amplitudes[column] = new
                 largest = max(largest, abs(step))
         if largest < 1e-3 * sigma:
             break
     whole = np.zeros(len(lengths))
     whole[seen] = amplitudes
     sizes = np.array([np.linalg.norm(whole[part]) for part in bank.slices])
-    order = [int(at) for at in np.argsort(-sizes) if sizes[at] > 0.0]
+    order = [int(column) for column in np.argsort(-sizes) if sizes[column] > 0.0]
     return BaselineResult(
-        bool(order), tuple(bank.candidates[at].identity for at in order)
+        bool(order), tuple(bank.candidates[column].identity for column in order)
     )
 
 
@@ -149,5 +149,5 @@ def _spanned(columns: Floats) -> Floats:
     squares, turns = np.linalg.eigh(columns.T @ columns)
     largest = max(float(squares[-1]), 1e-300)
     seen = squares > max(_INVISIBLE * largest, _LEAST**2)
-    found: Floats = columns @ (turns[:, seen] / np.sqrt(squares[seen]))
-    return found
+    spanned: Floats = columns @ (turns[:, seen] / np.sqrt(squares[seen]))
+    return spanned

@@ -53,10 +53,10 @@ class SizeScale:
 
     def signal(self, hidden: tuple[Hidden, ...]) -> Floats:
         """Compute what effects do to the rows beyond what is absorbed, (n_rows,)."""
-        rows, found = self.rows, exact_columns(played(self.poses, hidden))
-        changes_rad = found.readings_rad - self.exact.readings_rad
+        rows, columns = self.rows, exact_columns(played(self.poses, hidden))
+        changes_rad = columns.readings_rad - self.exact.readings_rad
         change = np.einsum("rk,rk->r", rows.by_readings, changes_rad[rows.poses])
-        lengths, stated = _lengths_mm(self.exact), _lengths_mm(found)
+        lengths, stated = _lengths_mm(self.exact), _lengths_mm(columns)
         for row, artefact, by_part in rows.certificates:
             # What is longer than its certificate says has a certificate that is short.
             change[row] += by_part * (lengths[artefact] / stated[artefact] - 1.0)
@@ -71,10 +71,10 @@ class SizeScale:
         """
         factor = 1.0
         for _ in range(2):
-            found = float(np.linalg.norm(self.signal((hidden.scaled(factor),))))
-            if found < _LEAST * factor:
+            signal_size = float(np.linalg.norm(self.signal((hidden.scaled(factor),))))
+            if signal_size < _LEAST * factor:
                 return None
-            factor *= size / found
+            factor *= size / signal_size
             if factor > MOST_PLAUSIBLE:
                 return None
         return hidden.scaled(factor)
@@ -101,8 +101,11 @@ class SizeScale:
             columns = wave_bank(self.rows, str(hidden.joint), cycles)
             names = (*names, *project(self.rows, columns))
         return [
-            (one.candidate.identity, float(np.linalg.norm(one.directions.T @ signal)))
-            for one in names
+            (
+                sensed.candidate.identity,
+                float(np.linalg.norm(sensed.directions.T @ signal)),
+            )
+            for sensed in names
         ]
 
 
@@ -123,7 +126,7 @@ def ruler(
     # No tests: nothing contradicts anything where there is no noise.
     rows = equations_of(adjust(network, network.start(design), design))
     banks = (library_bank(rows, arm), harmonic_bank(rows))
-    library = tuple(one for bank in banks for one in project(rows, bank))
+    library = tuple(projected for bank in banks for projected in project(rows, bank))
     return SizeScale(poses, exact_columns(poses), rows, library)
 
 

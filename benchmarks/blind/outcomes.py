@@ -109,13 +109,13 @@ def _hidden(case: Case) -> Line:
     hidden = [
         {
             "identity": list(truth.identity),
-            "keys": {key: str(value) for key, value in one.keys.items()},
+            "keys": {key: str(value) for key, value in effect.keys.items()},
             "aliases": sorted(
                 [list(name) for name in truth.aliases - {truth.identity}], key=str
             ),
             "likeness": likeness,
         }
-        for truth, one, likeness in zip(
+        for truth, effect, likeness in zip(
             case.truths, case.hidden, case.likeness, strict=True
         )
     ]

@@ -113,21 +113,23 @@ def hide(arm: Arm, scenario: Scenario, seed: int) -> Case:
     """
     rng = np.random.default_rng([seed, scenario.stream, _TAG])
     while True:
-        found = drawn_round(rng, arm, scenario.n_effects, outside=scenario.outside)
-        n_lengths = 2 if len(found.poses.artefacts) > 5 else 1
-        measure = _ruler(arm, found.pose_seed, n_lengths)
-        hidden = _drawn_sizes(rng, measure, found.kinds, scenario)
-        if len(hidden) == len(found.kinds):
+        drawn_effects = drawn_round(
+            rng, arm, scenario.n_effects, outside=scenario.outside
+        )
+        n_lengths = 2 if len(drawn_effects.poses.artefacts) > 5 else 1
+        measure = _ruler(arm, drawn_effects.pose_seed, n_lengths)
+        hidden = _drawn_sizes(rng, measure, drawn_effects.kinds, scenario)
+        if len(hidden) == len(drawn_effects.kinds):
             break
-    poses = played(found.poses, hidden)
+    poses = played(drawn_effects.poses, hidden)
     noise = scenario.noise(poses.spec.noise)
     simulated = draw_noise(poses, seed + _APART * scenario.stream, noise)
-    truths = tuple(truth_of(measure, one) for one in hidden)
-    likeness = tuple(measure.likeness(one) for one in hidden)
+    truths = tuple(truth_of(measure, effect) for effect in hidden)
+    likeness = tuple(measure.likeness(effect) for effect in hidden)
     return Case(
         scenario,
         seed,
-        found.pose_seed,
+        drawn_effects.pose_seed,
         hidden,
         truths,
         likeness,
@@ -163,7 +165,7 @@ def gap_of(case: Case, diagnosis: Diagnosis) -> tuple[float, float, float] | Non
     Returns:
         None where no arm file can hold the true effects, or nothing was hidden.
     """
-    entries = [one.entry for one in case.hidden if isinstance(one, HiddenEffect)]
+    entries = [entry.entry for entry in case.hidden if isinstance(entry, HiddenEffect)]
     if not entries or len(entries) < len(case.hidden):
         return None
     arm = with_effects(case.arm, tuple(entries))
@@ -172,8 +174,8 @@ def gap_of(case: Case, diagnosis: Diagnosis) -> tuple[float, float, float] | Non
     compared = diagnosis.held_out & ~diagnosis.blunders
     oracle = compare_on_holdout(adjustment, adjustment, compared, noise=noise).after
     first, last = (
-        one.without_blunders or one
-        for one in (diagnosis.ledger[0].held_out, diagnosis.ledger[-1].held_out)
+        gap.without_blunders or gap
+        for gap in (diagnosis.ledger[0].held_out, diagnosis.ledger[-1].held_out)
     )
     return first.chi2, last.chi2, oracle.chi2
 
@@ -195,10 +197,10 @@ def _drawn_sizes(
     hidden: list[Hidden] = []
     for kind in kinds:
         for _ in range(_DRAWS):
-            one = measure.sized(drawn(rng, measure.poses, kind), scenario.size)
-            if one is None or (scenario.outside and _has_a_name(measure, one)):
+            effect = measure.sized(drawn(rng, measure.poses, kind), scenario.size)
+            if effect is None or (scenario.outside and _has_a_name(measure, effect)):
                 continue
-            hidden.append(one)
+            hidden.append(effect)
             break
     return tuple(hidden)
 

@@ -145,7 +145,7 @@ def scored_terms(
 
 def deviations(truth: TrueTerm, term: Term) -> tuple[float, ...]:
     """Compute (estimated - true) / std of every number of a term."""
-    found: list[float] = []
+    sizes: list[float] = []
     for key, size in truth.sizes.items():
         estimate = term.estimates.get(key)
         if estimate is None:
@@ -155,8 +155,8 @@ def deviations(truth: TrueTerm, term: Term) -> tuple[float, ...]:
             errors = np.angle(np.exp(1j * errors))
         stds = np.atleast_1d(estimate.std)
         free = stds > _LEAST_STD * np.max(stds, initial=0.0)
-        found += (errors[free] / stds[free]).tolist()
-    return tuple(found)
+        sizes += (errors[free] / stds[free]).tolist()
+    return tuple(sizes)
 
 
 def pooled_gap(gaps: list[tuple[float, float, float]]) -> float | None:
@@ -196,10 +196,10 @@ def _matches(
     for exactly in (True, False):
         for truth in tuple(missing):
             names = frozenset({truth.identity}) if exactly else truth.names
-            found = next((term for term in left if _is_one_of(term, names)), None)
-            if found is not None:
-                pairs.append((truth, found))
-                left.remove(found)
+            match = next((term for term in left if _is_one_of(term, names)), None)
+            if match is not None:
+                pairs.append((truth, match))
+                left.remove(match)
                 missing.remove(truth)
     return pairs
 

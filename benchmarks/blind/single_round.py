@@ -56,9 +56,9 @@ def hidden_table(case: Case) -> list[dict[str, Any]]:
     return [
         {
             "name": " ".join(str(p) for p in truth.identity if p is not None),
-            "keys": {key: _shown(value) for key, value in one.keys.items()},
+            "keys": {key: _shown(value) for key, value in effect.keys.items()},
         }
-        for truth, one in zip(case.truths, case.hidden, strict=True)
+        for truth, effect in zip(case.truths, case.hidden, strict=True)
     ]
 
 

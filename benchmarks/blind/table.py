@@ -258,8 +258,10 @@ def _gap(size: int, lines: Sequence[Line], least: float) -> Iterator[Row]:
     whole = pooled_gap(gaps)
     if whole is None or len(gaps) < 2:
         return
-    without = [pooled_gap(gaps[:at] + gaps[at + 1 :]) for at in range(len(gaps))]
-    left = np.array([one for one in without if one is not None])
+    without = [
+        pooled_gap(gaps[:number] + gaps[number + 1 :]) for number in range(len(gaps))
+    ]
+    left = np.array([gap for gap in without if gap is not None])
     spread = float(np.sqrt((len(left) - 1) * np.var(left)))
     interval = (whole - _NORMAL * spread, whole + _NORMAL * spread)
     what = f"gap closed at {size}, pooled against the oracle"
@@ -267,21 +269,21 @@ def _gap(size: int, lines: Sequence[Line], least: float) -> Iterator[Row]:
 
 
 def _deviations(lines: Sequence[Line]) -> Iterator[Row]:
-    found = [
+    sizes = [
         abs(deviation)
         for line in lines
         if line.get("score") and not line["scenario"].startswith("outside")
         for deviation in line["score"]["deviations"]
     ]
-    if not found:
+    if not sizes:
         return
-    inside = sum(deviation <= 2.0 for deviation in found)
-    low, high = binomial_interval(inside, len(found), LEVEL)
+    inside = sum(deviation <= 2.0 for deviation in sizes)
+    low, high = binomial_interval(inside, len(sizes), LEVEL)
     yield Row(
         "parameters within two sigma",
         "93 to 97 %",
-        len(found),
-        inside / len(found),
+        len(sizes),
+        inside / len(sizes),
         (low, high),
         low <= 0.97 and high >= 0.93,
     )

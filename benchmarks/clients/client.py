@@ -44,13 +44,13 @@ async def cut_often(port: int) -> dict[str, float]:
         Arm("bench-cut", f"127.0.0.1:{network.port}") as arm,
     ):
         taking = asyncio.create_task(_take_and_cut(virtual, network, arm))
-        found = [await anext(arm.points()) for _ in range(N_POINTS)]
+        points = [await anext(arm.points()) for _ in range(N_POINTS)]
         await taking
         counters = arm.counters
-    if found != virtual.points:
+    if points != virtual.points:
         raise AssertionError("points were lost, doubled, or out of order")
     return {
-        "points": len(found),
+        "points": len(points),
         "cuts": network.cuts,
         "connections": counters.connections,
         "resend_requested": counters.resend_requested,
@@ -148,12 +148,12 @@ async def main(port: int) -> None:
         "bare aiomqtt, decoding": decoding,
         "client": client,
     }
-    found: dict[str, list[float]] = {name: [] for name in readers}
+    by_reader: dict[str, list[float]] = {name: [] for name in readers}
     for number in range(ROUNDS):
         for name, reader in readers.items():
             arm = f"arm-{number}-{len(name)}"
-            found[name].append(await rate(port, arm, reader))
-    for name, rates in found.items():
+            by_reader[name].append(await rate(port, arm, reader))
+    for name, rates in by_reader.items():
         print(
             f"{name:24} {statistics.median(rates):7.0f} points per CPU second "
             f"({min(rates):.0f} to {max(rates):.0f})"

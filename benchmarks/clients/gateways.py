@@ -71,9 +71,11 @@ async def live(folder: Path, broker: str, options: tuple[str, ...], out: Path) -
 
 def draw(messages: dict[str, list[Any]], path: Path) -> None:
     """Draw the primitives that were received: all of them, and some points near by."""
-    entities = [one for up in messages["points"] for one in up.get("entities", ())]
+    entities = [drawn for up in messages["points"] for drawn in up.get("entities", ())]
     entities.append(messages["arm"][-1]["entities"][0])
-    clouds = [bytes_to_cloud(json.dumps(one).encode())[1] for one in messages["cloud"]]
+    clouds = [
+        bytes_to_cloud(json.dumps(message).encode())[1] for message in messages["cloud"]
+    ]
     centre = xyz(entities[POINTS]["spheres"][0]["pose"]["position"])
     figure = plt.figure(figsize=(11, 5), layout="constrained")
     for place, half_m in ((121, None), (122, 0.03)):
@@ -119,7 +121,7 @@ def xyz(table: dict[str, float]) -> list[float]:
 
 def rgba(table: dict[str, float]) -> tuple[float, ...]:
     """Of a colour."""
-    return tuple(table.get(one, 0.0) for one in "rgba")
+    return tuple(table.get(channel, 0.0) for channel in "rgba")
 
 
 def surface(sphere: dict[str, Any]) -> np.ndarray:

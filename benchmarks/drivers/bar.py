@@ -176,7 +176,7 @@ def judged(stage: Stage, deliveries: list[Delivery], origin_ns: int) -> Measured
     balls_mm = points_of(model, stage, deliveries, origin_ns)
     centres_mm = _centres_mm(balls_mm, stage.touched_mm)
     rounding_mm, noise_mm = rounding(model, stage, balls_mm, centres_mm)
-    blocks = [one for one in deliveries if isinstance(one, CountSamples)]
+    blocks = [delivery for delivery in deliveries if isinstance(delivery, CountSamples)]
     times_s = np.concatenate([b.sample_time_ns for b in blocks]) * 1e-9
     skews = [np.ptp(b.skew_ns, axis=1) for b in blocks if b.skew_ns is not None]
     return Measured(
@@ -202,12 +202,14 @@ def points_of(
     assembly = Resampler(model, AssemblySection())
     pipeline = Pipeline(model, HostClock())
     edges: list[tuple[int, LatchedCounts | None]] = [
-        (one.sample_time_ns, one)
-        for one in deliveries
-        if isinstance(one, LatchedCounts) and one.active and one.counts
+        (delivered.sample_time_ns, delivered)
+        for delivered in deliveries
+        if isinstance(delivered, LatchedCounts)
+        and delivered.active
+        and delivered.counts
     ]
     edges = edges or [(press_ns, None) for press_ns in stage.presses_ns(origin_ns)]
-    found: list[JointCounts] = []
+    joints: list[JointCounts] = []
     for delivery in deliveries:
         match delivery:
             case DeviceUp():
@@ -216,15 +218,15 @@ def points_of(
                 assembly.set_rate(device, delivery.rate_hz)
             case CountSamples():
                 assembly.record(delivery)
-        while len(found) < len(edges) and (made := assembly.at(*edges[len(found)])):
-            found.append(made)
-    n_whole = sum(not (counts.status & STATUS_MISSING).any() for counts in found)
+        while len(joints) < len(edges) and (made := assembly.at(*edges[len(joints)])):
+            joints.append(made)
+    n_whole = sum(not (counts.status & STATUS_MISSING).any() for counts in joints)
     if n_whole < len(stage.presses_s):
         raise RuntimeError(
             f"{device}: {n_whole} points of {len(stage.presses_s)}; is the computer "
             "busy with something else?"
         )
-    return np.array([pipeline.pose_at(counts).xyz_mm for counts in found])
+    return np.array([pipeline.pose_at(counts).xyz_mm for counts in joints])
 
 
 def _centres_mm(balls_mm: Floats, touched_mm: float) -> list[Floats]:

@@ -54,8 +54,8 @@ class CheapNodes(FakeNodes):
 
     def put(self, frames: list[tuple[int, bytes]]) -> None:
         """Deliver frames to all other nodes on the bus."""
-        own = getattr(self._bus, "queue", None)  # of python-can's virtual bus
-        others = [queue for queue in channels[CHANNEL] if queue is not own]
+        own_queue = getattr(self._bus, "queue", None)  # of python-can's virtual bus
+        others = [queue for queue in channels[CHANNEL] if queue is not own_queue]
         for can_id, data in frames:
             message = can.Message(time.time(), can_id, False)
             message.data, message.dlc = bytearray(data), len(data)
@@ -83,7 +83,7 @@ class Master(threading.Thread):
 
 def dictionary() -> canopen.ObjectDictionary:
     """As much of an encoder as the library needs to take its position."""
-    found = canopen.ObjectDictionary()
+    objects = canopen.ObjectDictionary()
     for index, names in (
         (0x1800, [("cob", 1, datatypes.UNSIGNED32), ("type", 2, datatypes.UNSIGNED8)]),
         (0x1A00, [("n", 0, datatypes.UNSIGNED8), ("first", 1, datatypes.UNSIGNED32)]),
@@ -93,11 +93,11 @@ def dictionary() -> canopen.ObjectDictionary:
             variable = ODVariable(name, index, sub)
             variable.data_type = kind
             record.add_member(variable)
-        found.add_object(record)
+        objects.add_object(record)
     position = ODVariable("position", 0x6004)
     position.data_type = datatypes.UNSIGNED32
-    found.add_object(position)
-    return found
+    objects.add_object(position)
+    return objects
 
 
 class LibraryReader:

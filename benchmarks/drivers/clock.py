@@ -66,13 +66,13 @@ def errors_ns(ppm: float, delays: Delays, seed: int = 1) -> Floats:
     shown = (ticks.astype(np.int64) % WRAP).astype(np.uint32)
     arrived_ns = latch_ns + LEAST_NS + delays(rng, n)
     arrived_ns = np.maximum.accumulate(arrived_ns)
-    found = np.zeros(n)
-    for at in range(0, n, BLOCK):
-        rows = slice(at, at + BLOCK)
+    errors = np.zeros(n)
+    for start in range(0, n, BLOCK):
+        rows = slice(start, start + BLOCK)
         unwrapped = clock.unwrap(shown[rows])
         clock.update(int(unwrapped[-1]), int(arrived_ns[rows][-1]))
-        found[rows] = clock.to_ns_array(unwrapped) - latch_ns[rows] - LEAST_NS
-    return found
+        errors[rows] = clock.to_ns_array(unwrapped) - latch_ns[rows] - LEAST_NS
+    return errors
 
 
 def main() -> None:

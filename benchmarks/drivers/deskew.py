@@ -136,14 +136,15 @@ def main() -> None:
         "latched at once  estimate  points"
     )
     for case in cases:
-        found = measured(case, options.seconds, real_time=options.real_time)
+        result = measured(case, options.seconds, real_time=options.real_time)
         motion = f"{case.sway_hz:g} Hz sway" if case.sway_hz else "steady"
         shown = "  ".join(
-            f"{found.rms_mm[name]:6.3f} {found.largest_mm[name]:6.3f}" for name in WAYS
+            f"{result.rms_mm[name]:6.3f} {result.largest_mm[name]:6.3f}"
+            for name in WAYS
         )
         print(
-            f"{case.exchange_s * 1e3:5.1f} ms  {found.rate_hz:4.0f} Hz  {motion:10s}  "
-            f"{shown}  {found.published_mm:6.3f}  {found.n:6d}",
+            f"{case.exchange_s * 1e3:5.1f} ms  {result.rate_hz:4.0f} Hz  {motion:10s}  "
+            f"{shown}  {result.published_mm:6.3f}  {result.n:6d}",
             flush=True,
         )
 

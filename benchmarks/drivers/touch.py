@@ -92,22 +92,29 @@ class Followed:
 async def followed(port: int, rate_hz: float) -> Followed:
     """Scan until all points have arrived, and a little longer."""
     await wait_until_subscribed(port)
-    found = Followed()
+    followed_messages = Followed()
     async with ConfiguredClient(BrokerAddress("127.0.0.1", port)) as client:
         await subscribe(client, ARM, ("point", "scan"))
         await order_scan(client, "start", rate_hz)
         async for item in received(client):
-            found.add(item.message)
-            if len(found.points) >= N_POINTS and found.reaches():
+            followed_messages.add(item.message)
+            if (
+                len(followed_messages.points) >= N_POINTS
+                and followed_messages.reaches()
+            ):
                 break
         await order_scan(client, "stop", rate_hz)
-    return found
+    return followed_messages
 
 
-def interpolated_mm(model: ArmModel, found: Followed, instants_ns: Integers) -> Floats:
+def interpolated_mm(
+    model: ArmModel, followed_messages: Followed, instants_ns: Integers
+) -> Floats:
     """The daemon's interpolation of the stream at some instants, (n, 3)."""
-    times_ns, first = np.unique(np.concatenate(found.times_ns), return_index=True)
-    counts = np.concatenate(found.counts)[first]
+    times_ns, first = np.unique(
+        np.concatenate(followed_messages.times_ns), return_index=True
+    )
+    counts = np.concatenate(followed_messages.counts)[first]
     limits = InterpolationLimits(max_gap_ns=50_000_000, late_ns=0, jitter_ns=0)
     columns = [
         interpolate(
@@ -129,7 +136,7 @@ def interpolated_mm(model: ArmModel, found: Followed, instants_ns: Integers) -> 
     return np.asarray(probe_centre(model.geometry, angles_rad))
 
 
-def figures(folder: Path, found: Followed) -> Iterator[str]:
+def figures(folder: Path, followed_messages: Followed) -> Iterator[str]:
     """Errors of the three ways."""
     model = read_model(folder / "arm.toml", {"base": None})
     lines = (folder / "truth.jsonl").read_text("utf-8").splitlines()
@@ -137,20 +144,26 @@ def figures(folder: Path, found: Followed) -> Iterator[str]:
     truth_mm = np.array([edge["centre_mm"] for edge in edges if edge["level"] == 1])
     # An edge and its point have the same counts, within whole turns.
     channels, turns = model.channels, model.encoders.counts_per_turn
-    own = np.array([edge["counts"] for edge in edges if edge["level"] == 1])
-    own = own[:, channels] % turns
+    edge_counts = np.array([edge["counts"] for edge in edges if edge["level"] == 1])
+    edge_counts = edge_counts[:, channels] % turns
     rows = [
-        int(np.flatnonzero((own == np.array(point.counts) % turns).all(axis=1))[0])
-        for point in found.points
+        int(
+            np.flatnonzero((edge_counts == np.array(point.counts) % turns).all(axis=1))[
+                0
+            ]
+        )
+        for point in followed_messages.points
     ]
     truth_mm = truth_mm[rows]
-    times_ns = np.concatenate(found.times_ns)
-    last = np.searchsorted(times_ns, found.came_ns, side="right") - 1
-    instants_ns = np.array([point.time_ns for point in found.points], np.int64)
+    times_ns = np.concatenate(followed_messages.times_ns)
+    last = np.searchsorted(times_ns, followed_messages.came_ns, side="right") - 1
+    instants_ns = np.array(
+        [point.time_ns for point in followed_messages.points], np.int64
+    )
     ways = {
-        "latched": np.array([point.xyz_mm for point in found.points]),
-        "interpolated": interpolated_mm(model, found, instants_ns),
-        "naive": np.concatenate(found.xyz_mm)[last],
+        "latched": np.array([point.xyz_mm for point in followed_messages.points]),
+        "interpolated": interpolated_mm(model, followed_messages, instants_ns),
+        "naive": np.concatenate(followed_messages.xyz_mm)[last],
     }
     for name, xyz_mm in ways.items():
         errors_um = 1e3 * np.linalg.norm(xyz_mm - truth_mm, axis=1)
@@ -183,8 +196,8 @@ def run(folder: Path, rate_hz: float) -> list[str]:
         rig.wait_for((folder / "board.pty").exists, "the simulated board")
         with rig.program(log, *measure):
             rig.wait_for(lambda: b"arm demo-7" in log.read_bytes(), "the daemon")
-            found = asyncio.run(followed(port, rate_hz))
-    return list(figures(folder, found))
+            followed_messages = asyncio.run(followed(port, rate_hz))
+    return list(figures(folder, followed_messages))
 
 
 def main() -> None:

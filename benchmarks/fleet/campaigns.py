@@ -61,10 +61,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     out = base / f"{command}-{number}-{len(rates[name])}-{name}"
                     request = Request(base / "design.toml", None, (), options, out)
                     begun_s = time.monotonic()
-                    found = list(run_campaigns(campaigns, request, workers))
+                    outcomes = list(run_campaigns(campaigns, request, workers))
                     hours = (time.monotonic() - begun_s) / 3600.0
-                    if any(one.failed for one in found):
-                        raise RuntimeError(found)
+                    if any(outcome.failed for outcome in outcomes):
+                        raise RuntimeError(outcomes)
                     rates[name].append(N_CAMPAIGNS / hours)
             for name, values in rates.items():
                 print(

@@ -51,7 +51,7 @@ def name_of(number: int) -> str:
 def own_mb(process: Process) -> float:
     """Memory of a program that is not shared with others, and its part of the rest."""
     text = Path(f"/proc/{process.pid}/smaps_rollup").read_text("ascii")
-    line = next(one for one in text.splitlines() if one.startswith("Pss:"))
+    line = next(entry for entry in text.splitlines() if entry.startswith("Pss:"))
     return int(line.split()[1]) * 1024 / 1e6
 
 
@@ -84,18 +84,18 @@ def run_daemons(
             asyncio.run(order(port, n, ScanArgs(action="start", rate_hz=rate_hz)))
             time.sleep(SETTLE_S)
             processes = [*daemons, boards]
-            cpu_s = [rig.cpu_s(one) for one in processes]
+            cpu_s = [rig.cpu_s(process) for process in processes]
             before = Cost.of(broker, consumers.processes)
             begun_s = time.monotonic()
             time.sleep(seconds)
             taken_s = time.monotonic() - begun_s
             shares = cost_of(before, broker, consumers.processes, taken_s)
             used = [
-                (rig.cpu_s(one) - old_s) / taken_s
-                for one, old_s in zip(processes, cpu_s, strict=True)
+                (rig.cpu_s(process) - old_s) / taken_s
+                for process, old_s in zip(processes, cpu_s, strict=True)
             ]
             resident = sum(map(rig.rss_mb, daemons)) / n
-            own = sum(map(own_mb, daemons)) / n
+            daemons_mb = sum(map(own_mb, daemons)) / n
             broker_mb = rig.rss_mb(broker) - idle_mb
             asyncio.run(order(port, n, ScanArgs(action="stop")))
             time.sleep(SETTLE_S)
@@ -111,7 +111,7 @@ def run_daemons(
         fleet,
         daemon_share=sum(used[:n]) / n,
         daemon_mb=resident,
-        daemon_own_mb=own,
+        daemon_own_mb=daemons_mb,
         boards_share=used[n],
         start_s=start_s,
     )

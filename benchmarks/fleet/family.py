@@ -219,22 +219,24 @@ def smallest_sizes(prior: Prior, n_poses: int) -> dict[str, float]:
     """Compare the smallest detectable sizes alone with those with the family."""
     poses = poses_of(_FIRST_SEED, n_poses, SPREAD)
     campaign = campaign_from_simulation(draw_noise(poses, _FIRST_SEED).campaign)
-    alone, together = (
+    without_family, together = (
         {
-            (one.candidate.identity, one.key): one.minimum
-            for one in planned(replace(campaign, prior=known), design_of())
+            (effect.candidate.identity, effect.key): effect.minimum
+            for effect in planned(replace(campaign, prior=known), design_of())
         }
         for known in (None, prior)
     )
     ratios = [
         least / other
-        for least, other in ((least, together[key]) for key, least in alone.items())
+        for least, other in (
+            (least, together[key]) for key, least in without_family.items()
+        )
         if least is not None and other is not None
     ]
     return {
-        "effects": len(alone),
-        "seen_alone": sum(one is not None for one in alone.values()),
-        "seen_with_family": sum(one is not None for one in together.values()),
+        "effects": len(without_family),
+        "seen_alone": sum(size is not None for size in without_family.values()),
+        "seen_with_family": sum(size is not None for size in together.values()),
         "times_smaller": float(np.median(ratios)) if ratios else float("nan"),
     }
 

@@ -32,7 +32,7 @@ Work = Callable[[Sequence[IncomingMessage]], None]
 
 def messages(n: int, start: int) -> list[IncomingMessage]:
     """Points of ten arms, with numbers from a start."""
-    found = []
+    payloads = []
     for number in range(start, start + n):
         arm = f"arm-{number % 10}"
         point = POINT.model_copy(
@@ -45,17 +45,17 @@ def messages(n: int, start: int) -> list[IncomingMessage]:
             }
         )
         payload = encode(point, "msgpack")
-        found.append(
+        payloads.append(
             IncomingMessage(f"traverse/{arm}/point", payload, 1, lambda _: None)
         )
-    return found
+    return payloads
 
 
 def rows_of(given: Sequence[IncomingMessage]) -> list[Sequence[object]]:
     """As the store writes them."""
     rows = Rows()
-    for one in given:
-        rows.add("point", one.topic.split("/")[1], one.payload)
+    for message in given:
+        rows.add("point", message.topic.split("/")[1], message.payload)
     return list(rows.points)
 
 
@@ -98,7 +98,7 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=10_000)
     asked = parser.parse_args()
     postgres = Postgres()
-    found: dict[str, list[float]] = {}
+    by_variant: dict[str, list[float]] = {}
     try:
         url = postgres.new_database("fleet")
         with tempfile.TemporaryDirectory() as folder:
@@ -124,7 +124,7 @@ def main() -> None:
                     for batch in batches:
                         work(batch)
                     took_s = time.perf_counter() - begun_s
-                    found.setdefault(name, []).append(asked.points / took_s)
+                    by_variant.setdefault(name, []).append(asked.points / took_s)
                     made.clear()
             size = Path(folder, "store.db").stat().st_size
             stored = asked.rounds * asked.points
@@ -134,8 +134,8 @@ def main() -> None:
                 )
     finally:
         postgres.close()
-    base = statistics.median(found["COPY"])
-    for name, rates in found.items():
+    base = statistics.median(by_variant["COPY"])
+    for name, rates in by_variant.items():
         median = statistics.median(rates)
         print(
             f"{name:20} {median:8.0f} points/s ({min(rates):.0f} to {max(rates):.0f}), "

@@ -38,7 +38,9 @@ class Cost:
     @classmethod
     def of(cls, broker: Process, consumers: Sequence[Process]) -> "Cost":
         """Now."""
-        return cls(rig.cpu_s(broker), sum(rig.cpu_s(one) for one in consumers))
+        return cls(
+            rig.cpu_s(broker), sum(rig.cpu_s(consumer) for consumer in consumers)
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -180,11 +180,11 @@ def play(
         if not pace.reach:
             continue
         step = pace.reach * REACH_RAD * rng.uniform(-1.0, 1.0, n_joints)
-        there = np.clip(here + step, -REACH_RAD, REACH_RAD)
+        target = np.clip(here + step, -REACH_RAD, REACH_RAD)
         time_s += pace.move_s * float(rng.uniform(1.0, 2.0))
         ends_s.append(time_s)
-        pieces.append(move_pieces(here, there))
-        here = there
+        pieces.append(move_pieces(here, target))
+        here = target
     events, at_s = [], float(rng.uniform(0.5, pace.press_s))
     while at_s < duration_s - 1.0:
         events.append(ScriptEvent(at_s, "button", 1))

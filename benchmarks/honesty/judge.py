@@ -136,7 +136,7 @@ class Judge:
             scan.time_ns + scan.dtime_ns,
             scan.xyz_mm,
             (bits & ~REMARKS.value) == 0,
-            [",".join(flag_names(one)) for one in bits.tolist()],
+            [",".join(flag_names(word)) for word in bits.tolist()],
         )
         self._judge(claims, self._last_std_mm, utc_offset_ns)
 
@@ -196,8 +196,8 @@ class Judge:
         off_mm = np.linalg.norm(xyz_mm - self._truth.centres_mm(at_s), axis=1)
         utc_off_s = np.array(
             [
-                (int(t) - round(1e9 * self._utc_s(float(at)))) * 1e-9
-                for t, at in zip(times_ns.tolist(), at_s, strict=True)
+                (int(t) - round(1e9 * self._utc_s(float(instant_s)))) * 1e-9
+                for t, instant_s in zip(times_ns.tolist(), at_s, strict=True)
             ]
         )
         return off_mm, at_s, utc_off_s

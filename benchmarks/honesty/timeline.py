@@ -89,8 +89,8 @@ class Timeline:
         return true_s
 
 
-def _along(knots: list[float], values: list[float], at: float) -> float:
-    place = min(max(bisect_right(knots, at) - 1, 0), len(knots) - 2)
+def _along(knots: list[float], values: list[float], position: float) -> float:
+    place = min(max(bisect_right(knots, position) - 1, 0), len(knots) - 2)
     length = knots[place + 1] - knots[place]
-    share = (at - knots[place]) / length if length else 1.0
+    share = (position - knots[place]) / length if length else 1.0
     return values[place] + share * (values[place + 1] - values[place])

@@ -284,14 +284,14 @@ class World:
             picked = self._rng.choice(groups[0], 2, replace=False).tolist()
         else:
             picked = [groups[0][0], groups[1][0]]
-        one, other = (self._cables[str(port)] for port in picked)
+        first, other = (self._cables[str(port)] for port in picked)
 
         def swap() -> None:
-            hub.ports[picked[0]], hub.ports[picked[1]] = other, one
+            hub.ports[picked[0]], hub.ports[picked[1]] = other, first
             self._swapped = True
-            _each([one, other], Cable.plug)
+            _each([first, other], Cable.plug)
 
-        hub.at(fault.at_s, lambda: _each([one, other], Cable.unplug))
+        hub.at(fault.at_s, lambda: _each([first, other], Cable.unplug))
         hub.at(fault.at_s + fault.lasts_s, swap)
 
     def _utc_s(self) -> float:
@@ -452,13 +452,13 @@ def _each(cables: list[Cable], act: Any) -> None:  # noqa: ANN401 - a method of 
 
 def _restarts(plan: Plan) -> list[tuple[float, float, bool]]:
     """When the daemon ends, begins again, and whether devices lose power meanwhile."""
-    found: list[tuple[float, float, bool]] = []
+    restarts: list[tuple[float, float, bool]] = []
     for fault in sorted(plan.faults, key=lambda fault: fault.at_s):
         if fault.kind in ("daemon_restart", "computer_restart"):
-            begin_s = max(fault.at_s, found[-1][1] + 1.0 if found else 0.0)
+            begin_s = max(fault.at_s, restarts[-1][1] + 1.0 if restarts else 0.0)
             lasts_s = max(fault.lasts_s, 0.5)
-            found.append((begin_s, begin_s + lasts_s, fault.size > 0.0))
-    return found
+            restarts.append((begin_s, begin_s + lasts_s, fault.size > 0.0))
+    return restarts
 
 
 def _host_timeline(plan: Plan) -> Timeline:

@@ -60,8 +60,8 @@ def measured(method: str, campaign: Campaign) -> dict[str, Any]:
             geometry = result.adjustment.state.arm.geometry
             n_iterations = len(result.iterations)
         else:
-            found = DensePeer(given).solve(numerical=method != "dense")
-            geometry, n_iterations = found.state.arm.geometry, found.n_jacobians
+            fit = DensePeer(given).solve(numerical=method != "dense")
+            geometry, n_iterations = fit.state.arm.geometry, fit.n_jacobians
         times_s.append(time.process_time() - begun_s)
     return {
         "seconds": min(times_s),
@@ -94,9 +94,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if given.scan:
             path.write_bytes(pickle.dumps(large_campaign("scan", given.scan)))
             for method in ("adjust", "identify"):
-                found = _in_a_process(method, path)
+                result = _in_a_process(method, path)
                 print(
-                    f"scan of one sphere, {given.scan} poses: {_shown(method, found)}"
+                    f"scan of one sphere, {given.scan} poses: {_shown(method, result)}"
                 )
     print(f"load afterwards: {os.getloadavg()[0]:.2f}")
 
@@ -109,13 +109,13 @@ def _compare(sizes: Sequence[int], path: Path) -> None:
         for method in METHODS:
             if n_poses > MOST_POSES.get(method, n_poses):
                 continue
-            found = _in_a_process(method, path)
-            times_s[method].append((n_poses, found["seconds"]))
-            ours = ours or found
-            ratio = found["seconds"] / ours["seconds"]
-            gaps_mm = np.subtract(found["distances_mm"], ours["distances_mm"])
+            result = _in_a_process(method, path)
+            times_s[method].append((n_poses, result["seconds"]))
+            ours = ours or result
+            ratio = result["seconds"] / ours["seconds"]
+            gaps_mm = np.subtract(result["distances_mm"], ours["distances_mm"])
             print(
-                f"{n_poses:>7} poses  {_shown(method, found)}, {ratio:6.2f} x adjust, "
+                f"{n_poses:>7} poses  {_shown(method, result)}, {ratio:6.2f} x adjust, "
                 f"distances differ by {np.max(np.abs(gaps_mm)):.1e} mm",
                 flush=True,
             )
@@ -137,14 +137,15 @@ def _in_a_process(method: str, path: Path) -> dict[str, Any]:
         capture_output=True,
         text=True,
     )
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    result: dict[str, Any] = json.loads(done.stdout)
+    return result
 
 
-def _shown(method: str, found: dict[str, Any]) -> str:
+def _shown(method: str, result: dict[str, Any]) -> str:
     return (
-        f"{method:<13} {found['seconds']:8.3f} s, {found['iterations']:>2} iterations, "
-        f"peak {found['peak_mb']:6.0f} MB (of it {found['own_mb']:.0f} MB beyond the "
+        f"{method:<13} {result['seconds']:8.3f} s, "
+        f"{result['iterations']:>2} iterations, "
+        f"peak {result['peak_mb']:6.0f} MB (of it {result['own_mb']:.0f} MB beyond the "
         "campaign)"
     )
 

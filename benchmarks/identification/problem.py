@@ -121,13 +121,13 @@ class DensePeer:
         Args:
             numerical: Derivatives by differences, '2-point'; else analytic ones.
         """
-        found = least_squares(
+        fit = least_squares(
             self._residuals,
             np.zeros(self._ends[-1]),
             jac="2-point" if numerical else self._jacobian,
             x_scale="jac",
         )
-        return PeerResult(self._state(found.x), int(found.njev))
+        return PeerResult(self._state(fit.x), int(fit.njev))
 
     def _state(self, steps: Floats) -> State:
         arm = self._network.parameters.moved(self._start.arm, steps[: self._n_free])
@@ -145,31 +145,33 @@ class DensePeer:
 
     def _residuals(self, steps: Floats) -> Floats:
         state = self._state(steps)
-        found = []
+        residuals = []
         for station, unknowns, whiteners in zip(
             self._network.stations, state.unknowns, self._whiteners, strict=True
         ):
             rows_mm = self._network.misclosures_mm(station, state.arm, unknowns)
-            found.append((whiteners @ rows_mm[:, :, np.newaxis]).ravel())
+            residuals.append((whiteners @ rows_mm[:, :, np.newaxis]).ravel())
             certificate = station.artefact.certificate(unknowns, station.touches)
-            found.append(certificate.misclosures_mm / certificate.std_mm)
-        return np.concatenate(found)
+            residuals.append(certificate.misclosures_mm / certificate.std_mm)
+        return np.concatenate(residuals)
 
     def _jacobian(self, steps: Floats) -> Floats:
         state = self._state(steps)
         blocks = []
-        for at, station in enumerate(self._network.stations):
-            own = slice(self._ends[at], self._ends[at + 1])
-            unknowns = state.unknowns[at]
-            blocks.append(self._station_block(at, station, state, own))
+        for number, station in enumerate(self._network.stations):
+            columns = slice(self._ends[number], self._ends[number + 1])
+            unknowns = state.unknowns[number]
+            blocks.append(self._station_block(number, station, state, columns))
             certificate = station.artefact.certificate(unknowns, station.touches)
             rows = np.zeros((len(certificate.std_mm), self._ends[-1]))
-            rows[:, own] = certificate.by_unknowns / certificate.std_mm[:, np.newaxis]
+            rows[:, columns] = (
+                certificate.by_unknowns / certificate.std_mm[:, np.newaxis]
+            )
             blocks.append(rows)
         return np.vstack(blocks)
 
     def _station_block(
-        self, at: int, station: Station, state: State, own: slice
+        self, number: int, station: Station, state: State, places: slice
     ) -> Floats:
         poses = self._network.campaign.poses
         parameters = self._network.parameters
@@ -178,13 +180,15 @@ class DensePeer:
         rows = np.zeros(shape)
         for part, derivatives in derivative_chunks(state.arm.geometry, angles_rad):
             equations = station.artefact.equations(
-                state.unknowns[at], derivatives.centres_mm, station.touches.part(part)
+                state.unknowns[number],
+                derivatives.centres_mm,
+                station.touches.part(part),
             )
             # Steps are counted from the start, so its basis is the one to take.
             columns = parameters.columns(
                 self._start.arm, derivatives, poses.part(station.poses[part])
             )
-            whiteners = self._whiteners[at][part]
+            whiteners = self._whiteners[number][part]
             rows[part, :, : self._n_free] = whiteners @ (equations.by_centre @ columns)
-            rows[part, :, own] = whiteners @ equations.by_unknowns
+            rows[part, :, places] = whiteners @ equations.by_unknowns
         return rows.reshape(-1, self._ends[-1])

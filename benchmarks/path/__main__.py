@@ -39,8 +39,12 @@ def check_agreement(payloads: list[bytes], texts: list[str]) -> float:
     xyz_mm = np.concatenate([scan.xyz_mm for scan in scans])
     counts = np.concatenate([scan.counts for scan in scans if scan.counts is not None])
     plain = [json.loads(text) for text in texts]
-    largest_mm = float(np.abs(xyz_mm - [one["xyz_mm"] for one in plain]).max())
-    same_counts = np.array_equal(counts, [one["counts"] for one in plain])
+    largest_mm = float(
+        np.abs(xyz_mm - [reference_pose["xyz_mm"] for reference_pose in plain]).max()
+    )
+    same_counts = np.array_equal(
+        counts, [reference_pose["counts"] for reference_pose in plain]
+    )
     if not (same_counts and largest_mm <= AGREEMENT_MM):
         raise ValueError(
             f"the plain loop is {largest_mm:g} mm off, counts the same: {same_counts}; "

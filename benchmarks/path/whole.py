@@ -127,9 +127,9 @@ def stages(
     blocks = [b for b in decoded if isinstance(b, SampleBlock)]
     timed = [timing.samples(block) for block in blocks]
     k = delivery.reads
-    joined = [timed[at : at + k] for at in range(0, len(timed), k)]
+    joined = [timed[start : start + k] for start in range(0, len(timed), k)]
     samples = [CountSamples.joined(some) for some in joined]
-    counts = [one.counts[:, model.channels] for one in samples]
+    counts = [counts_block.counts[:, model.channels] for counts_block in samples]
     unwrapper = Unwrapper(model.encoders)
     unwrapped = [unwrapper.unwrap(some) for some in counts]
     angles = [counts_to_angles(model.encoders, some) for some in unwrapped]
@@ -137,7 +137,7 @@ def stages(
     poses = [pipeline.poses(some) for some in samples]
     scans: list[Scan] = []
     _scanned(model, rate_hz, poses, scans)
-    found: dict[str, Callable[[], object]] = {
+    tasks: dict[str, Callable[[], object]] = {
         "frames: cut, COBS, CRC": lambda: _each(FrameSplitter().feed, reads),
         "frames and samples: decoder": lambda: _each(Decoder().feed, reads),
         "numbers and times": lambda: _each(Timing().samples, blocks),
@@ -151,7 +151,7 @@ def stages(
         "message, checked": lambda: _scanned(model, rate_hz, poses, []),
         "MessagePack": lambda: _each(_payload, scans),
     }
-    return [Task(name, call, n) for name, call in found.items()]
+    return [Task(name, call, n) for name, call in tasks.items()]
 
 
 def _each(call: Callable[..., object], items: Sequence[object]) -> None:

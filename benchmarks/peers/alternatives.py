@@ -155,13 +155,13 @@ def entries(payload: bytes) -> Iterator[NewMessage]:
 
 def transactions_s(add: Add, source: Iterator[NewMessage], size: int) -> list[Any]:
     """CPU and elapsed time of each of some transactions."""
-    found = []
+    durations = []
     for _ in range(N_WRITES):
         some = [next(source) for _ in range(size)]
         cpu_s, begun_s = time.thread_time(), time.perf_counter()
         add(some)
-        found.append((time.thread_time() - cpu_s, time.perf_counter() - begun_s))
-    return found
+        durations.append((time.thread_time() - cpu_s, time.perf_counter() - begun_s))
+    return durations
 
 
 def stores(folder: Path) -> None:

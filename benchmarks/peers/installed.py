@@ -17,15 +17,15 @@ AGREEMENT_MM = 1e-9
 
 def installed_peers(geometry: Geometry) -> tuple[list[Peer], list[str]]:
     """Make the peers that are installed ready; also the names of those that are not."""
-    found, missing = [], []
+    available, missing = [], []
     for name in MODULES:
         try:
             module = import_module(f"benchmarks.peers.{name}")
         except ImportError:
             missing.append(name)
         else:
-            found.append(module.peer(geometry))
-    return found, missing
+            available.append(module.peer(geometry))
+    return available, missing
 
 
 def check_agreement(geometry: Geometry, peer: Peer, angles_rad: Floats) -> float:
@@ -50,7 +50,7 @@ def check_agreement(geometry: Geometry, peer: Peer, angles_rad: Floats) -> float
     if peer.derivatives is not None:
         by_angles = numpy_derivatives(geometry, angles_rad).by_angles
         differences.append(peer.derivatives(turns_rad) - by_angles)
-    largest_mm = max(float(np.abs(one).max()) for one in differences)
+    largest_mm = max(float(np.abs(difference).max()) for difference in differences)
     if not largest_mm <= AGREEMENT_MM:
         raise ValueError(
             f"{peer.name} {peer.version} is {largest_mm:g} mm off the definition, "

@@ -21,7 +21,7 @@ def peer(geometry: Geometry) -> Peer:
     data = mj.MjData(model)
     kinematics, turns, site = mj.mj_kinematics, data.qpos, data.site_xpos[0]
 
-    def one(turns_rad: Floats) -> Floats:
+    def single(turns_rad: Floats) -> Floats:
         turns[:] = turns_rad
         kinematics(model, data)
         return site
@@ -34,7 +34,7 @@ def peer(geometry: Geometry) -> Peer:
             centres_mm[row] = site
         return centres_mm
 
-    return Peer("MuJoCo", mj.__version__, one, batch)
+    return Peer("MuJoCo", mj.__version__, single, batch)
 
 
 def _bodies(steps_mm: Floats, axes: Floats) -> Iterator[str]:

@@ -14,15 +14,15 @@ def peer(geometry: Geometry) -> Peer:
     model, joint = pin.Model(), 0
     for k, axis in enumerate(geometry.axes):
         turning = pin.JointModelRevoluteUnaligned(axis)
-        at = pin.SE3(np.eye(3), steps_mm[k])
-        joint = model.addJoint(joint, turning, at, f"J{k + 1}")
+        placement = pin.SE3(np.eye(3), steps_mm[k])
+        joint = model.addJoint(joint, turning, placement, f"J{k + 1}")
     end = pin.SE3(np.eye(3), steps_mm[-1])
     ball = model.addFrame(pin.Frame("ball", joint, end, pin.FrameType.OP_FRAME))
     data = model.createData()
     kinematics, update = pin.forwardKinematics, pin.updateFramePlacement
     jacobian, local = pin.computeFrameJacobian, pin.LOCAL_WORLD_ALIGNED
 
-    def one(turns_rad: Floats) -> Floats:
+    def single(turns_rad: Floats) -> Floats:
         kinematics(model, data, turns_rad)
         return update(model, data, ball).translation
 
@@ -34,9 +34,9 @@ def peer(geometry: Geometry) -> Peer:
         return centres_mm
 
     def derivatives(turns_rad: Floats) -> Floats:
-        found = np.empty((len(turns_rad), 3, geometry.n_joints))
+        jacobians = np.empty((len(turns_rad), 3, geometry.n_joints))
         for row, sample in enumerate(turns_rad):
-            found[row] = jacobian(model, data, sample, ball, local)[:3]
-        return found
+            jacobians[row] = jacobian(model, data, sample, ball, local)[:3]
+        return jacobians
 
-    return Peer("pinocchio", pin.__version__, one, batch, derivatives)
+    return Peer("pinocchio", pin.__version__, single, batch, derivatives)

@@ -32,10 +32,10 @@ def modified(rows: np.ndarray) -> np.ndarray:
 
 def placed(robot: Robot, angles_rad: np.ndarray, places_mm: np.ndarray) -> np.ndarray:
     """The arm's place that fits best, a matrix (Kabsch 1976)."""
-    at = np.array([robot.fk(q)[:3, 3] for q in angles_rad])
-    at = (at - robot.world_frame[:3, 3]) @ robot.world_frame[:3, :3]
-    middle, centre = at.mean(axis=0), places_mm.mean(axis=0)
-    u, _, v = np.linalg.svd((at - middle).T @ (places_mm - centre))
+    positions = np.array([robot.fk(q)[:3, 3] for q in angles_rad])
+    positions = (positions - robot.world_frame[:3, 3]) @ robot.world_frame[:3, :3]
+    middle, centre = positions.mean(axis=0), places_mm.mean(axis=0)
+    u, _, v = np.linalg.svd((positions - middle).T @ (places_mm - centre))
     sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))])
     frame = np.eye(4)
     frame[:3, :3] = (u @ sign @ v).T
@@ -57,14 +57,14 @@ def main() -> None:
         tool_mask=[True, True, True, False, False, False],
         world_mask=[True] * 6,
     )
-    found = least_squares(
+    fit = least_squares(
         optimize_accuracy,
         handler.generate_optimization_vector(),
         args=(handler, angles_rad[~kept], places_mm[~kept]),
         x_scale="jac",
         max_nfev=60,
     )
-    handler.apply_optimization_vector(found.x)
+    handler.apply_optimization_vector(fit.x)
     best = handler.robot
     if given["was_moved"]:
         best.world_frame = placed(best, angles_rad[kept], places_mm[kept])

@@ -44,20 +44,20 @@ CLEAN_HEADER = (
 )
 
 
-def clean_verdict(mix: str, found: Sequence[Outcome]) -> Verdict:
+def clean_verdict(mix: str, outcomes: Sequence[Outcome]) -> Verdict:
     """Judge campaigns without blunders."""
-    n = len(found)
-    n_passed = sum(o.passed for o in found)
+    n = len(outcomes)
+    n_passed = sum(o.passed for o in outcomes)
     low, high = binomial_interval(n_passed, n)
-    square = sum(o.chi_square for o in found)
-    degrees = sum(o.degrees for o in found)
+    square = sum(o.chi_square for o in outcomes)
+    degrees = sum(o.degrees for o in outcomes)
     least, most = (float(chi2.ppf(p, degrees)) for p in (LOW, HIGH))
     sigma0 = np.sqrt(
-        sum(o.sum_of_squares for o in found) / sum(o.redundancy for o in found)
+        sum(o.sum_of_squares for o in outcomes) / sum(o.redundancy for o in outcomes)
     )
-    counts = sorted({o.n_determined for o in found})
-    n_converged = sum(o.converged for o in found)
-    farthest = _farthest(found)
+    counts = sorted({o.n_determined for o in outcomes})
+    n_converged = sum(o.converged for o in outcomes)
+    farthest = _farthest(outcomes)
     holds = n_converged == n and least <= square <= most
     holds = holds and low <= 0.95 <= high and farthest <= _FARTHEST
     line = (
@@ -76,23 +76,23 @@ BLUNDER_HEADER = (
 
 
 def blunder_verdict(
-    mix: str, share: float, found: Sequence[Outcome], clean: Sequence[Outcome]
+    mix: str, share: float, outcomes: Sequence[Outcome], clean: Sequence[Outcome]
 ) -> Verdict:
     """Judge campaigns with blunders by the same ones without."""
-    n_blunders = sum(o.n_blunders for o in found)
-    n_kept = sum(o.n_kept for o in found)
-    ratio = _spread_mm(found) / _spread_mm(clean[: len(found)])
-    square = sum(o.chi_square for o in found) / sum(o.degrees for o in found)
+    n_blunders = sum(o.n_blunders for o in outcomes)
+    n_kept = sum(o.n_kept for o in outcomes)
+    ratio = _spread_mm(outcomes) / _spread_mm(clean[: len(outcomes)])
+    square = sum(o.chi_square for o in outcomes) / sum(o.degrees for o in outcomes)
     holds = n_kept == 0 and ratio <= 1.1
     line = (
-        f"| {mix} | {share:.0%} | {len(found)} | {n_blunders} | "
-        f"{n_blunders - n_kept} | {n_kept} | {sum(o.n_lost for o in found)} | "
+        f"| {mix} | {share:.0%} | {len(outcomes)} | {n_blunders} | "
+        f"{n_blunders - n_kept} | {n_kept} | {sum(o.n_lost for o in outcomes)} | "
         f"{ratio:.3f} | {square:.3f} | {_word(holds)} |"
     )
     return Verdict(line, holds)
 
 
-def _farthest(found: Sequence[Outcome]) -> float:
+def _farthest(outcomes: Sequence[Outcome]) -> float:
     """Largest departure from what was foreseen, in standard deviations of that.
 
     Of sums of squares and of the distances' chi-squares.
@@ -100,7 +100,7 @@ def _farthest(found: Sequence[Outcome]) -> float:
     Infinite where equations less unknowns were counted wrong.
     """
     gaps = [0.0]
-    for o in found:
+    for o in outcomes:
         if o.foreseen is None or o.foreseen_chi_square is None:
             continue
         if o.redundancy != o.foreseen_redundancy:
@@ -112,9 +112,9 @@ def _farthest(found: Sequence[Outcome]) -> float:
     return float(max(gaps))
 
 
-def _spread_mm(found: Sequence[Outcome]) -> float:
+def _spread_mm(outcomes: Sequence[Outcome]) -> float:
     """Root mean square of distances' errors over all campaigns."""
-    return float(np.sqrt(np.mean([o.mean_square_mm2 for o in found])))
+    return float(np.sqrt(np.mean([o.mean_square_mm2 for o in outcomes])))
 
 
 def _word(holds: bool) -> str:

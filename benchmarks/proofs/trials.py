@@ -85,12 +85,12 @@ def distance_errors(
         return _distances(probe_centre(values.geometry, angles_rad))
 
     slopes = np.empty((N_PAIRS, parameters.n_free))
-    for at, tolerance in enumerate(parameters.free_tolerances):
+    for number, tolerance in enumerate(parameters.free_tolerances):
         step = np.zeros(parameters.n_free)
-        step[at] = _DIFFERENCE * tolerance
+        step[number] = _DIFFERENCE * tolerance
         ahead = predicted_mm(parameters.moved(estimate, step))
         behind = predicted_mm(parameters.moved(estimate, -step))
-        slopes[:, at] = (ahead - behind) / (2.0 * step[at])
+        slopes[:, number] = (ahead - behind) / (2.0 * step[number])
     found_mm = predicted_mm(estimate)
     errors_mm = found_mm - true_mm
     if not has_scale:
@@ -149,18 +149,20 @@ class PlantedNoise:
         self._network, self._state = adjustment.network, adjustment.state
         self._rows: list[list[WhiteRows]] = []
         blocks = []
-        at, width = 0, sum(len(s.scales) for s in self._network.stations)
+        start, width = 0, sum(len(s.scales) for s in self._network.stations)
         for station, unknowns in zip(
             self._network.stations, self._state.unknowns, strict=True
         ):
             rows = list(self._network.white_rows(station, self._state.arm, unknowns))
             self._rows.append(rows)
-            own = slice(at, at + len(station.scales))
-            blocks += [_wide(r.by_unknowns, r.by_parameters, own, width) for r in rows]
+            places = slice(start, start + len(station.scales))
+            blocks += [
+                _wide(r.by_unknowns, r.by_parameters, places, width) for r in rows
+            ]
             said = self._network.certified(station, self._state.arm, unknowns)
             n_own = len(station.scales)
-            blocks.append(_wide(said[:, :n_own], said[:, n_own:-1], own, width))
-            at += n_own
+            blocks.append(_wide(said[:, :n_own], said[:, n_own:-1], places, width))
+            start += n_own
         columns = np.vstack(blocks)
         sizes = np.linalg.norm(columns, axis=0)
         sizes = np.where(sizes > 0.0, sizes, 1.0)
@@ -178,8 +180,8 @@ class PlantedNoise:
         campaign = campaign_from_simulation(drawn.campaign)
         errors = np.concatenate(
             [
-                self._errors(at, station, drawn, campaign)
-                for at, station in enumerate(self._network.stations)
+                self._errors(number, station, drawn, campaign)
+                for number, station in enumerate(self._network.stations)
             ]
         )
         explained = errors @ self._explained
@@ -189,22 +191,26 @@ class PlantedNoise:
         )
 
     def _errors(
-        self, at: int, station: Station, drawn: SimulatedCampaign, campaign: Campaign
+        self,
+        number: int,
+        station: Station,
+        drawn: SimulatedCampaign,
+        campaign: Campaign,
     ) -> Floats:
         """Whitened errors of a station's touches, then of its certificate."""
         by_reading = drawn.truth.encoder_noise_rad / self._network.noise.encoder_rad
-        found = []
-        for rows in self._rows[at]:
+        errors = []
+        for rows in self._rows[number]:
             poses = station.poses[rows.part]
             of_readings = np.einsum("nij,nj->ni", rows.by_readings, by_reading[poses])
             shifts_mm = drawn.truth.contact_noise_mm[poses]
             of_contacts = np.einsum("nij,nj->ni", rows.by_centre, shifts_mm)
-            found.append((of_readings + of_contacts).ravel())
+            errors.append((of_readings + of_contacts).ravel())
         # Lengths as they are, less what the campaign says of them.
         said = campaign.artefacts[station.index].certificate(
-            self._state.unknowns[at], station.touches
+            self._state.unknowns[number], station.touches
         )
-        return np.concatenate([*found, said.misclosures_mm / said.std_mm])
+        return np.concatenate([*errors, said.misclosures_mm / said.std_mm])
 
 
 def _without_errors(poses: PoseSet, noise: NoiseTable) -> Campaign:
@@ -226,11 +232,13 @@ def _without_errors(poses: PoseSet, noise: NoiseTable) -> Campaign:
     )
 
 
-def _wide(by_unknowns: Floats, by_parameters: Floats, own: slice, width: int) -> Floats:
+def _wide(
+    by_unknowns: Floats, by_parameters: Floats, columns: slice, width: int
+) -> Floats:
     """Put derivatives of one station into columns of all unknowns."""
     n_free = by_parameters.shape[-1]
     rows = np.zeros((by_parameters.size // n_free, width + n_free))
-    rows[:, own] = by_unknowns.reshape(len(rows), own.stop - own.start)
+    rows[:, columns] = by_unknowns.reshape(len(rows), columns.stop - columns.start)
     rows[:, width:] = by_parameters.reshape(len(rows), n_free)
     return rows
 

@@ -137,11 +137,11 @@ def block_of(n_samples: int) -> Block:
     )
 
 
-def stage(found: dict[str, float]) -> Iterator[str]:
+def stage(calls_s: dict[str, float]) -> Iterator[str]:
     """Lines on the correction alone, by set of effects and length of the block.
 
     Args:
-        found: seconds a block are put in here.
+        calls_s: filled with seconds a block.
     """
     calls = 50
     for name, tables in SETS.items():
@@ -155,7 +155,7 @@ def stage(found: dict[str, float]) -> Iterator[str]:
                     corrected_pose(geometry, effects, block)
                 taken_s.append((time.process_time() - begun_s) / calls)
             call_s = statistics.median(taken_s)
-            found[f"{name}, {n_samples}"] = call_s
+            calls_s[f"{name}, {n_samples}"] = call_s
             yield (
                 f"effects {name}, blocks of {n_samples}: {call_s * 1e6:.0f} us a "
                 f"block, {call_s * RATE_HZ / n_samples:.2%} of a core at 10 kHz"
@@ -178,13 +178,13 @@ def streams(
         for _ in range(ROUNDS):
             for name, tables in SETS.items():
                 with rig.daemon(folder, port, arm=arm_with(tables)) as process:
-                    found, share, _ = asyncio.run(
+                    scan, share, _ = asyncio.run(
                         follow_scan(port, RATE_HZ, n_samples, process)
                     )
                 shares.setdefault(name, []).append(share)
                 yield (
-                    f"effects {name}: {found.samples} samples, {len(found.gaps)} "
-                    f"gaps, {found.lost} lost, {found.dropped} dropped; daemon "
+                    f"effects {name}: {scan.samples} samples, {len(scan.gaps)} "
+                    f"gaps, {scan.lost} lost, {scan.dropped} dropped; daemon "
                     f"{share:.1%} of a core"
                 )
     for name, found_shares in shares.items():

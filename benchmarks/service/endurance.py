@@ -120,20 +120,22 @@ def drops(truth: Path) -> list[dict[str, Any]]:
 def faults(sizes: list[Size], followed: Followed) -> list[str]:
     """What must not be."""
     end = sizes[-1]
-    early = next(one for one in sizes if one.after_s >= min(EARLY_S, end.after_s / 2))
-    found = []
+    early = next(
+        size for size in sizes if size.after_s >= min(EARLY_S, end.after_s / 2)
+    )
+    complaints = []
     if end.rss_mb > early.rss_mb * (1 + MAX_GROWTH):
-        found.append(f"memory grew from {early.rss_mb:.1f} to {end.rss_mb:.1f} MB")
+        complaints.append(f"memory grew from {early.rss_mb:.1f} to {end.rss_mb:.1f} MB")
     if end.descriptors > early.descriptors:
-        found.append(f"{end.descriptors - early.descriptors} more descriptors")
+        complaints.append(f"{end.descriptors - early.descriptors} more descriptors")
     if end.threads > early.threads:
-        found.append(f"{end.threads - early.threads} more threads")
+        complaints.append(f"{end.threads - early.threads} more threads")
     losses = {
         "lost": followed.lost - followed.excused,
         "dropped": followed.dropped,
         "missing": followed.missing - followed.excused,
     }
-    return found + [f"{n} points {name}" for name, n in losses.items() if n > 0]
+    return complaints + [f"{n} points {name}" for name, n in losses.items() if n > 0]
 
 
 def main(minutes: float = MINUTES, path: Path | None = None) -> int:
@@ -148,29 +150,29 @@ def main(minutes: float = MINUTES, path: Path | None = None) -> int:
         ):
             sizes, followed = asyncio.run(follow(port, 60.0 * minutes, process))
         dropped = drops(folder / TRUTH)
-    for one in dropped:
-        is_excused = one["stood_s"] >= STOOD_S
-        followed.excused += one["samples"] * is_excused
+    for drop in dropped:
+        is_excused = drop["stood_s"] >= STOOD_S
+        followed.excused += drop["samples"] * is_excused
         print(
-            f"the board dropped {one['samples']} samples {one['time_s']:.0f} s after "
+            f"the board dropped {drop['samples']} samples {drop['time_s']:.0f} s after "
             "its start: "
             + (
-                f"its program had not run for {one['stood_s']:.1f} s"
+                f"its program had not run for {drop['stood_s']:.1f} s"
                 if is_excused
                 else "the daemon did not read"
             )
         )
-    found = faults(sizes, followed)
+    complaints = faults(sizes, followed)
     print(
         f"{followed.points} points; lost by the line {followed.lost} "
         f"({followed.excused} excused), dropped by the daemon {followed.dropped}, "
         f"missing here {followed.missing}; {load()}"
     )
-    for fault in found:
+    for fault in complaints:
         print(f"FAULT: {fault}")
-    figures = {"sizes": [asdict(one) for one in sizes], "scan": asdict(followed)}
+    figures = {"sizes": [asdict(size) for size in sizes], "scan": asdict(followed)}
     write_json(path, figures)
-    return 1 if found else 0
+    return 1 if complaints else 0
 
 
 if __name__ == "__main__":

@@ -138,7 +138,9 @@ def follow(model: ArmModel) -> Callable[[], object]:
         if isinstance(block, SampleBlock)
     ]
     n, k = len(timed), LIKE_A_LINE.reads
-    return partial(next, _turns(model, [timed[at : at + k] for at in range(0, n, k)]))
+    return partial(
+        next, _turns(model, [timed[start : start + k] for start in range(0, n, k)])
+    )
 
 
 def _encoded(scan: Scan, dropped: Callable[[], object]) -> bool:
@@ -174,18 +176,20 @@ def count(n: int) -> int:
 def main(path: Path | None = None) -> None:
     """Print what the reader waits, in rounds, and keep it where a file is named."""
     print(f"{load()}; switch interval {1e3 * sys.getswitchinterval():g} ms")
-    found: dict[str, list[dict[str, float]]] = {}
+    delays_by_turn: dict[str, list[dict[str, float]]] = {}
     for _ in range(ROUNDS):
         for name, turn in loads().items():
-            found.setdefault(name, []).append(delays(turn, SECONDS))
-    for name, seen in found.items():
-        ranges = [sorted(one[key] for one in seen) for key in seen[0]]
+            delays_by_turn.setdefault(name, []).append(delays(turn, SECONDS))
+    for name, seen in delays_by_turn.items():
+        ranges = [
+            sorted(round_of_turn[key] for round_of_turn in seen) for key in seen[0]
+        ]
         print(
             f"{name:40} p50 {ranges[0][1]:6.0f} us, p99 {ranges[1][1]:6.0f} us, "
             f"longest {ranges[2][1]:6.0f} us ({ranges[2][0]:.0f} to {ranges[2][2]:.0f})"
         )
     print(load())
-    write_json(path, found)
+    write_json(path, delays_by_turn)
 
 
 if __name__ == "__main__":

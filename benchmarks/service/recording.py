@@ -156,7 +156,7 @@ def cost(seconds: float) -> Cost:
             flight, _, _, _ = asyncio.run(measured(port, process, 2 * seconds, 1))
         segments = sorted((folder / "state/recordings/flight").glob("*.mcap"))
         flown = [(s.stat().st_size, replayed(s, None)[1].samples) for s in segments]
-    largest = max(flown, key=lambda one: one[1])
+    largest = max(flown, key=lambda item: item[1])
     return Cost(
         statistics.median(without),
         statistics.median(with_it),
@@ -165,7 +165,7 @@ def cost(seconds: float) -> Cost:
         largest[0] / largest[1],
         meter.queued,
         meter.dropped,
-        sum(one["gaps"] for one in recorded),
+        sum(recorded_file["gaps"] for recorded_file in recorded),
         (as_they_were, in_thousands),
         result.scans.tally.n,
         result.scans.tally.same,
@@ -189,21 +189,21 @@ def main(file: Path | None = None, seconds: float = SECONDS) -> None:
     before = load()
     logging.getLogger("traverse.daemon").setLevel(logging.CRITICAL)  # of the past
     print(before)
-    found = cost(seconds)
+    costs = cost(seconds)
     print(
-        f"{RATE_HZ:.0f} Hz, scan published: daemon {found.without:.1%} of a core "
-        f"without a recording, {found.with_it:.1%} with one, flight recorder alone "
-        f"{found.flight:.1%}\n"
-        f"file {found.bytes_per_sample:.1f} bytes per sample with the "
-        f"scan's points, flight recorder {found.flight_bytes_per_sample:.1f}\n"
-        f"at most {found.queued} items waiting, {found.dropped} dropped, "
-        f"{found.gaps} gaps\n"
-        f"replay {found.replay_samples_s[0]:.0f} samples/s in blocks as they were, "
-        f"{found.replay_samples_s[1]:.0f} in blocks of 1000; {found.same} of "
-        f"{found.points_of_scans} points of the scan the same to the last bit"
+        f"{RATE_HZ:.0f} Hz, scan published: daemon {costs.without:.1%} of a core "
+        f"without a recording, {costs.with_it:.1%} with one, flight recorder alone "
+        f"{costs.flight:.1%}\n"
+        f"file {costs.bytes_per_sample:.1f} bytes per sample with the "
+        f"scan's points, flight recorder {costs.flight_bytes_per_sample:.1f}\n"
+        f"at most {costs.queued} items waiting, {costs.dropped} dropped, "
+        f"{costs.gaps} gaps\n"
+        f"replay {costs.replay_samples_s[0]:.0f} samples/s in blocks as they were, "
+        f"{costs.replay_samples_s[1]:.0f} in blocks of 1000; {costs.same} of "
+        f"{costs.points_of_scans} points of the scan the same to the last bit"
     )
     print(load())
-    write_json(file, {"load": before, **asdict(found)})
+    write_json(file, {"load": before, **asdict(costs)})
 
 
 if __name__ == "__main__":

@@ -121,13 +121,13 @@ def _judged(
 def main(seconds: float = SECONDS) -> int:
     """Print the results of both; 1 where a complete scan was not."""
     print(load())
-    found = []
+    outages = []
     for delivery in ("complete", "live"):
         with tempfile.TemporaryDirectory() as folder:
-            found.append(asyncio.run(outage(Path(folder), delivery, seconds)))
-        print(found[-1].line(), flush=True)
+            outages.append(asyncio.run(outage(Path(folder), delivery, seconds)))
+        print(outages[-1].line(), flush=True)
     print(load())
-    complete = found[0]
+    complete = outages[0]
     return int(complete.arrived != complete.total or not complete.blocks_in_order)
 
 

@@ -47,12 +47,12 @@ def one_round(folder: Path, port: int) -> dict[str, float]:
     seqs = [seq for seq in arrivals_ns if seq < min(map(len, columns.values()))]
     table = {name: np.array(column)[seqs] for name, column in columns.items()}
     table[RECEIVED] = np.array([arrivals_ns[seq] for seq in seqs])
-    found = {
+    medians_us = {
         later: float(np.median(table[later] - table[earlier])) * 1e-3
         for earlier, later in pairwise(table)
     }
     whole = table[RECEIVED] - table[PRESSED]
-    return found | {"whole": float(np.median(whole)) * 1e-3}
+    return medians_us | {"whole": float(np.median(whole)) * 1e-3}
 
 
 def main(path: Path | None = None) -> None:
@@ -64,7 +64,7 @@ def main(path: Path | None = None) -> None:
             rounds = [one_round(folder, port) for _ in range(ROUNDS)]
     print(before)
     for stage in rounds[0]:
-        values = [one[stage] for one in rounds]
+        values = [stage_round[stage] for stage_round in rounds]
         print(
             f"{stage:>24} {np.median(values):6.0f} us "
             f"({min(values):.0f} to {max(values):.0f})"

@@ -36,15 +36,15 @@ async def crash(
         await stack.enter_async_context(bench.daemons_network)
         await stack.enter_async_context(bench.consumers_network)
         bench.write_daemon()
-        keeping = [asyncio.create_task(one.keep()) for one in bench.programs()]
+        keeping = [asyncio.create_task(program.keep()) for program in bench.programs()]
         try:
             await _first_points(bench)
             begun_s = time.time()
             await outages.happen(kills, _log)
             span = Span(begun_s, time.time(), bench.daemon.starts)
             said = await _disks(bench) if has_disk else []
-            for one, task in zip(bench.programs(), list(keeping), strict=True):
-                if one in (bench.operator, bench.board):
+            for killed, task in zip(bench.programs(), list(keeping), strict=True):
+                if killed in (bench.operator, bench.board):
                     task.cancel()
             bench.operator.stop()
             await asyncio.sleep(2.0)  # so that the last edges are acknowledged
@@ -56,9 +56,9 @@ async def crash(
             for task in keeping:
                 task.cancel()
             await asyncio.gather(*keeping, return_exceptions=True)
-            for one in reversed(list(bench.programs())):
-                if one.starts:
-                    one.stop()
+            for killed in reversed(list(bench.programs())):
+                if killed.starts:
+                    killed.stop()
     return span, said
 
 
@@ -117,7 +117,9 @@ def table(
     """The result for people."""
     rows = [(f"outages: {kind}", n) for kind, n in sorted(outages.counts.items())]
     rows += [("outages in all", sum(outages.counts.values()))]
-    rows += [(f"starts of {one.name}", one.starts) for one in bench.programs()]
+    rows += [
+        (f"starts of {program.name}", program.starts) for program in bench.programs()
+    ]
     rows += list(verdict.figures.items())
     width = max(len(name) for name, _ in rows)
     text = [f"{name:{width}}  {n:8d}" for name, n in rows]

@@ -149,9 +149,9 @@ def judge(
     received = stored(folder / "store.db")
     answers = list(lines(folder / "operator.jsonl"))
     acknowledged = {line["id"] for line in answers if line["ok"]}
-    ids = [one for one, _, _ in received]
+    ids = [point_id for point_id, _, _ in received]
     held = {point.id for point in points}
-    doubled = {one for one, n in Counter(ids).items() if n > 1}
+    doubled = {point_id for point_id, n in Counter(ids).items() if n > 1}
     turns = _counts_per_turn(folder / "arm.toml")
     presses, edges = _edges(folder, lives, turns)
     buttons = [point for point in points if point.trigger == "button"]

@@ -94,10 +94,10 @@ class Witness:
             promised = (values["result"]["id"],)
             self._write("INSERT OR IGNORE INTO promised VALUES (?)", promised)
         elif values.get("ok") and "sessions" in (values.get("result") or {}):
-            for one in values["result"]["sessions"]:
-                for first, last in self._gaps(one):
+            for stored in values["result"]["sessions"]:
+                for first, last in self._gaps(stored):
                     ends = {"from_seq": first, "to_seq": last}
-                    self._command("resend", {"session": one["session"], **ends})
+                    self._command("resend", {"session": stored["session"], **ends})
 
     def _gaps(self, session: dict[str, Any]) -> Iterator[tuple[int, int]]:
         """The first range that is missing of a session; the next one another time."""
@@ -170,22 +170,24 @@ def faults(store: Path, outbox: Path) -> tuple[dict[str, int], list[str]]:
         "arrived, but not in the outbox": digests.keys() - original.keys(),
         "arrived with several contents": {n for n, d in digests.items() if len(d) > 1},
         "arrived other than it is kept": {
-            name for name, one in digests.items() if one != {original.get(name)}
+            name
+            for name, fingerprint in digests.items()
+            if fingerprint != {original.get(name)}
         },
         "arrived under several numbers": {n for n, p in places.items() if len(p) > 1},
         "sessions whose numbers are not 0, 1, 2 ...": {
             session for session, seqs in order.items() if seqs != [*range(len(seqs))]
         },
     }
-    found = [f"{len(v)} {k}: {sorted(v)[:3]}" for k, v in kinds.items() if v]
+    complaints = [f"{len(v)} {k}: {sorted(v)[:3]}" for k, v in kinds.items() if v]
     if not promised:
-        found.append("nothing was promised to the witness: it has seen nothing")
+        complaints.append("nothing was promised to the witness: it has seen nothing")
     figures = {
         "witness: promised": len(promised),
         "witness: messages": n_arrived,
         "witness: points": len(digests),
     }
-    return figures, [f"witness: {text}" for text in found]
+    return figures, [f"witness: {text}" for text in complaints]
 
 
 if __name__ == "__main__":

@@ -28,11 +28,11 @@ class Chain:
 
     def places_mm(self, angles_rad: Floats) -> Floats:
         """Where the ball is, (n_poses, 3)."""
-        at = np.zeros((len(angles_rad), 3))
+        positions_mm = np.zeros((len(angles_rad), 3))
         for joint in reversed(range(len(self.axes))):
             turn = Rotation.from_rotvec(angles_rad[:, joint, None] * self.axes[joint])
-            at = turn.apply(at + self.links_mm[joint])
-        return at
+            positions_mm = turn.apply(positions_mm + self.links_mm[joint])
+        return positions_mm
 
 
 def chain_of(arm: Arm) -> Chain:
@@ -60,13 +60,13 @@ def fitted(nominal: Chain, measured: Measured, *, tool_only: bool = False) -> Ch
 
     start = np.zeros(3 if tool_only else 5 * n)
     scale = 10.0 if tool_only else np.r_[np.full(2 * n, 0.01), np.full(3 * n, 10.0)]
-    found = least_squares(
+    fit = least_squares(
         lambda x: judge(made(x).places_mm(angles_rad)), start, x_scale=scale
     )
-    return made(found.x)
+    return made(fit.x)
 
 
-def held_out_mm(at: Floats, measured: Measured) -> Floats:
+def held_out_mm(positions_mm: Floats, measured: Measured) -> Floats:
     """Distances of the poses kept aside, by where an arm has the ball in all of them.
 
     One yardstick for every way to fit an arm: a socket is at the mean of the poses
@@ -75,11 +75,11 @@ def held_out_mm(at: Floats, measured: Measured) -> Floats:
     """
     kept = measured.is_kept
     if measured.places_mm is None:
-        off = _from_sockets(at[kept], _numbers(measured, kept))
+        off = _from_sockets(positions_mm[kept], _numbers(measured, kept))
     else:
         placing = kept if measured.was_moved else ~kept
-        turn, shift = _frame(measured.places_mm[placing], at[placing])
-        off = at[kept] - (turn.apply(measured.places_mm[kept]) + shift)
+        turn, shift = _frame(measured.places_mm[placing], positions_mm[placing])
+        off = positions_mm[kept] - (turn.apply(measured.places_mm[kept]) + shift)
     distances: Floats = np.linalg.norm(off, axis=1)
     return distances
 
@@ -89,9 +89,9 @@ def _misclosures(measured: Measured, used: Booleans) -> Callable[[Floats], Float
     if measured.places_mm is not None:
         seen_mm = measured.places_mm[used]
 
-        def of_tracker(at: Floats) -> Floats:
-            turn, shift = _frame(seen_mm, at)
-            return np.ravel(at - (turn.apply(seen_mm) + shift))
+        def of_tracker(positions_mm: Floats) -> Floats:
+            turn, shift = _frame(seen_mm, positions_mm)
+            return np.ravel(positions_mm - (turn.apply(seen_mm) + shift))
 
         return of_tracker
     numbers = _numbers(measured, used)
@@ -99,10 +99,12 @@ def _misclosures(measured: Measured, used: Booleans) -> Callable[[Floats], Float
     names = list(dict.fromkeys(tuple(s) for s in np.array(measured.sockets)[used]))
     places = [(names.index((p, "1")), names.index((p, "2"))) for p in sorted(pairs)]
 
-    def of_sockets(at: Floats) -> Floats:
-        mean = _means(at, numbers)
+    def of_sockets(positions_mm: Floats) -> Floats:
+        mean = _means(positions_mm, numbers)
         gauge = [np.linalg.norm(mean[a] - mean[b]) - GAUGE_MM for a, b in places]
-        return np.r_[np.ravel(at - mean[numbers]), GAUGE_WEIGHT * np.array(gauge)]
+        return np.r_[
+            np.ravel(positions_mm - mean[numbers]), GAUGE_WEIGHT * np.array(gauge)
+        ]
 
     return of_sockets
 
@@ -114,22 +116,22 @@ def _numbers(measured: Measured, rows: Booleans) -> np.ndarray:
     return np.array([names.index(socket) for socket in sockets])
 
 
-def _means(at: Floats, numbers: np.ndarray) -> Floats:
+def _means(positions_mm: Floats, numbers: np.ndarray) -> Floats:
     count = np.bincount(numbers)
     means: Floats = np.stack(
-        [np.bincount(numbers, at[:, k]) / count for k in range(3)], axis=1
+        [np.bincount(numbers, positions_mm[:, k]) / count for k in range(3)], axis=1
     )
     return means
 
 
-def _from_sockets(at: Floats, numbers: np.ndarray) -> Floats:
-    return at - _means(at, numbers)[numbers]
+def _from_sockets(positions_mm: Floats, numbers: np.ndarray) -> Floats:
+    return positions_mm - _means(positions_mm, numbers)[numbers]
 
 
-def _frame(seen_mm: Floats, at: Floats) -> tuple[Rotation, Floats]:
+def _frame(seen_mm: Floats, positions_mm: Floats) -> tuple[Rotation, Floats]:
     """Rigid motion of the tracker's places onto those of the arm (Kabsch 1976)."""
-    middle, centre = seen_mm.mean(axis=0), at.mean(axis=0)
-    turn, _ = Rotation.align_vectors(at - centre, seen_mm - middle)
+    middle, centre = seen_mm.mean(axis=0), positions_mm.mean(axis=0)
+    turn, _ = Rotation.align_vectors(positions_mm - centre, seen_mm - middle)
     return turn, centre - turn.apply(middle)
 
 

@@ -75,20 +75,20 @@ class Measured:
         lines.append('time = "order"')
         taken = np.flatnonzero(rows)
         if self.places_mm is None:
-            for place in dict.fromkeys(self.sockets[int(at)][0] for at in taken):
+            for place in dict.fromkeys(self.sockets[int(row)][0] for row in taken):
                 lines += ["[[artefacts]]", f'id = "{place}"', 'kind = "seats"']
                 lines += [f"distance_mm = {GAUGE_MM}"]
         else:
             lines += ["[[artefacts]]", 'id = "tracker"', 'kind = "points"']
             lines += ['frame = "own"', 'points_mm = "points.csv"']
-            named = [[f"p{at}", *self.places_mm[at].tolist()] for at in taken]
+            named = [[f"p{row}", *self.places_mm[row].tolist()] for row in taken]
             _write(folder / "points.csv", ["feature", "x_mm", "y_mm", "z_mm"], named)
         (folder / "campaign.toml").write_text("\n".join(lines) + "\n", "utf-8")
         head = ["time_s", "artefact", "feature"]
         head += [f"{name}_rad" for name in self.joints(n_joints)]
         poses = [
-            [at, *self._touched(at), *map(repr, self.angles_rad[at].tolist())]
-            for at in taken.tolist()
+            [row, *self._touched(row), *map(repr, self.angles_rad[row].tolist())]
+            for row in taken.tolist()
         ]
         _write(folder / "poses.csv", head, poses)
         return folder
@@ -97,8 +97,10 @@ class Measured:
         """Names of the joints in the arm file."""
         return [f"J{number}" for number in range(1, n_joints + 1)]
 
-    def _touched(self, at: int) -> tuple[str, str]:
-        return ("tracker", f"p{at}") if self.places_mm is not None else self.sockets[at]
+    def _touched(self, row: int) -> tuple[str, str]:
+        return (
+            ("tracker", f"p{row}") if self.places_mm is not None else self.sockets[row]
+        )
 
 
 def read_sets(folder: Path) -> Iterator[Measured]:

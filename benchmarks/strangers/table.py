@@ -146,10 +146,10 @@ def ours(
 def distances_mm(measured: Measured, arm: Arm) -> Floats:
     """Distances [mm] of the poses kept aside, by an arm file with its effects."""
     effects = effects_of(arm, arm.effects)
-    at, _, _ = corrected_pose(
+    positions_mm, _, _ = corrected_pose(
         geometry_from_arm(arm), effects, Block(measured.angles_rad)
     )
-    return plain.held_out_mm(at, measured)
+    return plain.held_out_mm(positions_mm, measured)
 
 
 def figures(distances: Floats) -> str:

@@ -87,16 +87,16 @@ class RawClient:
     def _packets(self) -> Iterator[tuple[int, bytes]]:
         while True:
             data = self._rest
-            at, length, shift = 1, 0, 0
-            while at < len(data):
-                length |= (data[at] & 127) << shift
+            offset, length, shift = 1, 0, 0
+            while offset < len(data):
+                length |= (data[offset] & 127) << shift
                 shift += 7
-                at += 1
-                if data[at - 1] < 128:
+                offset += 1
+                if data[offset - 1] < 128:
                     break
-            if at > 1 and data[at - 1] < 128 and len(data) >= at + length:
-                self._rest = data[at + length :]
-                yield data[0], data[at : at + length]
+            if offset > 1 and data[offset - 1] < 128 and len(data) >= offset + length:
+                self._rest = data[offset + length :]
+                yield data[0], data[offset : offset + length]
                 continue
             try:
                 more = self._socket.recv(READ_BYTES)

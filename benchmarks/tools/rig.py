@@ -174,7 +174,7 @@ def cpu_s(process: "subprocess.Popen[bytes]") -> float:
 def own_mb(process: "subprocess.Popen[bytes]") -> float:
     """Resident memory but for files, which other programs share."""
     text = Path(f"/proc/{process.pid}/status").read_text("ascii")
-    line = next(one for one in text.splitlines() if one.startswith("RssAnon:"))
+    line = next(entry for entry in text.splitlines() if entry.startswith("RssAnon:"))
     return int(line.split()[1]) * 1024 / 1e6
 
 

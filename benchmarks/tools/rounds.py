@@ -71,8 +71,8 @@ class Table:
 
     def ratios(self, name: str) -> tuple[float, float, float]:
         """How many times faster than the reference: median, 10 % and 90 %."""
-        found = np.divide(self.times_s[self.reference], self.times_s[name])
-        low, middle, high = np.percentile(found, (10, 50, 90))
+        quotients = np.divide(self.times_s[self.reference], self.times_s[name])
+        low, middle, high = np.percentile(quotients, (10, 50, 90))
         return float(middle), float(low), float(high)
 
     def lines(self, unit: str = "ns", scale: float = 1e9) -> list[str]:
@@ -146,13 +146,13 @@ def report(tables: Iterable[Table], path: Path | None) -> None:
     """Time on one core and print; keep the tables in a file where one is named."""
     one_core()
     print(load())
-    found = []
+    written_tables = []
     for table in tables:
         print("\n".join(table.lines()), flush=True)
-        found.append(table)
+        written_tables.append(table)
     print(load())
     if path is not None:
-        write(found, path)
+        write(written_tables, path)
 
 
 def write(tables: Sequence[Table], path: Path) -> None:

@@ -147,21 +147,22 @@ def wanted(
 ) -> list[tuple[Series[Any], range]]:
     """Choose seeds of every series; of few series in tiny sizes."""
     chosen = [
-        one
-        for one in series
-        if not asked.scenarios or any(part in one.scenario for part in asked.scenarios)
+        trials
+        for trials in series
+        if not asked.scenarios
+        or any(part in trials.scenario for part in asked.scenarios)
     ]
     chosen = chosen[:: sized(1, max(1, len(chosen) // 3))]
-    total = sum(one.n for one in chosen)
+    total = sum(trials.n for trials in chosen)
     counts = []
-    for one in chosen:
-        n = sized(one.n, max(1, one.batch // 5))
+    for trials in chosen:
+        n = sized(trials.n, max(1, trials.batch // 5))
         if asked.runs is not None:
             n = max(1, n * asked.runs // total)
         if asked.seeds is not None:
             n = min(n, asked.seeds)
-        first = one.first + asked.seed
-        counts.append((one, range(first, first + n)))
+        first = trials.first + asked.seed
+        counts.append((trials, range(first, first + n)))
     return counts
 
 

@@ -132,7 +132,7 @@ def drawn_fault(
     joint = int(rng.integers(len(poses.arm.joints)))
     angles_rad = poses.turns_rad[:, joint] + poses.truth.zeros_rad[joint]
     spot = _Spot(rng, poses, joint, slice(joint, joint + 1), angles_rad)
-    names = [one.name for one in poses.arm.joints]
+    names = [modelled.name for modelled in poses.arm.joints]
     if kind == CURVE:
         return _curve(spot, names[joint])
     fault, size_key = _MAKERS[kind](spot)

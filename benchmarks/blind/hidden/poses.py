@@ -74,8 +74,8 @@ def drawn(rng: np.random.Generator, poses: PoseSet, kind: str) -> Hidden:
 
 def played(poses: PoseSet, hidden: tuple[Hidden, ...]) -> PoseSet:
     """Play effects on contacts, in the direction in which nature works."""
-    entries = tuple(one.entry for one in hidden if isinstance(one, HiddenEffect))
-    faults = tuple(one.fault for one in hidden if isinstance(one, HiddenFault))
+    entries = tuple(entry.entry for entry in hidden if isinstance(entry, HiddenEffect))
+    faults = tuple(entry.fault for entry in hidden if isinstance(entry, HiddenFault))
     return with_effects(poses, entries, faults)
 
 
@@ -96,9 +96,9 @@ def weighed(arm: Arm) -> Arm:
         joint
         if joint.mass_kg is not None
         else joint.model_copy(
-            update={"mass_kg": _MASSES_KG[min(at, len(_MASSES_KG) - 1)]}
+            update={"mass_kg": _MASSES_KG[min(number, len(_MASSES_KG) - 1)]}
         )
-        for at, joint in enumerate(arm.joints)
+        for number, joint in enumerate(arm.joints)
     )
     probe = arm.probe
     if probe.mass_kg is None:
