@@ -35,7 +35,7 @@ def deep(levels: int) -> Iterator[bytes]:
 
 def fixed() -> list[bytes]:
     """Payloads known from attacks, and others like them."""
-    found: list[bytes] = [
+    payloads: list[bytes] = [
         b"",
         b"\x00",
         b"\xc1",
@@ -62,7 +62,7 @@ def fixed() -> list[bytes]:
         b"\xd8\x01" + bytes(16),
     ]
     for levels in (17, 500, 3000):
-        found += deep(levels)
+        payloads += deep(levels)
     wrong = [
         {"samples": -1},
         {"samples": "1"},
@@ -83,12 +83,12 @@ def fixed() -> list[bytes]:
         {"k" * 64: "v" * 2000},
     ]
     for args in wrong:
-        found += both(envelope(f"w{len(found)}", args))
+        payloads += both(envelope(f"w{len(payloads)}", args))
     for request in ("", "r" * 65, 7, None, ["r"], {"r": 1}, "r\0\n\x1b[2J"):
-        found += both(envelope(request))
-    found += both({**envelope(), "schema": "traverse/command/2"})
-    found += both(envelope(f"m{len(found)}", more=1))
-    return found
+        payloads += both(envelope(request))
+    payloads += both({**envelope(), "schema": "traverse/command/2"})
+    payloads += both(envelope(f"m{len(payloads)}", more=1))
+    return payloads
 
 
 _PLAIN = st.recursive(
@@ -134,12 +134,12 @@ names = st.sampled_from(
 
 def examples(strategy: st.SearchStrategy[Any], n: int) -> list[Any]:
     """So many values of a strategy, the same ones in every run."""
-    found: list[Any] = []
+    drawn: list[Any] = []
 
     @settings(max_examples=n, derandomize=True, database=None, phases=[Phase.generate])
     @given(strategy)
-    def collect(one: Any) -> None:
-        found.append(one)
+    def collect(example: Any) -> None:
+        drawn.append(example)
 
     collect()
-    return found
+    return drawn

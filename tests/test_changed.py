@@ -60,8 +60,8 @@ def test_tests_of_a_module_are_those_named_like_it_and_those_that_import_it(
 def test_changed_and_new_tests_come_first(checkout: Path) -> None:
     (checkout / "tests" / "store" / "test_new.py").write_text("")
     (checkout / "store" / "queue.py").write_text("")
-    found = selected(checkout, changed_files(checkout))
-    assert found == [
+    chosen = selected(checkout, changed_files(checkout))
+    assert chosen == [
         "tests/store/test_new.py",
         "tests/store/test_unplain.py",
         "tests/store/test_helped.py",

@@ -5,18 +5,18 @@ import grimp
 
 def circles(graph):
     """Return a chain of modules for every import that closes a circle."""
-    found = []
+    loops = []
     for module in sorted(graph.modules):
         for other in sorted(graph.find_modules_directly_imported_by(module)):
             chain = graph.find_shortest_chain(other, module)
             if chain is not None:
-                found.append((module, *chain))
-    return found
+                loops.append((module, *chain))
+    return loops
 
 
 def test_no_circle_of_imports():
-    found = circles(grimp.build_graph("traverse", "benchmarks", cache_dir=None))
-    assert [" -> ".join(chain) for chain in found] == []
+    loops = circles(grimp.build_graph("traverse", "benchmarks", cache_dir=None))
+    assert [" -> ".join(chain) for chain in loops] == []
 
 
 def test_a_circle_is_found():

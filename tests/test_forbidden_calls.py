@@ -52,9 +52,9 @@ def names_of(node: ast.AST) -> Iterator[str]:
         case ast.Call(func=ast.Name(id=name)):
             yield f"{name}()"
         case ast.Import(names=names):
-            yield from (one.name for one in names)
+            yield from (imported.name for imported in names)
         case ast.ImportFrom(module=str(module), names=names):
-            yield from (f"{module}.{one.name}" for one in names)
+            yield from (f"{module}.{imported.name}" for imported in names)
         case ast.Attribute(value=ast.Name(id=owner), attr=name):
             yield f"{owner}.{name}"
         case ast.keyword(arg=str(name), value=ast.Constant(value=value)):
@@ -71,13 +71,13 @@ def test_there_are_sources_to_look_at():
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_no_source_runs_text_or_unpacks_objects_or_calls_a_shell(package):
-    found = [
+    calls = [
         f"{path.relative_to(CHECKOUT)}:{what}"
         for path in SOURCES
         if path.relative_to(CHECKOUT).parts[0] == package
         for what in forbidden(ast.parse(path.read_text("utf-8")))
     ]
-    assert found == []
+    assert calls == []
 
 
 @pytest.mark.parametrize(

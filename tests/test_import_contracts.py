@@ -210,9 +210,9 @@ def sections(checked: subprocess.CompletedProcess[str]) -> dict[str, str]:
     return dict(zip(headed[1::2], headed[2::2], strict=True))
 
 
-def section(found: dict[str, str], contract: str) -> str:
+def section(reports: dict[str, str], contract: str) -> str:
     """That of the contract whose name begins so."""
-    (report,) = (text for name, text in found.items() if name.startswith(contract))
+    (report,) = (text for name, text in reports.items() if name.startswith(contract))
     return report
 
 
@@ -220,7 +220,9 @@ def section(found: dict[str, str], contract: str) -> str:
 def planted_imports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """All forbidden imports at once: what is said of every contract."""
     folder = copy(tmp_path_factory.mktemp("imports"))
-    for module, planted in {one for many in PLANTED.values() for one in many}:
+    for module, planted in {
+        planted_one for many in PLANTED.values() for planted_one in many
+    }:
         with (folder / "traverse" / module).open("a", encoding="utf-8") as source:
             source.write(f"\nimport {planted}\n")
     return sections(lint_imports(folder, status=1))

@@ -63,7 +63,7 @@ def test_every_package_is_linked() -> None:
 
 
 def test_the_root_has_nothing_else() -> None:
-    others = {one.name for one in ROOT.iterdir() if not one.is_symlink()}
+    others = {entry.name for entry in ROOT.iterdir() if not entry.is_symlink()}
     assert others - {"__pycache__"} == {
         "__init__.py",
         "__main__.py",

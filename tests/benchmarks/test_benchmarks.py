@@ -29,7 +29,7 @@ def test_kernel_is_timed_beside_numpy_and_peers():
 @compiled
 def test_differences_are_those_derivatives():
     angles_rad = np.random.default_rng(5).uniform(-3, 3, (4, 7))
-    found = Differences(arm(), COMPILED[0], angles_rad).compute()
+    differences = Differences(arm(), COMPILED[0], angles_rad).compute()
 
     exact = numpy_derivatives(arm(), angles_rad)
     flat = np.concatenate(
@@ -40,7 +40,7 @@ def test_differences_are_those_derivatives():
         ]
     )
     # The reach is 2 m: differences of 1e-6 are good to a few units of 1e-3 there.
-    np.testing.assert_allclose(found, flat, atol=5e-3)
+    np.testing.assert_allclose(differences, flat, atol=5e-3)
 
 
 def test_peer_that_computes_another_arm_is_refused():

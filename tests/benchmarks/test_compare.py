@@ -63,8 +63,8 @@ def written(folder, *, point_us=2000.0, ours_s=1e-6):
 
 
 def test_figures_are_ratios_to_peers_of_the_same_run(tmp_path):
-    found = headlines(written(tmp_path))
-    assert {name: round(one.median, 6) for name, one in found.items()} == {
+    figures = headlines(written(tmp_path))
+    assert {name: round(figure.median, 6) for name, figure in figures.items()} == {
         "one pose: times faster": 4.0,
         "100 presses/s, CPU a point: times": 1.0,
         "100 presses/s, p50: times": 10.0,
@@ -75,7 +75,7 @@ def test_figures_are_ratios_to_peers_of_the_same_run(tmp_path):
         "start: times as long": 7.0,
         "memory: times as much": 2.5,
     }
-    assert found["one pose: times faster"].peer == "theirs"
+    assert figures["one pose: times faster"].peer == "theirs"
 
 
 def test_what_got_worse_is_said_and_nothing_else(tmp_path):
@@ -123,9 +123,9 @@ HERE = {"host": "a1", "cpu": "Model 7", "cores": "2", "python": "3.11.2"}
     ],
 )
 def test_figures_are_compared_on_one_quiet_machine(kept, load, reason):
-    found = not_comparable(HERE, kept, load)
-    assert reason in found
-    assert bool(found) == bool(reason)
+    obstacle = not_comparable(HERE, kept, load)
+    assert reason in obstacle
+    assert bool(obstacle) == bool(reason)
 
 
 def test_what_is_not_comparable_is_not_worse(tmp_path):

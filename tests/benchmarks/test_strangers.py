@@ -42,8 +42,8 @@ def folder(tmp_path):
     rng = np.random.default_rng(3)
     for name, n in (("grid", 60), ("random", 10)):
         angles_deg = rng.uniform(-120.0, 120.0, (n, 6))
-        at = chain.places_mm(np.radians(angles_deg))
-        turned = at[:, [1, 2, 0]] + [300.0, -20.0, 5.0]
+        places_mm = chain.places_mm(np.radians(angles_deg))
+        turned = places_mm[:, [1, 2, 0]] + [300.0, -20.0, 5.0]
         seen = turned + rng.normal(0.0, NOISE_MM, (n, 3))
         off = rng.normal(0.0, 2.0, (n, 3))
         rows = np.hstack([seen + off, off, angles_deg]).tolist()
@@ -116,7 +116,7 @@ def test_sockets_of_a_gauge_are_read_and_kept_aside_by_place(tmp_path):
     arm = read_arm(make_arm(measured, tmp_path))
     folder = measured.write(tmp_path / "used", ~measured.is_kept)
     campaign = read_campaign(folder, [joint.name for joint in arm.joints])
-    assert [one.id for one in campaign.artefacts] == ["a", "c"]
+    assert [artefact.id for artefact in campaign.artefacts] == ["a", "c"]
     assert len(campaign.poses) == 8
     # Both sockets of a place lie 0 mm from their mean: each was touched in one posture.
     at_mm = plain.chain_of(arm).places_mm(measured.angles_rad)

@@ -52,8 +52,8 @@ def test_publish_by_hand():
     assert publish_packet("live", b"abc", properties=b"\0") == (
         b"\x30\x0a\x00\x04live\x00abc"
     )
-    one = publish_packet("p", b"abc", qos=1, number=258, properties=b"\0")
-    assert one == b"\x32\x09\x00\x01p\x01\x02\x00abc"
+    packet = publish_packet("p", b"abc", qos=1, number=258, properties=b"\0")
+    assert packet == b"\x32\x09\x00\x01p\x01\x02\x00abc"
     assert publish_packet("p", b"abc", qos=1, number=258) == (
         b"\x32\x08\x00\x01p\x01\x02abc"
     )

@@ -182,7 +182,7 @@ def test_the_broker_is_checked_against_a_file_and_the_line_is_new_enough(tmp_pat
     assert context.verify_mode is ssl.CERT_REQUIRED
     assert context.check_hostname
     assert context.minimum_version is ssl.TLSVersion.TLSv1_2
-    assert [one["subject"] for one in context.get_ca_certs()] == [
+    assert [certificate["subject"] for certificate in context.get_ca_certs()] == [
         ((("commonName", "authority"),),)
     ]
 

@@ -151,7 +151,8 @@ async def test_nothing_is_green_when_broker_or_arm_is_gone(
         await expect(message).to_contain_text("The arm is off line")
         assert await n_played(page, "refused") == 1
         boxes = [
-            await page.locator(one).bounding_box() for one in (".message", ".figures")
+            await page.locator(selector).bounding_box()
+            for selector in (".message", ".figures")
         ]
         assert boxes[0] is not None
         assert boxes[1] is not None

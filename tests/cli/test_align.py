@@ -175,9 +175,9 @@ def test_a_leapfrog_onto_an_alignment_leads_to_the_part(files, tmp_path):
         tmp_path / "second.csv", measured(moved, seed=2, places=measured(seed=1))
     )
     given = ["--nominal", points, "--method", "leapfrog", "--std", 0.01]
-    alone = json.loads(align(second, *given, "--json").stdout)
+    second_alone = json.loads(align(second, *given, "--json").stdout)
     np.testing.assert_allclose(
-        alone["alignment"]["rotation"], moved.rotation, atol=1e-4
+        second_alone["alignment"]["rotation"], moved.rotation, atol=1e-4
     )
     both = json.loads(align(second, *given, "--onto", out, "--json").stdout)
     whole = TRUE.after(moved)
@@ -303,10 +303,10 @@ def same_arm(tmp_path_factory):
     rng = np.random.default_rng(6)
     angles_rad = rng.uniform(-1.0, 1.0, (6, len(arm.joints)))
     places, _ = probe_pose(geometry_from_arm(arm), angles_rad)
-    found = shared_errors(path, arm, angles_rad)
-    total = found @ found.transpose(0, 2, 1) + 0.01**2 * np.eye(3)
+    shared_mm = shared_errors(path, arm, angles_rad)
+    total = shared_mm @ shared_mm.transpose(0, 2, 1) + 0.01**2 * np.eye(3)
     upper = total[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
-    measured_mm = places + found @ rng.normal(size=found.shape[2])
+    measured_mm = places + shared_mm @ rng.normal(size=shared_mm.shape[2])
     measured_mm += rng.normal(0.0, 0.01, (6, 3))
     messages = [
         POINT.model_copy(

@@ -40,11 +40,13 @@ def test_help_names_every_command() -> None:
 
 def test_old_names_are_hidden_and_do_the_same() -> None:
     every = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    assert {name for name, one in every.items() if one.hidden} == {"interim"}
+    assert {name for name, command in every.items() if command.hidden} == {"interim"}
     old, new = every["interim"], every["daily-check"]
     assert old.help == new.help
     assert inspect.unwrap(old.callback) is inspect.unwrap(new.callback)
-    assert [one.opts for one in old.params] == [one.opts for one in new.params]
+    assert [option.opts for option in old.params] == [
+        option.opts for option in new.params
+    ]
     assert " interim " not in said("--help")[1]
     assert said("interim") == (
         2,

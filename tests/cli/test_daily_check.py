@@ -35,13 +35,13 @@ def campaign(folder, *, day, scatter_mm=0.01, missing=0):
     lines = ["time_s,artefact,feature," + ",".join(f"{n}_rad" for n in names)]
     for row, (artefact, feature, offset_mm) in enumerate(wanted[missing:]):
         target_mm = start_mm + offset_mm + rng.normal(0, scatter_mm, 3)
-        at = angles.copy()
+        posture = angles.copy()
         for _ in range(8):
-            here_mm = probe_centre(geometry, at[np.newaxis])[0]
-            steps = at + 1e-7 * np.eye(len(at))
+            here_mm = probe_centre(geometry, posture[np.newaxis])[0]
+            steps = posture + 1e-7 * np.eye(len(posture))
             slope = (probe_centre(geometry, steps) - here_mm).T / 1e-7
-            at = at + np.linalg.pinv(slope) @ (target_mm - here_mm)
-        numbers = ",".join(repr(float(a)) for a in at)
+            posture = posture + np.linalg.pinv(slope) @ (target_mm - here_mm)
+        numbers = ",".join(repr(float(a)) for a in posture)
         lines.append(f"{row},{artefact},{feature},{numbers}")
     (folder / "poses.csv").write_text("\n".join(lines) + "\n")
     return folder

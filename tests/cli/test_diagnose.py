@@ -36,10 +36,10 @@ def run_diagnose(
 def campaign_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a campaign in which J3 reads wrongly, and the design."""
     folder = tmp_path_factory.mktemp("eccentric")
-    found = measured().with_effect(effect_from_table(ECCENTRIC))
+    spoilt = measured().with_effect(effect_from_table(ECCENTRIC))
     # Few poses with few columns: quick.
     plain = replace(
-        found.campaign.poses.part(slice(0, None, 2)),
+        spoilt.campaign.poses.part(slice(0, None, 2)),
         temperature_c=None,
         joint_temperatures_c=None,
         approaches=None,
@@ -48,8 +48,8 @@ def campaign_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         force_n=None,
     )
     (folder / "campaign").mkdir()
-    written(replace(found.campaign, poses=plain), folder / "campaign")
-    write_arm(folder / "arm.toml", found.arm)
+    written(replace(spoilt.campaign, poses=plain), folder / "campaign")
+    write_arm(folder / "arm.toml", spoilt.arm)
     text = (folder / "arm.toml").read_text("utf-8")
     (folder / "arm.toml").write_text(f"{COMMENT}\n{text}", "utf-8")
     return folder

@@ -87,16 +87,16 @@ def test_the_terminal_view_has_no_escape_sequence(text):
     console = Console(file=out, width=300, color_system=None)
     console.print(picture("arm", sight))
     shown = out.getvalue()
-    assert all(one.isprintable() for one in shown.split("\n"))
-    assert not any(one.startswith("12:00:00") for one in shown.split("\n"))
+    assert all(line.isprintable() for line in shown.split("\n"))
+    assert not any(line.startswith("12:00:00") for line in shown.split("\n"))
 
 
 @pytest.mark.parametrize("form", [PlainLines, JsonLines])
 def test_an_entry_of_the_log_cannot_begin_another(text, form):
     record = logging.makeLogRecord({"msg": "said %s", "args": (text,)})
     first, *others = form().format(record).split("\n")
-    assert all(one.isprintable() for one in (first, *others))
-    assert all(one.startswith(" ") for one in others)
+    assert all(line.isprintable() for line in (first, *others))
+    assert all(line.startswith(" ") for line in others)
     if form is JsonLines:
         assert json.loads(first)["message"] == f"said {text}"
 

@@ -159,7 +159,7 @@ def test_a_command_on_files_prints_one_document(
 def test_points_of_an_outbox_are_a_document_a_line(desk: Path) -> None:
     line = f"points list --db {desk / 'outbox.db'} --session {POINT.session} --json"
     ran = invoke(*line.split())
-    assert [json.loads(one)["seq"] for one in ran.stdout.splitlines()] == [POINT.seq]
+    assert [json.loads(row)["seq"] for row in ran.stdout.splitlines()] == [POINT.seq]
 
 
 @pytest.mark.needs("mosquitto")
@@ -179,7 +179,7 @@ async def test_a_recording_is_reported_in_one_document(
 def test_every_command_is_seen_to_print_json_or_it_is_told_why_not() -> None:
     seen = {*OFFICE, *ELSEWHERE, "record"}
     every = dict(commands())
-    assert {name for name, one in every.items() if has_json(one)} == seen
+    assert {name for name, command in every.items() if has_json(command)} == seen
     assert set(every) - seen == set(WITHOUT)
 
 

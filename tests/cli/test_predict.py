@@ -75,12 +75,12 @@ def test_an_arm_is_judged_by_another_campaign_s_places(folder: Path) -> None:
     write_simulated(folder / "second", "cones+bar", 120)
     same = predicted(folder, "second/campaign", "--arm", "out/arm.toml")
     arguments = ("--fit-on", "campaign")
-    found = predicted(folder, "second/campaign", "--arm", "out/arm.toml", *arguments)
+    answer = predicted(folder, "second/campaign", "--arm", "out/arm.toml", *arguments)
     design = predicted(folder, "second/campaign", "--arm", "arm.toml", *arguments)
     assert {e["placed_by"] for e in same["artefacts"].values()} == {"itself"}
-    assert {e["placed_by"] for e in found["artefacts"].values()} == {"others"}
-    assert found["distance_mm"]["n"] == 120
-    assert found["distance_mm"]["mean_mm"] < 0.1 * design["distance_mm"]["mean_mm"]
+    assert {e["placed_by"] for e in answer["artefacts"].values()} == {"others"}
+    assert answer["distance_mm"]["n"] == 120
+    assert answer["distance_mm"]["mean_mm"] < 0.1 * design["distance_mm"]["mean_mm"]
 
 
 def test_the_table_has_a_line_for_each_pose(folder: Path) -> None:
@@ -107,11 +107,11 @@ def test_the_tool_is_fitted_on_request(folder: Path) -> None:
         text.replace("vector_mm = [85.0, ", "vector_mm = [85.5, ")
     )
     arguments = ("campaign", "--arm", "bent.toml")
-    found = predicted(folder, *arguments, "--fit-tool")
-    assert len(found["probe_vector_mm"]) == 3
+    answer = predicted(folder, *arguments, "--fit-tool")
+    assert len(answer["probe_vector_mm"]) == 3
     plain = predicted(folder, *arguments)
     assert plain["probe_vector_mm"] is None
-    assert found["distance_mm"]["rms_mm"] < plain["distance_mm"]["rms_mm"]
+    assert answer["distance_mm"]["rms_mm"] < plain["distance_mm"]["rms_mm"]
 
 
 def test_an_arm_of_other_joints_is_refused(folder: Path, tmp_path: Path) -> None:

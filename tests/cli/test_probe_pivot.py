@@ -88,12 +88,12 @@ def test_what_was_found_goes_into_the_library_and_comments_stay(bench, tmp_path)
     options = ("--cone", "cone-1", "--library", path, "--name", "ball-6")
     run(bench, *options, "--write", "--yes")
     assert "# the usual one" in path.read_text()
-    found = read_probes(path)
-    assert found.named("ball-6").vector_mm == pytest.approx(VECTOR_MM, abs=0.02)
-    assert found.named("ball-6").covariance_mm2.shape == (3, 3)
-    assert found.named("ball-6").date is not None
-    assert found.named("other").vector_mm == (0.0, 0.0, 10.0)
-    assert found.named("other").date is None
+    stored = read_probes(path)
+    assert stored.named("ball-6").vector_mm == pytest.approx(VECTOR_MM, abs=0.02)
+    assert stored.named("ball-6").covariance_mm2.shape == (3, 3)
+    assert stored.named("ball-6").date is not None
+    assert stored.named("other").vector_mm == (0.0, 0.0, 10.0)
+    assert stored.named("other").date is None
     run(bench, *options)
 
 

@@ -10,8 +10,8 @@ PATIENCE_S = 30.0
 
 async def read(arm: Arm, n: int) -> list[Point | Lost]:
     """The next points and losses, in the order in which they are handed out."""
-    found: list[Point | Lost] = []
+    points: list[Point | Lost] = []
     async with asyncio.timeout(PATIENCE_S):
-        while len(found) < n:
-            found.append(await anext(arm.points_and_losses()))
-    return found
+        while len(points) < n:
+            points.append(await anext(arm.points_and_losses()))
+    return points

@@ -97,11 +97,11 @@ def test_events_live_poses_and_scans_can_be_iterated(
         elsewhere(virtual.publish(EVENT))
         assert next(events) == EVENT
         poses = arm.live(0.1)
-        found = None
-        while found is None:  # until subscribed
+        live = None
+        while live is None:  # until subscribed
             elsewhere(virtual.publish(LIVE))
-            found = next(poses, None)
-        assert found == LIVE
+            live = next(poses, None)
+        assert live == LIVE
         with arm.scan(rate_hz=100.0, idle_timeout_s=QUIET_S) as blocks:
             block = SCAN.model_copy(update={"seq": 0, "last": True, "total": 3})
             elsewhere(virtual.publish(block))

@@ -69,12 +69,16 @@ async def test_every_command_is_carried_out(
             ScanArgs(action="stop"),
         ]
         # It asks once by itself for what it has missed, whenever it is connected.
-        given = [one for one in virtual.commands if not isinstance(one, ResendArgs)]
+        given = [
+            command
+            for command in virtual.commands
+            if not isinstance(command, ResendArgs)
+        ]
         assert given == expected
         first, second = virtual.session, await arm.new_session("after lunch")
         assert second == virtual.session != first
         held = await arm.sessions()
-        assert [one.session for one in held] == [first, second]
+        assert [session.session for session in held] == [first, second]
         assert held[0].begun_ns == virtual.begun_ns[first]
         assert (await arm.resend(first)).points == 0
 
@@ -86,8 +90,8 @@ async def test_a_refusal_says_code_text_and_remedy(
     async with virtual.running(), Arm(virtual.arm, broker) as arm:
         with pytest.raises(CommandRefused) as refused:
             await arm.sessions()
-        found = (refused.value.code, refused.value.text, refused.value.remedy)
-        assert found == ("command.not_available", "cannot", "a new version")
+        refusal = (refused.value.code, refused.value.text, refused.value.remedy)
+        assert refusal == ("command.not_available", "cannot", "a new version")
 
 
 async def test_a_command_is_answered_over_a_reconnection_and_carried_out_once(
@@ -145,13 +149,13 @@ async def test_status_health_and_live_poses_come(
         assert await arm.health() == HEALTH
         poses = arm.live()
         async with asyncio.timeout(PATIENCE_S):
-            while (found := asyncio.ensure_future(anext(poses))) and True:
+            while (next_pose := asyncio.ensure_future(anext(poses))) and True:
                 await virtual.publish(LIVE)
-                done, _ = await asyncio.wait({found}, timeout=0.1)
+                done, _ = await asyncio.wait({next_pose}, timeout=0.1)
                 if done:
                     break
-                found.cancel()
-        assert found.result() == LIVE
+                next_pose.cancel()
+        assert next_pose.result() == LIVE
 
 
 async def test_a_scan_runs_while_its_block_does_and_gaps_are_counted(
@@ -168,8 +172,8 @@ async def test_a_scan_runs_while_its_block_does_and_gaps_are_counted(
             for block in (first, other, second, last):
                 await virtual.publish(block)
             async with asyncio.timeout(PATIENCE_S):
-                found = [block async for block in blocks]
-        assert found == [first, second, last]
+                received = [block async for block in blocks]
+        assert received == [first, second, last]
         assert blocks.missing == 7
         assert virtual.commands[-1] == ScanArgs(
             action="start",

@@ -137,9 +137,9 @@ def test_a_macro_groups_points_that_were_not_taken_back(name: str, unit: float) 
     }
     good = {"quality": Quality.from_bits(0), "label": Label()}
     standing = runpy.run_path(str(macro(name)))["Standing"]()
-    for at, (point_id, own) in enumerate(taken.items()):
-        place = {"id": point_id, "xyz_mm": (1000.0 * at, -20.0, 0.5)}
-        standing.take(POINT.model_copy(update=good | place | own))
+    for number, (point_id, changes) in enumerate(taken.items()):
+        place = {"id": point_id, "xyz_mm": (1000.0 * number, -20.0, 0.5)}
+        standing.take(POINT.model_copy(update=good | place | changes))
     assert standing.groups() == {
         "plate 7": [pytest.approx((0.0, -20.0 * unit, 0.5 * unit))],
         "points": [pytest.approx((2000.0 * unit, -20.0 * unit, 0.5 * unit))],

@@ -30,7 +30,7 @@ async def test_what_is_repeated_is_left_out_and_gaps_are_counted() -> None:
         for seq in (0, n, 0, n, 3 * n):
             feed.put(block(seq))
         feed.put(block(4 * n, last=True))
-        seqs = [found.seq async for found in blocks]
+        seqs = [received.seq async for received in blocks]
     assert seqs == [0, n, 3 * n, 4 * n]
     assert blocks.missing == n
     assert np.all(np.diff(seqs) > 0)
@@ -38,5 +38,5 @@ async def test_what_is_repeated_is_left_out_and_gaps_are_counted() -> None:
 
 def test_the_answer_about_a_scan_that_is_not_held_is_read() -> None:
     nothing = {"session": None, "first_seq": None, "last_seq": None, "total": None}
-    found = ResentScan.read({"scan": "s", "blocks": 0, **nothing})
-    assert found == ResentScan(scan="s", blocks=0)
+    answer = ResentScan.read({"scan": "s", "blocks": 0, **nothing})
+    assert answer == ResentScan(scan="s", blocks=0)

@@ -71,7 +71,7 @@ class ArmBench:
             assembly=AssemblySection(**assembly),
             uncertainty=uncertainty or UncertaintySection(),
         )
-        self.devices = {one.id: self.device(one) for one in configured.device}
+        self.devices = {device.id: self.device(device) for device in configured.device}
         self.measurement = Measurement(
             configured,
             self.model,

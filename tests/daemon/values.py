@@ -72,7 +72,7 @@ def configuration(*devices: str, inputs=None, capture=None, **sections):
     capture["inputs"] = given + tuple(
         InputSection(source=source, trigger=trigger)
         for source, trigger in (inputs or {}).items()
-        if source not in {one.source for one in given}
+        if source not in {device.source for device in given}
     )
     return Configuration(
         arm=ArmSection(file="arm.toml"),

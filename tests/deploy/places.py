@@ -10,9 +10,9 @@ DEPLOY = Path(__file__).parents[2] / "deploy"
 
 def program(name: str) -> str:
     """Return its path; the test's `needs` marker has made sure of it."""
-    found = shutil.which(name)
-    assert found is not None, f"no {name} in {os.environ['PATH']}"
-    return found
+    path_of_program = shutil.which(name)
+    assert path_of_program is not None, f"no {name} in {os.environ['PATH']}"
+    return path_of_program
 
 
 def said(*words: str | Path) -> str:

@@ -29,10 +29,10 @@ both = pytest.mark.parametrize("file", [UNIT, PAGE], ids=lambda file: file.stem)
 
 def settings(text: str) -> dict[str, list[str]]:
     """All values of each key of a unit file."""
-    found: dict[str, list[str]] = {}
+    values: dict[str, list[str]] = {}
     for key, value in re.findall(r"^([A-Za-z]+)=(.*)$", text, re.MULTILINE):
-        found.setdefault(key, []).append(value)
-    return found
+        values.setdefault(key, []).append(value)
+    return values
 
 
 @both
@@ -61,23 +61,25 @@ def test_a_unit_is_shut_as_tightly_as_it_shall_be(tmp_path: Path, file: Path) ->
 
 
 def test_the_unit_reloads_by_a_signal_and_is_watched() -> None:
-    found = settings(UNIT.read_text("utf-8"))
-    assert found["Type"] == ["notify"]  # systemd 252 has no notify-reload
-    assert found["ExecReload"] == ["/bin/kill -HUP $MAINPID"]
-    assert float(found["WatchdogSec"][0]) > 0
-    assert found["RestartPreventExitStatus"] == ["2"]  # input refused
+    unit = settings(UNIT.read_text("utf-8"))
+    assert unit["Type"] == ["notify"]  # systemd 252 has no notify-reload
+    assert unit["ExecReload"] == ["/bin/kill -HUP $MAINPID"]
+    assert float(unit["WatchdogSec"][0]) > 0
+    assert unit["RestartPreventExitStatus"] == ["2"]  # input refused
 
 
 @both
 def test_secrets_may_be_missing_but_the_token(file: Path) -> None:
-    found = settings(file.read_text("utf-8"))
-    loaded = {one.partition(":")[0] for one in found["LoadCredential"]}
-    required = {Path(one).name for one in found.get("AssertPathExists", ())}
+    unit = settings(file.read_text("utf-8"))
+    loaded = {credential.partition(":")[0] for credential in unit["LoadCredential"]}
+    required = {
+        Path(credential).name for credential in unit.get("AssertPathExists", ())
+    }
     assert required == ({"page.token"} if file == PAGE else set())
     assert loaded - required == {
-        one.partition(":")[0] for one in found["SetCredential"]
+        credential.partition(":")[0] for credential in unit["SetCredential"]
     }
-    assert all(one.endswith(r":\n") for one in found["SetCredential"])
+    assert all(credential.endswith(r":\n") for credential in unit["SetCredential"])
 
 
 @pytest.mark.needs("systemd")
@@ -120,11 +122,13 @@ def written() -> str:
 def test_every_command_and_group_has_its_part() -> None:
     parts = set(re.findall(r"^\.SS traverse (\S+)$", written(), re.MULTILINE))
     names = {
-        str(one.name or getattr(one.callback, "__name__", "")).replace("_", "\\-")
-        for one in app.registered_commands
-        if not one.hidden
+        str(command.name or getattr(command.callback, "__name__", "")).replace(
+            "_", "\\-"
+        )
+        for command in app.registered_commands
+        if not command.hidden
     }
-    groups = {one.typer_instance.info.name for one in app.registered_groups}
+    groups = {group.typer_instance.info.name for group in app.registered_groups}
     assert names | groups <= parts
 
 
@@ -153,14 +157,14 @@ def rules() -> list[list[re.Match[str]]]:
         for line in RULES.read_text("utf-8").splitlines()
         if line and not line.startswith("#")
     ]
-    found = []
+    rows = []
     for line in lines:
         parts = [
             PART.fullmatch(part) for part in re.split(r", (?=[A-Z_]+[{=!+:])", line)
         ]
         assert all(parts), line
-        found.append([part for part in parts if part])
-    return found
+        rows.append([part for part in parts if part])
+    return rows
 
 
 def test_every_part_is_a_known_match_or_assignment() -> None:

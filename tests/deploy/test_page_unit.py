@@ -49,10 +49,10 @@ def credentials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def broker(tmp_path: Path) -> Iterator[Mosquitto]:
     """It accepts the account of the example."""
-    found = Mosquitto(tmp_path, {f"{ARM}-operator": PASSWORD})
-    found.start()
-    yield found
-    found.stop()
+    mosquitto = Mosquitto(tmp_path, {f"{ARM}-operator": PASSWORD})
+    mosquitto.start()
+    yield mosquitto
+    mosquitto.stop()
 
 
 async def visited(connection: http.client.HTTPConnection) -> str:

@@ -82,8 +82,8 @@ NOT_RUN: Final = {
 
 def elsewhere(page: str, command: str) -> str | None:
     """The test that runs what a command of a page does, other than from the page."""
-    found = (test for p, test in ELSEWHERE.items() if re.match(p, command))
-    return next(found, None) if page not in RUN else None
+    tests = (test for p, test in ELSEWHERE.items() if re.match(p, command))
+    return next(tests, None) if page not in RUN else None
 
 
 def why_not_run(command: str) -> str | None:

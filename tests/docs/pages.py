@@ -28,11 +28,11 @@ _HEADING = re.compile(r"^(?P<level>#+) (?P<text>.*)$", re.MULTILINE)
 
 def _subcommands(command: Any, name: str) -> dict[str, Any]:
     """A command and all below it by their full names, groups first; no old names."""
-    found = {name: command}
+    by_words = {name: command}
     for word, inner in getattr(command, "commands", {}).items():
         if not inner.hidden:
-            found |= _subcommands(inner, f"{name} {word}")
-    return found
+            by_words |= _subcommands(inner, f"{name} {word}")
+    return by_words
 
 
 COMMANDS = _subcommands(typer.main.get_command(app), "traverse")
@@ -88,16 +88,18 @@ def tables(name: str) -> dict[str, list[list[str]]]:
     text = text_of(name)
     headings = list(_HEADING.finditer(text))
     ends = [*(heading.start() for heading in headings[1:]), len(text)]
-    found = {}
+    by_heading = {}
     for heading, end in zip(headings, ends, strict=True):
         section = text[heading.end() : end]
         table = re.search(r"(?:^\|.*\|\n)+", section, re.MULTILINE)
         if keys := _KEY.findall(section):
-            found[heading["text"]] = [list(key) for key in keys]
+            by_heading[heading["text"]] = [list(key) for key in keys]
         elif table:
             rows = [line[1:-1].split("|") for line in table[0].splitlines()]
-            found[heading["text"]] = [[cell.strip() for cell in r] for r in rows[2:]]
-    return found
+            by_heading[heading["text"]] = [
+                [cell.strip() for cell in r] for r in rows[2:]
+            ]
+    return by_heading
 
 
 def code_words(cell: str) -> list[str]:
@@ -116,7 +118,7 @@ def commands(name: str) -> list[str]:
 
     In a block of `console` they follow "$ ", in one of `sh` on every line.
     """
-    found = []
+    command_lines = []
     for block in _SHELL.finditer(text_of(name)):
         lines = [line[len(block["indent"]) :] for line in block["text"].splitlines()]
         while lines:
@@ -127,5 +129,5 @@ def commands(name: str) -> list[str]:
                 line = line[2:]
             while line.endswith("\\"):
                 line = line[:-1] + lines.pop(0).strip()
-            found.append(re.sub(r"\s+# .*$", "", line))
-    return found
+            command_lines.append(re.sub(r"\s+# .*$", "", line))
+    return command_lines

@@ -43,10 +43,10 @@ class Shell(AbstractContextManager["Shell"]):
         self.folder, self.line = folder, line
         self._out = folder / f"{name}.said"
         # In place of the shell, so that its end is the program's own.
-        alone = re.search("[&|;]", line) is None
+        is_simple = re.search("[&|;]", line) is None
         with self._out.open("wb") as out:
             self.process = subprocess.Popen(
-                ["/bin/sh", "-c", f"exec {line}" if alone else line],
+                ["/bin/sh", "-c", f"exec {line}" if is_simple else line],
                 cwd=folder,
                 env={
                     **os.environ,

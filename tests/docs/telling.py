@@ -20,23 +20,23 @@ _OURS = ("python ", "traverse ", "sed ")
 
 def blocks(page: str, language: str) -> list[str]:
     """All blocks of a page in a language."""
-    found = _BLOCK.finditer(text_of(page))
-    return [match["text"] for match in found if match["language"] == language]
+    matches = _BLOCK.finditer(text_of(page))
+    return [match["text"] for match in matches if match["language"] == language]
 
 
 def printed_blocks(page: str) -> list[tuple[str, list[str]]]:
     """A page's commands after the preparations, each with the lines it shows."""
-    found: list[tuple[str, list[str]]] = []
+    printed: list[tuple[str, list[str]]] = []
     for match in _BLOCK.finditer(text_of(page)):
         if match["language"] == "console":
             for line in match["text"].splitlines():
                 if line.startswith("$ "):
-                    found.append((line[2:], []))
-                elif found:
-                    found[-1][1].append(line)
-        elif match["language"] == "text" and found:
-            found[-1][1].extend(match["text"].splitlines())
-    return [(line, shown) for line, shown in found if line.startswith(_OURS)]
+                    printed.append((line[2:], []))
+                elif printed:
+                    printed[-1][1].append(line)
+        elif match["language"] == "text" and printed:
+            printed[-1][1].extend(match["text"].splitlines())
+    return [(line, shown) for line, shown in printed if line.startswith(_OURS)]
 
 
 def output_of(command: str, folder: Path, status: int = 0) -> str:
@@ -58,8 +58,10 @@ def assert_printed(printed: str, shown: list[str], command: str) -> None:
     """Every line that a page shows is among those printed, figures nearly so."""
     lines = printed.splitlines()
     for line in shown:
-        same = [one for one in lines if words_of(one) == words_of(line)]
-        values = [numbers_of(one) for one in same]
+        same = [
+            shown_line for shown_line in lines if words_of(shown_line) == words_of(line)
+        ]
+        values = [numbers_of(shown_line) for shown_line in same]
         expected = pytest.approx(numbers_of(line), rel=TOLERANCE)
         assert expected in values, f"{command}: not printed: {line}\n{printed}"
 

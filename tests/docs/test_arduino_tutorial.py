@@ -36,8 +36,8 @@ def test_an_arm_of_a_board_is_calibrated_as_told(tmp_path: Path) -> None:
     shutil.copy(tmp_path / "diagnosed" / "arm.cov.npz", tmp_path)
     shutil.copy(tmp_path / "diagnosed" / "arm.toml", tmp_path / "design.toml")
     assert "valid" in output_of("traverse check traverse.toml", tmp_path)
-    (found,) = read_arm(tmp_path / "design.toml").effects
-    assert (found.kind, found.joint) == ("encoder_eccentricity", "J2")
+    (effect,) = read_arm(tmp_path / "design.toml").effects
+    assert (effect.kind, effect.joint) == ("encoder_eccentricity", "J2")
     # `collect` begins with the gauge's first socket; nobody listens at that port.
     words = "collect gauge --arm design.toml --each 25 --broker 127.0.0.1:9"
     ran = run_program(
@@ -48,5 +48,5 @@ def test_an_arm_of_a_board_is_calibrated_as_told(tmp_path: Path) -> None:
     )
     assert "Touch gauge-1 1 (seats): 25 more" in ran.stdout
     hidden = tomllib.loads(magnet)["effects"][0]
-    assert abs(found.values["cos_rad"] - hidden["cos_rad"]) < 0.002
-    assert abs(found.values["sin_rad"] - hidden["sin_rad"]) < 0.002
+    assert abs(effect.values["cos_rad"] - hidden["cos_rad"]) < 0.002
+    assert abs(effect.values["sin_rad"] - hidden["sin_rad"]) < 0.002

@@ -98,6 +98,6 @@ async def test_every_command_of_the_guides(
                     if not re.search(BY_HAND, line):
                         await first_said(bench, line)
             assert await daemon.stop() == 0
-    found = {path.suffix for path in (tmp_path / "state").rglob("*")}
+    suffixes = {path.suffix for path in (tmp_path / "state").rglob("*")}
     assert (tmp_path / "points.csv").read_text("utf-8").count("\n") > 2
-    assert {".mcap", ".db", ".csv"} <= found
+    assert {".mcap", ".db", ".csv"} <= suffixes

@@ -25,7 +25,7 @@ async def test_a_circle(
     port = make_mosquitto().port
     believe_utc(tmp_path)
     for kind in ("simulator", "daemon"):
-        ((_, text),) = [found for found in examples(kind) if found[0] == PAGE]
+        ((_, text),) = [example for example in examples(kind) if example[0] == PAGE]
         text = text.replace("port = 1883", f"port = {port}")
         (tmp_path / f"{kind}.toml").write_text(text, "utf-8")
     lines = [line for line in commands(PAGE) if why_not_run(line) is None]
@@ -52,8 +52,8 @@ async def test_a_circle(
             await gateway.interrupt()
             await daemon.interrupt()
         await simulator.interrupt()
-    found = PRINTED.search(text_of(PAGE))
-    assert found is not None
+    match = PRINTED.search(text_of(PAGE))
+    assert match is not None
     # Touches before the round began are warned of; how many, depends on the start.
     measured = [line for line in said.splitlines() if " ! Error(1,1001," not in line]
-    assert measured == found[0].splitlines()
+    assert measured == match[0].splitlines()

@@ -38,8 +38,8 @@ def problem(line: str) -> str | None:
     if words[:1] == ["make"]:
         return target_problem(words[1])
     if words[:2] == ["python", "-m"]:
-        found = importlib.util.find_spec(words[2])
-        return None if found else f"no module {words[2]}"
+        module_spec = importlib.util.find_spec(words[2])
+        return None if module_spec else f"no module {words[2]}"
     return parse_problem(words[1:]) if words[:1] == ["traverse"] else None
 
 
@@ -82,16 +82,16 @@ def parts(line: str) -> list[str]:
 
 @pytest.mark.parametrize(("page", "line"), SHOWN)
 def test_every_command_can_be_typed(page: str, line: str) -> None:
-    found = {part: problem(part) for part in parts(line)}
-    assert not any(found.values()), (page, found)
+    problems = {part: problem(part) for part in parts(line)}
+    assert not any(problems.values()), (page, problems)
 
 
 @pytest.mark.parametrize(("page", "word"), SPOKEN)
 def test_every_command_that_is_spoken_of_can_be_typed(page: str, word: str) -> None:
     if not _PLACEHOLDER.search(word):
-        found = problem(word) or ""
+        fault = problem(word) or ""
         # A mention of a command need not have all required arguments.
-        assert not found or found.startswith(_INCOMPLETE), (page, found)
+        assert not fault or fault.startswith(_INCOMPLETE), (page, fault)
 
 
 @pytest.mark.parametrize(("page", "line"), SHOWN)

@@ -30,7 +30,7 @@ async def test_every_part_by_hand(
     port = make_mosquitto().port
     believe_utc(tmp_path)
     for kind in ("simulator", "daemon"):
-        ((_, text),) = [found for found in examples(kind) if found[0] == PAGE]
+        ((_, text),) = [example for example in examples(kind) if example[0] == PAGE]
         text = text.replace("port = 1883", f"port = {port}")
         (tmp_path / f"{kind}.toml").write_text(text, "utf-8")
     lines = iter(commands(PAGE))

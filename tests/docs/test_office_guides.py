@@ -49,7 +49,7 @@ async def test_arm_files_are_made_and_shown_as_told(tmp_path: Path) -> None:
     for line, shown in printed_blocks(ARM_FILES):
         with Shell(tmp_path, "shown", as_run(line, 0)) as shell:
             printed = await shell.ends()
-        assert_printed(printed, [one for one in shown if one != "..."], line)
+        assert_printed(printed, [line_ for line_ in shown if line_ != "..."], line)
     assert (tmp_path / "table.toml").exists()
 
 
@@ -76,7 +76,7 @@ def test_the_files_that_the_guide_copies_are_there() -> None:
 
 
 def _has_user(name: str) -> bool:
-    return any(one.pw_name == name for one in pwd.getpwall())
+    return any(user.pw_name == name for user in pwd.getpwall())
 
 
 def _as_user(name: str, line: str) -> str:
@@ -117,7 +117,7 @@ async def test_each_works_behind_tls_as_its_own_user_as_told(tmp_path: Path) -> 
         etc = _mosquitto_folders(Path(place))
         (tmp_path / "deploy").symlink_to(CHECKOUT / "deploy")
         told_lines = commands(SECURE)
-        end = next(n for n, one in enumerate(told_lines) if one.startswith("sed "))
+        end = next(n for n, line_ in enumerate(told_lines) if line_.startswith("sed "))
         home = Path(place) / "traverse" / "bench-7"
         home.mkdir(parents=True)
         for number, line in enumerate(told_lines[: end + 1]):
@@ -187,8 +187,8 @@ async def _a_point_as_other_users(home: Path, port: int) -> None:
     ):
         await display.says("ready")
         assert _user_of(arm.process.pid) == DAEMON
-        with Shell(person, "point", _as_user(PERSON, point)) as one:
-            taken = await one.ends()
+        with Shell(person, "point", _as_user(PERSON, point)) as session:
+            taken = await session.ends()
         assert "mm" in taken
         await display.says(" point ")
     with Shell(person, "secret", _as_user(PERSON, f"cat {home}/broker.password")) as no:

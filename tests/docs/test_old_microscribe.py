@@ -19,8 +19,8 @@ CENTRE_MM, RADIUS_MM = (300.0, 100.0, 120.0), 25.4
 
 
 def blocks(language: str) -> list[str]:
-    found = _BLOCK.finditer(text_of(PAGE))
-    return [match["text"] for match in found if match["language"] == language]
+    matches = _BLOCK.finditer(text_of(PAGE))
+    return [match["text"] for match in matches if match["language"] == language]
 
 
 def shown_commands() -> list[tuple[list[str], list[str]]]:
@@ -59,7 +59,7 @@ async def test_the_two_commands_bring_points_on_the_ball(tmp_path: Path):
             words = [*watch[0], *where]
             with Program(tmp_path, "watch", *words) as watching:
                 await until(lambda: len(points(watching.output)) >= 3, "3 points")
-            found = points(watching.output)
+            measured_mm = points(watching.output)
             # Confirmed, one flag is left, as on the page: nobody has identified it.
             lines = [*watching.output.splitlines()[:3], *watch[1]]
             assert {line.partition(" mm")[2] for line in lines} == {
@@ -67,7 +67,7 @@ async def test_the_two_commands_bring_points_on_the_ball(tmp_path: Path):
             }
             assert await daemon.stop() == 0
         assert await simulated.stop() == 0
-    distances_mm = np.linalg.norm(found - np.array(CENTRE_MM), axis=1)
+    distances_mm = np.linalg.norm(measured_mm - np.array(CENTRE_MM), axis=1)
     assert np.abs(distances_mm - RADIUS_MM).max() < 1.2
     for line in watch[1]:
         assert points(line + "\n").shape == (1, 3)
@@ -78,5 +78,5 @@ async def test_the_two_commands_bring_points_on_the_ball(tmp_path: Path):
 def points(output: str) -> np.ndarray:
     """Coordinates of all complete lines of points."""
     lines = [line for line in output.splitlines(keepends=True) if line[-1] == "\n"]
-    found = [re.search(r" point +\d+((?: +-?[\d.]+){3}) mm", line) for line in lines]
-    return np.array([match[1].split() for match in found if match], dtype=float)
+    matches = [re.search(r" point +\d+((?: +-?[\d.]+){3}) mm", line) for line in lines]
+    return np.array([match[1].split() for match in matches if match], dtype=float)

@@ -38,7 +38,9 @@ class Guide:
     """
 
     def __init__(self, page: str, bench: Workbench, *motions: str) -> None:
-        self.lines = [one for one in printed_blocks(page) if "leapfrog" not in one[0]]
+        self.lines = [
+            block for block in printed_blocks(page) if "leapfrog" not in block[0]
+        ]
         self.bench, self.session = bench, ""
         bench.write_simulator(
             LEAD_IN, *motions, REST, arm="noise_rad = 2e-6\n[arm.deviations]"
@@ -85,9 +87,16 @@ class Guide:
 def _assert_shown(printed: str, shown: list[str]) -> None:
     """Every line of the page is printed, its figures nearly so."""
     for line in shown:
-        same = [one for one in printed.splitlines() if words_of(one) == words_of(line)]
+        same = [
+            printed_line
+            for printed_line in printed.splitlines()
+            if words_of(printed_line) == words_of(line)
+        ]
         expected = pytest.approx(numbers_of(line), rel=0.05, abs=0.005)
-        assert expected in [numbers_of(one) for one in same], (line, printed)
+        assert expected in [numbers_of(printed_line) for printed_line in same], (
+            line,
+            printed,
+        )
 
 
 @pytest.fixture

@@ -111,13 +111,13 @@ FAULT = re.compile(r'(?:fault|_by_node)\((?:\s*[\w.]+,)?\s*"([a-z_]+)"')
 
 
 def codes_in_the_code() -> set[str]:
-    found = set()
+    codes = set()
     for package in ("daemon", "drivers"):
         for path in (CHECKOUT / package).rglob("*.py"):
             text = path.read_text("utf-8")
-            found |= set(CODE.findall(text))
-            found |= {f"device.{name}" for name in FAULT.findall(text)}
-    return found
+            codes |= set(CODE.findall(text))
+            codes |= {f"device.{name}" for name in FAULT.findall(text)}
+    return codes
 
 
 def test_every_code_is_explained_and_no_other() -> None:
@@ -144,9 +144,9 @@ def test_every_module_named_is_there(page: str) -> None:
 def test_tables_of_folders_name_what_is_there(
     table: re.Pattern[str], folder: str
 ) -> None:
-    found = table.search(text_of(TOUR[0]))
-    assert found
-    words = re.findall(r"`([a-z_/]+)`", found[0].split("\n", 1)[1])
+    match = table.search(text_of(TOUR[0]))
+    assert match
+    words = re.findall(r"`([a-z_/]+)`", match[0].split("\n", 1)[1])
     assert words
     root = CHECKOUT / folder
     missing = [
@@ -158,7 +158,7 @@ def test_tables_of_folders_name_what_is_there(
 
 
 def test_every_folder_of_the_daemon_is_in_its_table() -> None:
-    found = IN_DAEMON.search(text_of(TOUR[0]))
-    assert found
+    match = IN_DAEMON.search(text_of(TOUR[0]))
+    assert match
     folders = {path.parent.name for path in CHECKOUT.glob("daemon/*/__init__.py")}
-    assert folders - set(re.findall(r"`([a-z_]+)/`", found[0])) == set()
+    assert folders - set(re.findall(r"`([a-z_]+)/`", match[0])) == set()

@@ -79,10 +79,13 @@ DEFAULT_COLUMN = 1
 def test_every_key_stands_there_with_its_default(
     page: str, heading: str, model: type[BaseModel]
 ) -> None:
-    found = tables(page)
-    of_every_kind = found["`[[artefacts]]`"] if model in ARTEFACT_KINDS.values() else []
+    by_heading = tables(page)
+    of_every_kind = (
+        by_heading["`[[artefacts]]`"] if model in ARTEFACT_KINDS.values() else []
+    )
     rows = {
-        code_words(row[0])[0]: row for row in of_every_kind + found.get(heading, [])
+        code_words(row[0])[0]: row
+        for row in of_every_kind + by_heading.get(heading, [])
     }
     fields = {field.alias or name: field for name, field in model.model_fields.items()}
     assert set(rows) == set(fields)
@@ -92,11 +95,13 @@ def test_every_key_stands_there_with_its_default(
 
 
 def test_every_key_of_a_filter_stands_there_with_its_default() -> None:
-    found = tables("docs/reference/configuration.md")
-    assert {code_words(row[0])[0] for row in found["`[[scan.filters]]`"]} == {*FILTERS}
+    by_heading = tables("docs/reference/configuration.md")
+    assert {code_words(row[0])[0] for row in by_heading["`[[scan.filters]]`"]} == {
+        *FILTERS
+    }
     said = {
         tuple(code_words(row[0])): shown_default(row[DEFAULT_COLUMN])
-        for row in found["Keys of the filters"]
+        for row in by_heading["Keys of the filters"]
     }
     expected: dict[tuple[str, ...], Any] = {}
     for kind in FILTERS:
@@ -158,7 +163,9 @@ def test_options_for_brokers_have_a_section() -> None:
     text = text_of("docs/reference/commands.md")
     (section,) = re.findall(r"^### Brokers$(.*?)^## ", text, re.M | re.DOTALL)
     said = {word for word in code_words(section) if re.fullmatch(r"--[\w-]+", word)}
-    assert said == {f"--{one.name.replace('_', '-')}" for one in fields(BrokerOptions)}
+    assert said == {
+        f"--{option.name.replace('_', '-')}" for option in fields(BrokerOptions)
+    }
 
 
 def test_bounds_on_their_page_hold() -> None:

@@ -30,13 +30,13 @@ class Parts(HTMLParser):
         self.feed(page.read_text("utf-8"))
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        found = {name: value or "" for name, value in attrs}
+        attributes = {name: value or "" for name, value in attrs}
         if tag in ("script", "img", "iframe", "source"):
-            self.loaded.append(found.get("src", ""))
+            self.loaded.append(attributes.get("src", ""))
         elif tag == "link":
-            self.loaded.append(found.get("href", ""))
-        elif tag == "a" and "md-nav__link" in found.get("class", ""):
-            self.navigation.add(urldefrag(found.get("href", ""))[0])
+            self.loaded.append(attributes.get("href", ""))
+        elif tag == "a" and "md-nav__link" in attributes.get("class", ""):
+            self.navigation.add(urldefrag(attributes.get("href", ""))[0])
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +100,8 @@ def test_every_command_is_followed_by_the_options_of_its_help(site: Path) -> Non
         shown = set(re.findall(r"(?<!\S)--?[a-z][a-z-]*", words))
         if any('href="#brokers"' in row for row in rows):
             shown |= {
-                f"--{one.name.replace('_', '-')}" for one in fields(BrokerOptions)
+                f"--{declared.name.replace('_', '-')}"
+                for declared in fields(BrokerOptions)
             }
         assert shown == {
             option

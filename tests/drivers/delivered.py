@@ -13,7 +13,7 @@ class Delivered:
     all: list[Any]
 
     def of(self, kind):
-        return [one for one in self.all if isinstance(one, kind)]
+        return [delivery for delivery in self.all if isinstance(delivery, kind)]
 
     def joined(self, name: str) -> np.ndarray:
         return np.concatenate([getattr(b, name) for b in self.of(CountSamples)])

@@ -266,9 +266,9 @@ class EdgeContract:
             await taken.until(lambda: len(taken.of(LatchedCounts)) >= 3, "3 edges")
         latches = taken.of(LatchedCounts)
         assert len(latches) == 3
-        found = [latch.token for latch in latches]
-        assert len(set(found)) == 3
-        assert all(t in (None, got) for t, got in zip(tokens, found, strict=True))
+        numbers = [latch.token for latch in latches]
+        assert len(set(numbers)) == 3
+        assert all(t in (None, got) for t, got in zip(tokens, numbers, strict=True))
         times_ns = [latch.sample_time_ns for latch in latches]
         assert times_ns == sorted(times_ns)
         identity = taken.of(DeviceUp)[0].identity

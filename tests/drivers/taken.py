@@ -23,7 +23,7 @@ class Taken:
         self.all: list[Delivery] = []
 
     def of(self, kind: type[Kind]) -> list[Kind]:
-        return [one for one in self.all if isinstance(one, kind)]
+        return [delivery for delivery in self.all if isinstance(delivery, kind)]
 
     def seqs(self) -> list[int]:
         blocks = [block for block in self.all if isinstance(block, CountSamples)]

@@ -74,9 +74,9 @@ DELIVERIES = (
 )
 
 
-def same(one, other):
+def same(first, other):
     """Equal, arrays bit by bit."""
-    tables = [delivery_to_map(delivery) for delivery in (one, other)]
+    tables = [delivery_to_map(delivery) for delivery in (first, other)]
     return all(
         np.array_equal(value, tables[1][name])
         and getattr(value, "dtype", None) == getattr(tables[1][name], "dtype", None)
@@ -88,9 +88,9 @@ def same(one, other):
 
 @pytest.mark.parametrize("delivery", DELIVERIES, ids=lambda d: type(d).__name__)
 def test_deliveries_come_back_from_their_bytes(delivery):
-    found = delivery_from_map(bytes_to_map(map_to_bytes(delivery_to_map(delivery))))
-    assert type(found) is type(delivery)
-    assert same(found, delivery)
+    restored = delivery_from_map(bytes_to_map(map_to_bytes(delivery_to_map(delivery))))
+    assert type(restored) is type(delivery)
+    assert same(restored, delivery)
 
 
 @pytest.mark.parametrize(
@@ -132,12 +132,12 @@ def recording(path):
 
 
 async def taken(driver, delivery_queue, n_lost):
-    found = []
+    deliveries = []
     with driver:
         async with asyncio.timeout(10):
-            while sum(isinstance(d, DeviceLost) for d in found) < n_lost:
-                found += await delivery_queue.take()
-    return found
+            while sum(isinstance(d, DeviceLost) for d in deliveries) < n_lost:
+                deliveries += await delivery_queue.take()
+    return deliveries
 
 
 async def test_a_device_delivers_what_it_did_then_at_the_times_of_now(tmp_path):
@@ -147,24 +147,24 @@ async def test_a_device_delivers_what_it_did_then_at_the_times_of_now(tmp_path):
         "arm", ReplayOptions(file=str(path), source="base", speed=2.0), delivery_queue
     )
     begun_ns = time.monotonic_ns()
-    found = await taken(driver, delivery_queue, 2)
+    deliveries = await taken(driver, delivery_queue, 2)
     ended_ns = time.monotonic_ns()
-    assert {d.device for d in found} == {"arm"}
-    up, stream = (d for d in found[:3] if not isinstance(d, DeviceCounters))
+    assert {d.device for d in deliveries} == {"arm"}
+    up, stream = (d for d in deliveries[:3] if not isinstance(d, DeviceCounters))
     assert isinstance(up, DeviceUp)
     assert (up.identity.latches, up.identity.max_rate_hz) == (False, 2000.0)
     assert stream == StreamStarted("arm", 1, 2000.0)
-    blocks = [d for d in found if isinstance(d, CountSamples)]
+    blocks = [d for d in deliveries if isinstance(d, CountSamples)]
     counts = np.concatenate([b.counts for b in blocks])
     assert (counts == np.concatenate([samples(0).counts, samples(10).counts])).all()
     times_ns = np.concatenate([b.sample_time_ns for b in blocks])
     assert (np.diff(times_ns) == 500_000).all()
     assert begun_ns <= times_ns[0] <= ended_ns
-    (edge,) = [d for d in found if isinstance(d, LatchedCounts)]
+    (edge,) = [d for d in deliveries if isinstance(d, LatchedCounts)]
     assert (edge.input, edge.token, edge.counts) == (1, 4, (1, 2))
     assert edge.sample_time_ns - times_ns[0] == 20_500_000 // 2
-    assert any(isinstance(d, DeviceAlarm) and d.code == "worn" for d in found)
-    lost = [d.reason for d in found if isinstance(d, DeviceLost)]
+    assert any(isinstance(d, DeviceAlarm) and d.code == "worn" for d in deliveries)
+    lost = [d.reason for d in deliveries if isinstance(d, DeviceLost)]
     assert lost[0] == "cable"
     assert "has ended" in lost[1]
 
@@ -175,8 +175,8 @@ async def test_it_begins_anew_where_it_is_requested(tmp_path):
     driver = ReplayDriver(
         "base", ReplayOptions(file=str(path), speed=100.0, repeat=True), delivery_queue
     )
-    found = await taken(driver, delivery_queue, 4)
-    assert sum(isinstance(d, DeviceUp) for d in found) >= 2
+    deliveries = await taken(driver, delivery_queue, 4)
+    assert sum(isinstance(d, DeviceUp) for d in deliveries) >= 2
 
 
 @pytest.mark.parametrize(

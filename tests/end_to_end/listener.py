@@ -107,8 +107,8 @@ class Listener:
 
         def waits_for_the_operator() -> bool:
             return self.statuses[-1].state == "doubt" and any(
-                one.command and not one.established
-                for one in self.statuses[-1].conditions
+                condition.command and not condition.established
+                for condition in self.statuses[-1].conditions
             )
 
         await until(

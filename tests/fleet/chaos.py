@@ -68,14 +68,14 @@ class Members:
 
     def stop(self) -> list[int]:
         """End all in order; their exit statuses."""
-        found = []
+        statuses = []
         for number, process in enumerate(self._running):
             if process is None:
                 continue
             process.send_signal(signal.SIGTERM)
-            found.append(process.wait(30))
+            statuses.append(process.wait(30))
             self._running[number] = None
-        return found
+        return statuses
 
     async def are_connected(self) -> None:
         """Wait until each has been."""
@@ -128,8 +128,8 @@ async def chaos(
     try:
         async with asyncio.TaskGroup() as group:
             for arm in arms:
-                own = random.Random(chance.random())
-                group.create_task(life(arm, over, own))
+                chance_of_arm = random.Random(chance.random())
+                group.create_task(life(arm, over, chance_of_arm))
             await asyncio.sleep(3.0)
             for _ in range(n_kills):
                 await asyncio.sleep(chance.uniform(0.2, 1.5))
@@ -181,7 +181,7 @@ async def _complete(url: str, arms: list[VirtualDaemon]) -> None:
     """Wait until the store has as many as the arms, or nothing comes for long."""
     wanted = sum(len(arm.points) for arm in arms)
     database = open_database(url)
-    found, since_s = -1, asyncio.get_running_loop().time()
+    n_before, since_s = -1, asyncio.get_running_loop().time()
     try:
         while asyncio.get_running_loop().time() - since_s < PATIENCE_S:
             (now,) = _select(database, "SELECT count(*) FROM point")[0]
@@ -190,8 +190,8 @@ async def _complete(url: str, arms: list[VirtualDaemon]) -> None:
             )[0]
             if now >= wanted and not waiting:
                 return
-            if now != found:
-                found, since_s = now, asyncio.get_running_loop().time()
+            if now != n_before:
+                n_before, since_s = now, asyncio.get_running_loop().time()
             await asyncio.sleep(0.5)
     finally:
         database.close()

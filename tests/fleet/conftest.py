@@ -13,9 +13,9 @@ from traverse.fleet.tables import migrate
 @pytest.fixture(scope="session")
 def server() -> Iterator[Postgres]:
     """For tests that do not disturb it; mark them `needs("postgresql")`."""
-    found = Postgres()
-    yield found
-    found.close()
+    postgres_server = Postgres()
+    yield postgres_server
+    postgres_server.close()
 
 
 @pytest.fixture
@@ -27,16 +27,16 @@ def postgres_url(server: Postgres) -> str:
 @pytest.fixture(params=["sqlite", "postgresql"])
 def database(request, tmp_path, postgres_url):
     is_file = request.param == "sqlite"
-    found = open_database(str(tmp_path / "store.db") if is_file else postgres_url)
-    migrate(found)
-    yield found
-    found.close()
+    opened = open_database(str(tmp_path / "store.db") if is_file else postgres_url)
+    migrate(opened)
+    yield opened
+    opened.close()
 
 
 @pytest.fixture
 def postgres() -> Iterator[Postgres]:
     """A server with an empty database `fleet`, to be stopped and killed."""
-    found = Postgres()
-    found.new_database("fleet")
-    yield found
-    found.close()
+    postgres_server = Postgres()
+    postgres_server.new_database("fleet")
+    yield postgres_server
+    postgres_server.close()

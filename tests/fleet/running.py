@@ -60,13 +60,13 @@ async def started(folder, broker, *words):
 
 def rows(folder, statement):
     with sqlite3.connect(folder / "traverse-store.db") as connection:
-        found = connection.execute(statement).fetchall()
+        result = connection.execute(statement).fetchall()
     connection.close()
-    return found
+    return result
 
 
 async def becomes(folder, statement, wanted):
     until_s = time.monotonic() + PATIENCE_S
-    while (found := rows(folder, statement)) != wanted:
-        assert time.monotonic() < until_s, found
+    while (present := rows(folder, statement)) != wanted:
+        assert time.monotonic() < until_s, present
         await asyncio.sleep(0.1)

@@ -137,7 +137,7 @@ def results(campaigns, out, workers, options=None):
     for outcome in run_campaigns(folders, request, workers):
         outcomes.append(outcome)
         yield outcome
-    assert sorted(one.name for one in outcomes) == [one.name for one in folders]
+    assert sorted(ended.name for ended in outcomes) == [ended.name for ended in folders]
 
 
 def files_of(out):
@@ -225,5 +225,5 @@ def test_a_diagnosis_is_told_as_json(campaigns, tmp_path):
     given = [str(campaigns / "bench-0"), "--arm", str(campaigns / "design.toml")]
     out = ["--out", str(tmp_path / "found"), "--processes", "1", "--json"]
     ran = invoke("fleet", "diagnose", *given, *out)
-    (one,) = json.loads(ran.stdout)["campaigns"]
-    assert one == {"name": "bench-0", "failed": False, "verdict": "clean"}
+    (campaign,) = json.loads(ran.stdout)["campaigns"]
+    assert campaign == {"name": "bench-0", "failed": False, "verdict": "clean"}

@@ -19,8 +19,8 @@ FOLDER = CHECKOUT / "docs" / "integrations"
 
 @pytest.mark.needs("postgresql")
 def test_every_panel_of_the_dashboard_shows_what_the_store_has(postgres_url, tmp_path):
-    found = open_database(postgres_url)
-    migrate(found)
+    opened = open_database(postgres_url)
+    migrate(opened)
     now_ns = time.time_ns()
     messages = (
         GOOD.model_copy(update={"time_ns": now_ns}),
@@ -30,10 +30,10 @@ def test_every_panel_of_the_dashboard_shows_what_the_store_has(postgres_url, tmp
             update={"severity": "error", "first_ns": now_ns, "last_ns": now_ns}
         ),
     )
-    store_messages(found, tmp_path, *(("a", message) for message in messages))
+    store_messages(opened, tmp_path, *(("a", message) for message in messages))
     history(tmp_path / "i.db", "a", 3)
-    add_evidence(found, tmp_path / "i.db")
-    with found.transaction() as run:
+    add_evidence(opened, tmp_path / "i.db")
+    with opened.transaction() as run:
         run("INSERT INTO lost VALUES ('a', 's', '', 0, 3, 1, 'gone')")
     panels = json.loads((FOLDER / "grafana.json").read_text())["panels"]
     assert len(panels) >= 7
@@ -46,12 +46,12 @@ def test_every_panel_of_the_dashboard_shows_what_the_store_has(postgres_url, tmp
             target["rawSql"],
         )
         assert "$__" not in statement
-        with found.transaction() as run:
+        with opened.transaction() as run:
             rows = run(statement)
         assert rows, panel["title"]
         if panel["title"] == "Arms":
             assert rows[0][:2] == ("a", "ready")
-    found.close()
+    opened.close()
 
 
 def test_telegraf_reads_the_port_of_the_metrics():

@@ -68,13 +68,13 @@ def test_a_good_arm_has_nothing_against_it(database, tmp_path):
     assert add_evidence(database, tmp_path / "interim.db") == "daily checks of a"
     add_evidence(database, tmp_path / "interim.db")  # once is enough
     values, reports = overview_values(database, NOW_NS)
-    (one,) = values["arms"]
-    assert (one["need"], one["concerns"], one["state"]) == ("good", [], "ready")
-    assert one["points_a_day"] == [0, 0, 0, 0, 1, 0, 3]
-    assert one["temperature_c"] == 20.4
-    assert one["daily_check"]["in_control"]
-    assert one["daily_check"]["checks"] == 15
-    assert 0.0 <= one["drift"] < 1.0
+    (arm,) = values["arms"]
+    assert (arm["need"], arm["concerns"], arm["state"]) == ("good", [], "ready")
+    assert arm["points_a_day"] == [0, 0, 0, 0, 1, 0, 3]
+    assert arm["temperature_c"] == 20.4
+    assert arm["daily_check"]["in_control"]
+    assert arm["daily_check"]["checks"] == 15
+    assert 0.0 <= arm["drift"] < 1.0
     page = overview_page(values, reports, 5)
     assert 'content="5"' in page
     assert "Daily checks of a" in page
@@ -107,7 +107,7 @@ def test_what_is_not_as_it_should_be_is_said_and_comes_first(
     add_evidence(database, tmp_path / "i.db")
     first, second = overview_values(database, NOW_NS)[0]["arms"]
     assert (first["arm"], first["need"]) == ("b", need)
-    assert any(said in one for one in first["concerns"])
+    assert any(said in concern for concern in first["concerns"])
     assert (second["arm"], second["need"]) == ("a", "good")
 
 
@@ -116,15 +116,15 @@ def test_a_check_that_drifts_or_is_old_is_said(database, tmp_path):
     history(tmp_path / "i.db", "old", 15, last=NOW - timedelta(days=4))
     history(tmp_path / "i.db", "new", 2)
     add_evidence(database, tmp_path / "i.db")
-    arms = {one["arm"]: one for one in overview_values(database, NOW_NS)[0]["arms"]}
+    arms = {arm["arm"]: arm for arm in overview_values(database, NOW_NS)[0]["arms"]}
     assert arms["drifting"]["need"] == "bad"
     assert arms["drifting"]["drift"] > 1.0
-    assert any("EWMA" in one for one in arms["drifting"]["concerns"])
+    assert any("EWMA" in arm for arm in arms["drifting"]["concerns"])
     assert "last daily check 4 days ago" in arms["old"]["concerns"]
     assert any(
         "judges from the third" in concern for concern in arms["new"]["concerns"]
     )
-    assert all("has never been heard" in one["concerns"][0] for one in arms.values())
+    assert all("has never been heard" in arm["concerns"][0] for arm in arms.values())
 
 
 def test_lost_and_missing_points_are_said(database, tmp_path):
@@ -132,9 +132,9 @@ def test_lost_and_missing_points_are_said(database, tmp_path):
     with database.transaction() as run:
         run("INSERT INTO lost VALUES ('a', 's', '', 0, 3, 1, 'gone')")
     assert len(find_gaps(database, NOW_NS)) == 1
-    (one,) = overview_values(database, NOW_NS)[0]["arms"]
-    assert (one["numbers_lost"], one["series_incomplete"]) == (4, 1)
-    assert "4 points are lost" in one["concerns"]
+    (arm,) = overview_values(database, NOW_NS)[0]["arms"]
+    assert (arm["numbers_lost"], arm["series_incomplete"]) == (4, 1)
+    assert "4 points are lost" in arm["concerns"]
 
 
 def run(*words, status=0):
@@ -149,17 +149,17 @@ def test_commands(tmp_path):
     added = run("add", tmp_path / "i.db", "--database", url)
     assert "daily checks of a" in added.output
     again = run("add", tmp_path / "i.db", "--database", url, "--json")
-    (one,) = json.loads(again.stdout)["added"]
-    assert one == {"file": str(tmp_path / "i.db"), "holds": "daily checks of a"}
-    found = open_database(str(url))
+    (entry,) = json.loads(again.stdout)["added"]
+    assert entry == {"file": str(tmp_path / "i.db"), "holds": "daily checks of a"}
+    opened = open_database(str(url))
     now_ns = time.time_ns()
     store_messages(
-        found,
+        opened,
         tmp_path,
         ("a", GOOD.model_copy(update={"time_ns": now_ns})),
         ("a", health(time_ns=now_ns)),
     )
-    found.close()
+    opened.close()
     shown = run("overview", "--database", url, "--out", tmp_path / "o.html")
     assert shown.output.startswith("a: ready, 0 points today\n")
     values = json.loads(run("overview", "--database", url, "--json").stdout)

@@ -99,8 +99,8 @@ def test_what_was_refused_is_bounded(store, database):
     bad = IncomingMessage("traverse/a/point", b"\xff", 1, lambda _: None)
     for _ in range(3):
         store.write([bad] * (REFUSED_KEPT // 2))
-    (found,) = select(database, "SELECT count(*) FROM refused")[0]
-    assert found == REFUSED_KEPT
+    (n_refused,) = select(database, "SELECT count(*) FROM refused")[0]
+    assert n_refused == REFUSED_KEPT
     assert store.n_refused == 3 * (REFUSED_KEPT // 2)
 
 
@@ -143,8 +143,8 @@ def test_what_is_lost_is_no_gap_and_what_an_arm_lists_is_one(store, database):
     session = {"session": "s", "begun_ns": "5", "first_seq": 3, "last_seq": 9}
     scan = {"scan": "c", "session": "s", "begun_ns": "6", "last_block_seq": 40}
     listed_series(database, "bench-7", {"sessions": [session], "scans": [scan]})
-    found = {(g.scan, g.from_seq, g.to_seq) for g in find_gaps(database, 4)}
-    assert found == {("", 5, 9), ("c", 0, 40)}
+    gaps = {(g.scan, g.from_seq, g.to_seq) for g in find_gaps(database, 4)}
+    assert gaps == {("", 5, 9), ("c", 0, 40)}
     assert select(database, "SELECT reason FROM lost") == [("gone",)] * 2
 
 
@@ -178,9 +178,9 @@ def test_a_file_is_made_by_many_at_once(tmp_path, n):
 
     def make():
         try:
-            found = open_database(url)
-            done.append(migrate(found))
-            found.close()
+            opened = open_database(url)
+            done.append(migrate(opened))
+            opened.close()
         except Exception as error:  # noqa: BLE001 - of another thread
             faults.append(error)
 
@@ -215,31 +215,31 @@ def test_a_store_of_the_first_version_is_brought_on(tmp_path, monkeypatch):
 
 
 def test_a_database_that_died_is_away_and_nothing_is_half_stored(postgres, tmp_path):
-    found = open_database(postgres.url)
-    migrate(found)
-    store = Store(found, ScanFiles(str(tmp_path), "m"))
+    opened = open_database(postgres.url)
+    migrate(opened)
+    store = Store(opened, ScanFiles(str(tmp_path), "m"))
     postgres.kill()
     with pytest.raises(StoreAwayError, match=f"{postgres.port}/fleet"):
         store.write([received(POINT)])
     postgres.start()
     store.write([received(POINT)])
-    assert select(found, "SELECT count(*) FROM point") == [(1,)]
-    found.close()
+    assert select(opened, "SELECT count(*) FROM point") == [(1,)]
+    opened.close()
 
 
 def test_a_locked_file_is_away(tmp_path, monkeypatch):
     monkeypatch.setattr("traverse.fleet.database._PATIENCE_S", 0.1)
-    found = open_database(str(tmp_path / "store.db"))
-    migrate(found)
+    opened = open_database(str(tmp_path / "store.db"))
+    migrate(opened)
     other = sqlite3.connect(tmp_path / "store.db", isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
     began_s = time.monotonic()
     with pytest.raises(StoreAwayError, match="locked"):
-        select(found, "SELECT 1")
+        select(opened, "SELECT 1")
     assert time.monotonic() - began_s < 10.0
     other.close()
-    assert select(found, "SELECT 1") == [(1,)]
-    found.close()
+    assert select(opened, "SELECT 1") == [(1,)]
+    opened.close()
 
 
 @pytest.mark.parametrize(

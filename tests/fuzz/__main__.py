@@ -31,7 +31,7 @@ def target(name: str) -> tuple[tuple[bytes, ...], Callable[[bytes], None]]:
 def together() -> tuple[tuple[bytes, ...], Callable[[bytes], None]]:
     """All targets in one: the first byte chooses."""
     targets = [target(name) for name in NAMES]
-    seeds = [bytes((n,)) + s for n, (own, _) in enumerate(targets) for s in own]
+    seeds = [bytes((n,)) + s for n, (samples, _) in enumerate(targets) for s in samples]
 
     def check(data: bytes) -> None:
         number = data[0] % len(targets) if data else 0

@@ -433,7 +433,7 @@ def fuzz(
     """Damage files; per command its runs, longest time, most memory, what broke."""
     for name in names:
         file, line = COMMANDS[name]
-        found: Counter[str] = Counter()
+        failures: Counter[str] = Counter()
         longest_s, most_bytes, runs = 0.0, 0, 0
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(temporary) / "of"
@@ -455,7 +455,7 @@ def fuzz(
                 longest_s = max(longest_s, ended.seconds)
                 most_bytes = max(most_bytes, ended.grown_bytes)
                 if ended.fault is not None:
-                    found[
+                    failures[
                         f"{what if not what.isdigit() else ''} {ended.fault}".strip()
                     ] += 1
                     kept.mkdir(parents=True, exist_ok=True)
@@ -463,7 +463,7 @@ def fuzz(
                     if (folder / file).is_file() and what.isdigit():
                         shutil.copyfile(folder / file, place)
                     shutil.copyfile(folder / ".log", f"{place}.log")
-        yield name, runs, longest_s, most_bytes, found
+        yield name, runs, longest_s, most_bytes, failures
 
 
 def load(samples: Path, names: list[str]) -> None:
@@ -491,14 +491,16 @@ def main() -> int:
             Path(folder), computed=any(n.startswith(_OF_COMPUTED) for n in names)
         )
         load(samples, names)
-        for name, runs, longest_s, most_bytes, found in fuzz(
+        for name, runs, longest_s, most_bytes, failures in fuzz(
             names, wanted.mutations, wanted.seed, samples
         ):
             total += runs
-            broken += found.total()
+            broken += failures.total()
             sys.stdout.write(f"{name:26} {runs:4} runs, at most {longest_s:5.1f} s ")
-            sys.stdout.write(f"and {most_bytes / 1e6:4.0f} MB, {found.total()} broke\n")
-            for fault, times in found.most_common(8):
+            sys.stdout.write(
+                f"and {most_bytes / 1e6:4.0f} MB, {failures.total()} broke\n"
+            )
+            for fault, times in failures.most_common(8):
                 sys.stdout.write(f"    {times:3} x {fault}\n")
             sys.stdout.flush()
     sys.stdout.write(f"{total} runs, {broken} broke\n")

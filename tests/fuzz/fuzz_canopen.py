@@ -18,17 +18,17 @@ SEEDS = tuple(
 def check(data: bytes) -> None:
     """Two bytes of identifier, then what the frame carries."""
     can_id, carried = int.from_bytes(data[:2]) & 0x7FF, data[2:10]
-    found = frames.decode(can_id, carried)
-    assert frames.decode(can_id, bytearray(carried)) == found
-    if found is None or isinstance(found, frames.Sync):
+    message = frames.decode(can_id, carried)
+    assert frames.decode(can_id, bytearray(carried)) == message
+    if message is None or isinstance(message, frames.Sync):
         return
-    assert 1 <= found.node <= 127
-    assert can_id % 128 == found.node
-    if isinstance(found, frames.Position):
-        assert found.count == int.from_bytes(carried[:4], "little")
-    if isinstance(found, frames.Emergency):
-        assert found.code == int.from_bytes(carried[:2], "little")
-        assert isinstance(objects.emergency_text(found.code), str)
+    assert 1 <= message.node <= 127
+    assert can_id % 128 == message.node
+    if isinstance(message, frames.Position):
+        assert message.count == int.from_bytes(carried[:4], "little")
+    if isinstance(message, frames.Emergency):
+        assert message.code == int.from_bytes(carried[:2], "little")
+        assert isinstance(objects.emergency_text(message.code), str)
     number = int.from_bytes(carried[:4], "little")
     assert isinstance(objects.alarm_text(number & 0xFFFF), str)
     assert isinstance(objects.warning_text(number & 0xFFFF), str)

@@ -14,14 +14,14 @@ NAMES = sorted(COMMANDS)
 
 
 def _seeds() -> tuple[bytes, ...]:
-    found = []
+    seeds = []
     for number, name in enumerate(NAMES):
         head = bytes((number,))
-        found.append(head + (GOLDEN / f"command-{name}.json").read_bytes())
+        seeds.append(head + (GOLDEN / f"command-{name}.json").read_bytes())
         text = (GOLDEN / f"command-{name}.msgpack.hex").read_text("utf-8")
-        found.append(head + bytes.fromhex(text))
-    found.append(b"\x00traverse/arm/command/point")
-    return tuple(found)
+        seeds.append(head + bytes.fromhex(text))
+    seeds.append(b"\x00traverse/arm/command/point")
+    return tuple(seeds)
 
 
 SEEDS = _seeds()

@@ -10,6 +10,6 @@ SEEDS = (b"\x00" + PRESS, b"\x17" + PRESS + PRESS, b"\x04" + PRESS[:-1])
 def check(data: bytes) -> None:
     """Cut or not, the same is found."""
     cut, whole = InputEventDecoder(), InputEventDecoder()
-    found = [event for chunk in chunks(data) for event in cut.feed(chunk)]
-    assert list(whole.feed(data[1:])) == found
-    assert len(found) == len(data[1:]) // EVENT_BYTES
+    events = [event for chunk in chunks(data) for event in cut.feed(chunk)]
+    assert list(whole.feed(data[1:])) == events
+    assert len(events) == len(data[1:]) // EVENT_BYTES

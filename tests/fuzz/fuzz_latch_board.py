@@ -13,14 +13,14 @@ LONGEST_SEGMENT = 253
 
 def sound(segment: bytes) -> bool:
     """COBS undone by its definition, and the check sum by the standard library."""
-    body, at = bytearray(), 0
-    while at < len(segment):
-        following = at + segment[at]
-        if segment[at] == 0 or following > len(segment):
+    body, offset = bytearray(), 0
+    while offset < len(segment):
+        following = offset + segment[offset]
+        if segment[offset] == 0 or following > len(segment):
             return False
-        body += segment[at + 1 : following]
+        body += segment[offset + 1 : following]
         body += b"\0" if following < len(segment) else b""
-        at = following
+        offset = following
     check = int.from_bytes(body[-2:], "little")
     return len(body) > 2 and binascii.crc_hqx(bytes(body[:-2]), 0xFFFF) == check
 
@@ -28,11 +28,11 @@ def sound(segment: bytes) -> bool:
 def check(data: bytes) -> None:
     """Cut or not, the same is found, and no more than check sums allow."""
     cut, whole = latch_board.Decoder(), latch_board.Decoder()
-    found = [message for chunk in chunks(data) for message in cut.feed(chunk)]
+    messages = [message for chunk in chunks(data) for message in cut.feed(chunk)]
     whole.feed(data[1:])
     assert cut.accepted == whole.accepted
     assert cut.faults == whole.faults
     assert cut.pending <= LONGEST_SEGMENT
     n_sound = sum(map(sound, data[1:].split(b"\0")[:-1]))
     assert cut.accepted <= n_sound
-    assert len(found) <= cut.accepted
+    assert len(messages) <= cut.accepted

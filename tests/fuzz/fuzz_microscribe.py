@@ -37,13 +37,13 @@ def check(data: bytes) -> None:
     timer = bool(chosen & 2)
     size = packets.packet_size(framing, timer=timer)
     decoder = PacketDecoder(framing, timer=timer)
-    found = [p for chunk in chunks(data[1:]) for p in decoder.feed(chunk)]
+    taken = [p for chunk in chunks(data[1:]) for p in decoder.feed(chunk)]
     heard = data[2:]
     assert len(decoder._begun) < size
-    assert len(found) == decoder.accepted <= len(heard) // size
-    at = 0
-    for packet in found:
-        at = heard.index(written(packet), at) + size
+    assert len(taken) == decoder.accepted <= len(heard) // size
+    offset = 0
+    for packet in taken:
+        offset = heard.index(written(packet), offset) + size
     check_answers(heard)
 
 
@@ -58,9 +58,9 @@ def check_answers(heard: bytes) -> None:
     block = session.counted_reply(session.GEOMETRY, heard)
     for comment in ("", "Beta"):
         with contextlib.suppress(ValueError):
-            found = session.kinematics_of(block or b"", comment)
-            assert max(map(abs, found.alpha_rad)) <= math.pi
-            assert len(found.a_mm) == len(found.d_mm) == 6
+            kinematics = session.kinematics_of(block or b"", comment)
+            assert max(map(abs, kinematics.alpha_rad)) <= math.pi
+            assert len(kinematics.a_mm) == len(kinematics.d_mm) == 6
     home = session.fixed_reply(session.HOME, 12, heard)
     if home is not None:
         assert len(session.home_counts(home)) == 6

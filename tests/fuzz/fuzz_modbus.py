@@ -78,9 +78,9 @@ def check(data: bytes) -> None:
         return
     heard = data[1:]
     frames = (
-        heard[at : at + size]
-        for at in range(len(heard))
-        for size in range(4, len(heard) - at + 1)
+        heard[start : start + size]
+        for start in range(len(heard))
+        for size in range(4, len(heard) - start + 1)
     )
     assert any(crc(frame[:-2]) == frame[-2:] for frame in frames)
     if len(reply.registers) == 2:

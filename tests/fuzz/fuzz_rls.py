@@ -25,9 +25,9 @@ def check(data: bytes) -> None:
     heard = data[2:]
     rls.serial_number(heard)
     size = layout.reply_bytes(request)
-    found = rls.position(heard[:size], request, layout)
-    if found is not None:
-        check_values(found, layout)
+    position = rls.position(heard[:size], request, layout)
+    if position is not None:
+        check_values(position, layout)
     if request == rls.SHORT:
         return
     cut, whole = rls.Replies(request, layout), rls.Replies(request, layout)
@@ -41,8 +41,8 @@ def check(data: bytes) -> None:
         check_values(reply, layout)
 
 
-def check_values(found: rls.Position, layout: rls.Layout) -> None:
+def check_values(position: rls.Position, layout: rls.Layout) -> None:
     """They are within what the layout can say."""
-    assert 0 <= found.count < 1 << layout.bits
-    assert -(1 << 15) <= found.turns < 1 << 15
-    assert layout.turns or not found.turns
+    assert 0 <= position.count < 1 << layout.bits
+    assert -(1 << 15) <= position.turns < 1 << 15
+    assert layout.turns or not position.turns

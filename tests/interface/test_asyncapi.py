@@ -34,8 +34,10 @@ def resolved(reference: str) -> Any:
 def references(value: Any) -> list[str]:
     """All references within a value."""
     if isinstance(value, dict):
-        own = [value["$ref"]] if isinstance(value.get("$ref"), str) else []
-        return own + [r for inner in value.values() for r in references(inner)]
+        references_here = [value["$ref"]] if isinstance(value.get("$ref"), str) else []
+        return references_here + [
+            r for inner in value.values() for r in references(inner)
+        ]
     if isinstance(value, list):
         return [r for inner in value for r in references(inner)]
     return []
@@ -58,9 +60,9 @@ def test_the_document_is_one_by_the_specification_of_asyncapi(
 
 
 def test_every_reference_leads_somewhere() -> None:
-    found = references(DOCUMENT)
-    assert len(found) > 50
-    for reference in found:
+    leads = references(DOCUMENT)
+    assert len(leads) > 50
+    for reference in leads:
         if reference.startswith("#/"):
             assert resolved(reference)
         else:

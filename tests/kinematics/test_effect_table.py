@@ -30,7 +30,7 @@ FLAGS = {
 def strings_of(path: Path) -> list[str]:
     """Strings of a module, but for its docstrings and `kind: ClassVar`."""
     tree = ast.parse(path.read_text("utf-8"))
-    own = {
+    docstrings = {
         id(node.value)
         for node in ast.walk(tree)
         if isinstance(node, ast.AnnAssign)
@@ -42,26 +42,26 @@ def strings_of(path: Path) -> list[str]:
         for node in ast.walk(tree)
         if isinstance(node, ast.Constant)
         and isinstance(node.value, str)
-        and id(node) not in own
+        and id(node) not in docstrings
     ]
 
 
 @cache
 def modules() -> list[Path]:
-    found = [path for top in ASKING for path in sorted((ROOT / top).rglob("*.py"))]
-    return [path for path in found if path.name != "effect_table.py"]
+    paths = [path for top in ASKING for path in sorted((ROOT / top).rglob("*.py"))]
+    return [path for path in paths if path.name != "effect_table.py"]
 
 
 def test_nobody_but_the_table_and_the_effect_itself_names_a_kind():
     assert len(modules()) > 400
-    found = {}
+    named_kinds = {}
     for path in modules():
         name = path.relative_to(ROOT).as_posix()
         named = {text for text in strings_of(path) if text in EFFECT_KINDS}
         named -= FLAGS.get(name, set())
         if named:
-            found[name] = named
-    assert found == {}
+            named_kinds[name] = named
+    assert named_kinds == {}
 
 
 @pytest.mark.parametrize("part", ["encoder_", "axis_", "_compliance"])

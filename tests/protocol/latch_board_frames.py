@@ -43,8 +43,8 @@ def stuffed(content: bytes) -> bytes:
     """COBS by its definition, distance to the next zero; for under 254 bytes."""
     out = bytearray(b"\0" + content + b"\0")
     zeros = [0, *(i + 1 for i, byte in enumerate(content) if byte == 0), len(out) - 1]
-    for here, there in pairwise(zeros):
-        out[here] = there - here
+    for here, following in pairwise(zeros):
+        out[here] = following - here
     return bytes(out)
 
 

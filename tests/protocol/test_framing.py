@@ -17,8 +17,8 @@ bodies = st.binary(min_size=1, max_size=MAX_BODY)
 
 def fed(chunks: list[bytes]) -> tuple[list[bytes], dict[str, int], int, int]:
     splitter = FrameSplitter()
-    found = [body for chunk in chunks for body in splitter.feed(chunk)]
-    return found, dict(splitter.faults), splitter.accepted, splitter.pending
+    bodies = [body for chunk in chunks for body in splitter.feed(chunk)]
+    return bodies, dict(splitter.faults), splitter.accepted, splitter.pending
 
 
 def test_crc_is_that_of_the_specification():
@@ -64,8 +64,8 @@ def test_garbage_gives_the_same_result_however_it_is_cut(pieces, cuts):
 def test_every_prefix_is_incomplete(body):
     wire = framed(body)
     for size in range(len(wire)):
-        found, faults, _, _ = fed([wire[:size]])
-        assert not found
+        bodies, faults, _, _ = fed([wire[:size]])
+        assert not bodies
         assert not faults
 
 
@@ -83,9 +83,9 @@ def test_one_corrupted_byte_never_gives_a_wrong_body(body, place, flip):
     place %= len(wire) - 1  # the delimiter stays: else two frames are touched
     wire[place] ^= flip
     splitter = FrameSplitter()
-    found = splitter.feed(bytes(wire))
+    bodies = splitter.feed(bytes(wire))
     # A new 00 cuts the frame in two; neither part passes the CRC with the same body.
-    assert body not in found
+    assert body not in bodies
     assert splitter.feed(framed(b"next")) == [b"next"]
 
 

@@ -43,11 +43,11 @@ def test_a_key_press_as_the_kernel_gives_it():
 
 @given(st.lists(events, max_size=6), st.integers(1, 60))
 def test_the_cutting_into_reads_does_not_matter(wanted, size):
-    data = b"".join(bytes_of(*one) for one in wanted)
+    data = b"".join(bytes_of(*fields) for fields in wanted)
     decoder = InputEventDecoder()
-    chunks = [data[at : at + size] for at in range(0, len(data), size)]
-    found = [event for chunk in chunks for event in decoder.feed(chunk)]
-    assert found == [
+    chunks = [data[start : start + size] for start in range(0, len(data), size)]
+    events = [event for chunk in chunks for event in decoder.feed(chunk)]
+    assert events == [
         InputEvent(s * 10**9 + us * 1000, kind, code, value)
         for s, us, kind, code, value in wanted
     ]
@@ -56,6 +56,6 @@ def test_the_cutting_into_reads_does_not_matter(wanted, size):
 @given(st.lists(st.binary(max_size=70), max_size=8))
 def test_noise_neither_fails_nor_grows(chunks):
     decoder = InputEventDecoder()
-    found = [event for chunk in chunks for event in decoder.feed(chunk)]
-    assert len(found) == sum(map(len, chunks)) // EVENT_BYTES
+    events = [event for chunk in chunks for event in decoder.feed(chunk)]
+    assert len(events) == sum(map(len, chunks)) // EVENT_BYTES
     assert len(decoder._rest) < EVENT_BYTES

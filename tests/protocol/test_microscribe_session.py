@@ -38,14 +38,14 @@ def test_requests_are_the_bytes_of_the_specification():
 
 
 def test_geometry_is_read_as_specified():
-    found = wire.kinematics_of(TABLE, "")
+    kinematics = wire.kinematics_of(TABLE, "")
     quarter = math.pi / 2
-    assert found.alpha_rad == pytest.approx(
+    assert kinematics.alpha_rad == pytest.approx(
         (0, quarter, 0, -quarter, quarter, -quarter)
     )
-    assert found.a_mm == pytest.approx((0, 0, 260.35, 0, 0, 0))
-    assert found.d_mm == pytest.approx((213.36, 0, 0, 234.0864, 0, 26.67))
-    assert found.beta_rad == 0.0
+    assert kinematics.a_mm == pytest.approx((0, 0, 260.35, 0, 0, 0))
+    assert kinematics.d_mm == pytest.approx((213.36, 0, 0, 234.0864, 0, 26.67))
+    assert kinematics.beta_rad == 0.0
 
 
 def test_the_comment_says_whether_there_is_a_rotation_more():
@@ -61,21 +61,21 @@ def test_geometry_that_is_too_short_says_what_is_missing(size, comment):
 
 
 def test_greatest_counts_tell_the_framing():
-    found = wire.maxes_reply(MAXES_2)
-    assert found is not None
-    assert found.framing is Framing.HCI2
-    assert found.timer == 16383
-    assert found.encoders == (7999, 7999, 7999, 3999, 3999, 0)
+    maxes = wire.maxes_reply(MAXES_2)
+    assert maxes is not None
+    assert maxes.framing is Framing.HCI2
+    assert maxes.timer == 16383
+    assert maxes.encoders == (7999, 7999, 7999, 3999, 3999, 0)
 
 
 @pytest.mark.parametrize("width", ["H", "I"])
 def test_greatest_counts_of_hci3_are_found_in_either_width(width):
     counts = (7999, 7999, 7999, 3999, 3999, 3999, 3999, 0)
     block = MAXES_2[:13] + struct.pack(f">8{width}", *counts)
-    found = wire.maxes_reply(block.ljust(45, b"\0"))
-    assert found is not None
-    assert found.framing is Framing.HCI3
-    assert found.encoders == counts
+    maxes = wire.maxes_reply(block.ljust(45, b"\0"))
+    assert maxes is not None
+    assert maxes.framing is Framing.HCI3
+    assert maxes.encoders == counts
 
 
 @pytest.mark.parametrize(
@@ -145,8 +145,8 @@ def packed(packet: Packet) -> bytes:
 
 def decoded(chunks: list[bytes]) -> tuple[list[Packet], dict[str, int]]:
     decoder = PacketDecoder(Framing.HCI2, timer=True)
-    found = [packet for chunk in chunks for packet in decoder.feed(chunk)]
-    return found, {name: n for name, n in decoder.faults.items() if n}
+    packets = [packet for chunk in chunks for packet in decoder.feed(chunk)]
+    return packets, {name: n for name, n in decoder.faults.items() if n}
 
 
 def test_requests_of_packets_are_the_bytes_of_the_specification():
@@ -188,32 +188,34 @@ def test_any_chunking_gives_the_same_packets(sent, sizes):
 
 
 @given(st.lists(packets, min_size=3, max_size=3), st.integers(0, 15))
-def test_a_lost_byte_costs_one_packet_only(sent, at):
+def test_a_lost_byte_costs_one_packet_only(sent, lost_byte):
     first, second, third = map(packed, sent)
-    found, faults = decoded([first + second[:at] + second[at + 1 :] + third])
-    assert found == [sent[0], sent[2]]
-    assert faults == ({"stray": 15} if at == 0 else {"broken": 1})
+    packets, faults = decoded(
+        [first + second[:lost_byte] + second[lost_byte + 1 :] + third]
+    )
+    assert packets == [sent[0], sent[2]]
+    assert faults == ({"stray": 15} if lost_byte == 0 else {"broken": 1})
 
 
 @given(st.binary(max_size=300), st.lists(st.integers(1, 40)))
 def test_noise_is_bounded_and_counted_alike_however_it_is_cut(noise, sizes):
     whole, chunked = decoded([noise]), decoded(cut(noise, sizes))
     assert whole == chunked
-    found, faults = whole
+    packets, faults = whole
     # Each packet has consumed its 16 bytes, and one first byte.
-    assert 16 * len(found) + faults.get("stray", 0) <= len(noise)
-    assert len(found) <= noise.count(0xA3)
-    for packet in found:
+    assert 16 * len(packets) + faults.get("stray", 0) <= len(noise)
+    assert len(packets) <= noise.count(0xA3)
+    for packet in packets:
         assert packed(packet) in noise
 
 
 @given(st.binary(max_size=100), packets)
 def test_what_follows_noise_is_found_again(noise, packet):
-    found, _ = decoded([noise + packed(packet)])
-    assert found[-1] == packet
+    packets, _ = decoded([noise + packed(packet)])
+    assert packets[-1] == packet
 
 
 def test_what_was_not_requested_is_counted_and_skipped():
-    found, faults = decoded([GOLDEN + b"\xa3\x01" + GOLDEN_TIMED])
-    assert found == [Packet(1, 1234, ENCODERS)]
+    packets, faults = decoded([GOLDEN + b"\xa3\x01" + GOLDEN_TIMED])
+    assert packets == [Packet(1, 1234, ENCODERS)]
     assert faults == {"foreign": 1, "stray": 13, "broken": 1}

@@ -89,40 +89,40 @@ def test_every_value_is_restored(layout, request_, data):
         layout, request_, count, turns=turns, flags=flags, detail=detail, tenths=tenths
     )
     assert len(reply) == layout.reply_bytes(request_)
-    found = rls.position(reply, request_, layout)
-    assert (found.count, found.turns) == (count, turns)
-    assert (found.error, found.warning) == (not flags & 2, not flags & 1)
-    assert found.conditions == (detail if request_ == rls.DETAILED else None)
+    position = rls.position(reply, request_, layout)
+    assert (position.count, position.turns) == (count, turns)
+    assert (position.error, position.warning) == (not flags & 2, not flags & 1)
+    assert position.conditions == (detail if request_ == rls.DETAILED else None)
     expected_c = tenths / 10.0 if request_ == rls.TEMPERATURE else None
-    assert found.temperature_c == expected_c
+    assert position.temperature_c == expected_c
     for cut in range(len(reply)):
         assert rls.position(reply[:cut], request_, layout) is None
 
 
 @given(st.binary(max_size=12), requests, layouts)
 def test_noise_is_no_reply_unless_it_could_be_one(noise, request_, layout):
-    found = rls.position(noise, request_, layout)
-    if found is not None:
-        flags = (not found.error) << 1 | (not found.warning)
-        tenths = round(10.0 * (found.temperature_c or 0.0))
+    position = rls.position(noise, request_, layout)
+    if position is not None:
+        flags = (not position.error) << 1 | (not position.warning)
+        tenths = round(10.0 * (position.temperature_c or 0.0))
         again = written(
             layout,
             request_,
-            found.count,
-            turns=found.turns,
+            position.count,
+            turns=position.turns,
             flags=flags,
-            detail=found.conditions or 0,
+            detail=position.conditions or 0,
             tenths=tenths,
         )
         assert again == noise
 
 
 def chunks(data, sizes):
-    at = 0
+    offset = 0
     for size in sizes:
-        yield data[at : at + size]
-        at += size
-    yield data[at:]
+        yield data[offset : offset + size]
+        offset += size
+    yield data[offset:]
 
 
 @given(
@@ -132,9 +132,11 @@ def chunks(data, sizes):
 def test_a_stream_may_be_cut_anywhere(counts, sizes):
     data = b"".join(written(ORBIS, rls.POSITION, count) for count in counts)
     replies = rls.Replies(rls.POSITION, ORBIS)
-    found = [one for chunk in chunks(data, sizes) for one in replies.feed(chunk)]
+    positions = [
+        position for chunk in chunks(data, sizes) for position in replies.feed(chunk)
+    ]
     # The last ones are believed once they are confirmed: all, when in step.
-    assert [one.count for one in found] == counts
+    assert [position.count for position in positions] == counts
     assert replies.skipped == 0
 
 
@@ -144,8 +146,8 @@ def test_a_stream_may_be_cut_anywhere(counts, sizes):
 def test_a_stream_is_found_again_after_noise(noise, counts):
     replies = rls.Replies(rls.DETAILED, ORBIS)
     data = noise + b"".join(written(ORBIS, rls.DETAILED, count) for count in counts)
-    found = [one.count for one in replies.feed(data)]
-    assert found[-10:] == counts[-10:] or found[-9:] == counts[-10:-1]
+    positions = [position.count for position in replies.feed(data)]
+    assert positions[-10:] == counts[-10:] or positions[-9:] == counts[-10:-1]
     assert len(replies._kept) <= 3 * 5
 
 

@@ -51,7 +51,7 @@ def problems(points: list[Point]) -> list[str]:
 @pytest.mark.parametrize("encoding", ["json", "msgpack"])
 def test_a_whole_chain_whatever_way_it_went(encoding) -> None:
     two = [*CHAIN, *signed(3, "t")]
-    arrived = [decode(Point, encode(one, encoding)) for one in two]
+    arrived = [decode(Point, encode(point, encoding)) for point in two]
     assert problems(arrived) == []
     assert problems([arrived[0], *arrived]) == []  # twice is at least once
     assert problems([*arrived[:5], *arrived[2:]]) == []
@@ -62,9 +62,9 @@ def test_bytes_that_are_signed_are_those_of_the_documentation() -> None:
     """Without the product's code: another program needs the page alone."""
     before = hashlib.sha256(b"s").hexdigest()
     key = Ed25519PublicKey.from_public_bytes(PUBLIC)
-    for one in CHAIN:
-        fields = json.loads(encode(one, "json"))
-        values = msgpack.unpackb(encode(one, "msgpack"))
+    for point in CHAIN:
+        fields = json.loads(encode(point, "json"))
+        values = msgpack.unpackb(encode(point, "msgpack"))
         assert list(values) == list(fields)
         signature = values["signature"]
         assert values["previous"] == before
@@ -82,7 +82,7 @@ class Change:
     """One way to falsify a list of points."""
 
     name: str
-    at: int
+    place: int
     to: int
 
 
@@ -97,21 +97,23 @@ CHANGES = st.builds(
 def falsified(change: Change) -> list[Point]:
     points = list(CHAIN)
     if change.name == "remove":
-        del points[change.at]
+        del points[change.place]
     elif change.name == "alter":
-        x, y, z = points[change.at].xyz_mm
+        x, y, z = points[change.place].xyz_mm
         update = {"xyz_mm": (x, y, z + 1e-9)}
-        points[change.at] = points[change.at].model_copy(update=update)
+        points[change.place] = points[change.place].model_copy(update=update)
     elif change.name == "insert":
-        points.insert(change.at, point(change.at))
+        points.insert(change.place, point(change.place))
     elif change.name == "move":
-        points.insert(change.to, points.pop(change.at))
+        points.insert(change.to, points.pop(change.place))
     elif change.name == "swap":
-        one, other = points[change.at], points[change.to]
+        first, other = points[change.place], points[change.to]
         names = {"seq", "id", "previous", "signature"}
-        points[change.at] = one.model_copy(update={n: getattr(other, n) for n in names})
+        points[change.place] = first.model_copy(
+            update={n: getattr(other, n) for n in names}
+        )
     else:
-        points[change.at] = OTHER[change.at]
+        points[change.place] = OTHER[change.place]
     return points
 
 
@@ -123,11 +125,11 @@ def test_every_falsification_is_found(change: Change) -> None:
 
 
 @given(st.sampled_from(sorted(Point.model_fields)), st.integers(0, 11))
-def test_every_field_is_signed(name: str, at: int) -> None:
+def test_every_field_is_signed(name: str, place: int) -> None:
     other = dict(signed(1, "elsewhere")[0])
     points = list(CHAIN)
-    if other[name] != getattr(points[at], name):
-        points[at] = points[at].model_copy(update={name: other[name]})
+    if other[name] != getattr(points[place], name):
+        points[place] = points[place].model_copy(update={name: other[name]})
         assert problems(points)
 
 
@@ -163,17 +165,17 @@ def test_points_that_were_not_stored_leave_no_gap() -> None:
         signer.signed(point(3)),
         signer.signed(point(0, "t")),
     ]
-    for one in reversed(lost):
-        signer.roll_back(one)
+    for unstored in reversed(lost):
+        signer.roll_back(unstored)
     kept += [signer.signed(point(2, samples=3)), signer.signed(point(0, "t"))]
     assert problems(kept) == []
 
 
 def test_lines_that_are_no_points_are_named() -> None:
-    lines = [encode(one, "json").decode() for one in CHAIN[:3]]
-    found = checked_points(points_of_lines([lines[0], "{", *lines[1:]]), PUBLIC)
-    assert found.n_points == 3
-    (reported,) = found.problems
+    lines = [encode(point, "json").decode() for point in CHAIN[:3]]
+    checked = checked_points(points_of_lines([lines[0], "{", *lines[1:]]), PUBLIC)
+    assert checked.n_points == 3
+    (reported,) = checked.problems
     assert reported.startswith("line 2 is no point: ")
 
 

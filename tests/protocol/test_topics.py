@@ -151,7 +151,7 @@ def test_answers_may_go_nowhere_else(topic):
 
 
 @pytest.mark.parametrize(
-    "one",
+    "topic_filter",
     [
         "#",
         "+/x",
@@ -164,11 +164,11 @@ def test_answers_may_go_nowhere_else(topic):
         "/x",
     ],
 )
-def test_filters_that_reach_topics_of_arms_are_refused(one):
+def test_filters_that_reach_topics_of_arms_are_refused(topic_filter):
     with pytest.raises(MessageError, match="filter"):
-        topics.check_response_filter(one)
+        topics.check_response_filter(topic_filter)
 
 
 def test_other_filters_of_answers_are_good():
-    for one in ("answers/#", "lab/+/in", "lab/answers"):
-        topics.check_response_filter(one)
+    for topic_filter in ("answers/#", "lab/+/in", "lab/answers"):
+        topics.check_response_filter(topic_filter)

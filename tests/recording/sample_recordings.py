@@ -144,8 +144,8 @@ def samples_to_bytes(samples: Samples) -> bytes:
         name: _packed(getattr(samples, name).astype(np.int64)) for name in TIMES
     }
     table["counts"] = _packed(samples.counts.astype(np.uint32))
-    found: bytes = msgpack.packb(table)
-    return found
+    packed: bytes = msgpack.packb(table)
+    return packed
 
 
 def touching_to_bytes(value: Touching) -> bytes:

@@ -54,19 +54,19 @@ def written(path, *, n_blocks=20, size=50, chunk_bytes=4096):
 
 
 def test_what_was_written_is_read_back(tmp_path):
-    found = read_recording(written(tmp_path / "a.mcap"))
+    recording = read_recording(written(tmp_path / "a.mcap"))
     expected = [samples(50, number * 50, seed=number) for number in range(20)]
     for name in (*TIMES, "counts"):
         together = np.concatenate([getattr(block, name) for block in expected])
-        assert np.array_equal(getattr(found.samples, name), together)
-    assert found.samples.counts.dtype == np.uint32
-    assert (found.joints, found.arm_text) == (JOINTS, ARM)
-    assert found.campaign_text == CAMPAIGN
-    assert found.tear is None
-    assert [t.artefact for t in found.touching[:2]] == ["cone-0", "cone-1"]
-    assert found.touching[-1].artefact is None
-    assert found.conditions[3].temperature_c == 23.0
-    assert found.conditions[3].force_n is None
+        assert np.array_equal(getattr(recording.samples, name), together)
+    assert recording.samples.counts.dtype == np.uint32
+    assert (recording.joints, recording.arm_text) == (JOINTS, ARM)
+    assert recording.campaign_text == CAMPAIGN
+    assert recording.tear is None
+    assert [t.artefact for t in recording.touching[:2]] == ["cone-0", "cone-1"]
+    assert recording.touching[-1].artefact is None
+    assert recording.conditions[3].temperature_c == 23.0
+    assert recording.conditions[3].force_n is None
 
 
 def test_other_programs_read_the_file(tmp_path):
@@ -75,7 +75,10 @@ def test_other_programs_read_the_file(tmp_path):
         summary = reader.get_summary()
         topics = {channel.topic for channel in summary.channels.values()}
         assert topics == {"samples", "touching", "conditions"}
-        attached = {one.name: one.data.decode() for one in reader.iter_attachments()}
+        attached = {
+            attachment.name: attachment.data.decode()
+            for attachment in reader.iter_attachments()
+        }
         assert attached == {"arm.toml": ARM, "campaign.toml": CAMPAIGN}
         (_, _, first) = next(reader.iter_messages(topics=["samples"]))
         assert first.log_time == 1_795_000_007_000_000_000
@@ -94,13 +97,13 @@ def test_a_file_cut_anywhere_is_readable_up_to_the_tear(tmp_path):
     longest, n_lost = 0, []
     for length in range(len(whole) // 2, len(whole), 37):
         torn.write_bytes(whole[:length])
-        found = read_recording(torn)
-        n = len(found.samples)
-        assert np.array_equal(found.samples.counts, everything.counts[:n])
+        recording = read_recording(torn)
+        n = len(recording.samples)
+        assert np.array_equal(recording.samples.counts, everything.counts[:n])
         assert n >= longest
         longest = n
-        assert found.tear is not None
-        assert "torn after" in found.tear
+        assert recording.tear is not None
+        assert "torn after" in recording.tear
         n_lost.append(len(everything) - n)
     assert n_lost[0] > 0 == n_lost[-1]
 
@@ -113,22 +116,22 @@ def test_a_writer_that_dies_loses_its_last_chunk_only(tmp_path):
     copy = tmp_path / "copy.mcap"
     copy.write_bytes(path.read_bytes())
     writer.close()
-    found = read_recording(copy)
-    assert found.tear is not None
-    assert 850 <= len(found.samples) < 950
-    assert found.campaign_text is None
+    recording = read_recording(copy)
+    assert recording.tear is not None
+    assert 850 <= len(recording.samples) < 950
+    assert recording.campaign_text is None
 
 
 def test_a_flipped_bit_in_a_chunk_ends_the_reading_there(tmp_path):
     content = bytearray(written(tmp_path / "a.mcap").read_bytes())
     content[len(content) // 2] ^= 4
     (tmp_path / "b.mcap").write_bytes(content)
-    found = read_recording(tmp_path / "b.mcap")
-    assert found.tear is not None
+    recording = read_recording(tmp_path / "b.mcap")
+    assert recording.tear is not None
     everything = read_recording(tmp_path / "a.mcap").samples
-    n = len(found.samples)
+    n = len(recording.samples)
     assert 0 < n < len(everything)
-    assert np.array_equal(found.samples.counts, everything.counts[:n])
+    assert np.array_equal(recording.samples.counts, everything.counts[:n])
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -139,8 +142,8 @@ def test_whatever_the_bytes_a_file_is_read_or_refused(tmp_path, data):
         written(tmp_path / "a.mcap", n_blocks=4)
     content = bytearray((tmp_path / "a.mcap").read_bytes())
     for _ in range(data.draw(st.integers(1, 4))):
-        at = data.draw(st.integers(0, len(content) - 1))
-        content[at] = data.draw(st.integers(0, 255))
+        place = data.draw(st.integers(0, len(content) - 1))
+        content[place] = data.draw(st.integers(0, 255))
     path.write_bytes(content)
     with suppress(FileError):
         read_recording(path)
@@ -194,9 +197,9 @@ def test_a_file_by_hand_is_read(tmp_path):
         ("touching", moment.encode()),
     ]
     path = plain_file(tmp_path / "a.mcap", metadata=GOOD, messages=messages)
-    found = read_recording(path)
-    assert found.samples.counts.tolist() == [[5]]
-    assert found.touching == (Touching(1, "ball"),)
+    recording = read_recording(path)
+    assert recording.samples.counts.tolist() == [[5]]
+    assert recording.touching == (Touching(1, "ball"),)
 
 
 @pytest.mark.parametrize(
@@ -262,10 +265,10 @@ SHAPES = array_shapes(min_dims=1, max_dims=2, min_side=0, max_side=12)
 @given(st.data(), st.sampled_from(KINDS), SHAPES)
 def test_any_integers_come_back(data, kind, shape):
     array = data.draw(arrays(kind, shape))
-    found = bytes_to_differences(differences_to_bytes(array))
-    assert found.dtype == array.dtype
-    assert found.shape == array.shape
-    assert (found == array).all()
+    restored = bytes_to_differences(differences_to_bytes(array))
+    assert restored.dtype == array.dtype
+    assert restored.shape == array.shape
+    assert (restored == array).all()
 
 
 def test_bytes_are_those_of_the_table():
@@ -316,9 +319,9 @@ def test_maps_are_read_or_refused(content):
 
 def test_maps_hold_plain_values_and_arrays():
     table = {"a": 1, "b": None, "c": [1.5, "x"], "d": {"e": np.arange(3)}}
-    found = bytes_to_map(map_to_bytes(table))
-    assert found["c"] == (1.5, "x")
-    assert (found["d"]["e"] == np.arange(3)).all()
+    restored = bytes_to_map(map_to_bytes(table))
+    assert restored["c"] == (1.5, "x")
+    assert (restored["d"]["e"] == np.arange(3)).all()
     floats = bytes_to_map(map_to_bytes({"f": np.array([[0.1, -0.0]])}))["f"]
     assert floats.tobytes() == np.array([[0.1, -0.0]]).tobytes()
     with pytest.raises(TypeError, match="set in a map"):

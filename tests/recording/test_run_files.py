@@ -161,26 +161,26 @@ def test_what_is_no_recording_of_a_daemon_is_refused(tmp_path):
 def misfits(value, schema, where=""):
     """What of a value does not fit the part of JSON Schema that Foxglove's use."""
     if "oneOf" in schema:
-        known = [one["const"] for one in schema["oneOf"]]
+        known = [branch["const"] for branch in schema["oneOf"]]
         return [] if value in known else [f"{where}: {value} is none of {known}"]
     kinds = {"object": dict, "array": list, "string": str, "integer": int}
     kind = kinds.get(schema["type"], (int, float))
     if not isinstance(value, kind) or isinstance(value, bool):
         return [f"{where}: {value!r} is no {schema['type']}"]
-    found = []
+    mistakes = []
     if isinstance(value, dict):
         missing = set(schema.get("required", ())) - set(value)
-        found += [f"{where}: {name} is missing" for name in sorted(missing)]
+        mistakes += [f"{where}: {name} is missing" for name in sorted(missing)]
         for name, inner in schema.get("properties", {}).items():
             if name in value:
-                found += misfits(value[name], inner, f"{where}.{name}")
+                mistakes += misfits(value[name], inner, f"{where}.{name}")
     if isinstance(value, list):
         for item in value:
-            found += misfits(item, schema["items"], f"{where}[]")
+            mistakes += misfits(item, schema["items"], f"{where}[]")
     if isinstance(value, int):
         low, high = schema.get("minimum", value), schema.get("maximum", value)
-        found += [] if low <= value <= high else [f"{where}: {value} out of range"]
-    return found
+        mistakes += [] if low <= value <= high else [f"{where}: {value} out of range"]
+    return mistakes
 
 
 VIEWS = {"pose": pose_to_bytes(POINT), "cloud": cloud_to_bytes(SCAN)}
@@ -217,12 +217,12 @@ def test_a_cloud_keeps_a_scan_to_the_last_bit():
     table = json.loads(VIEWS["cloud"])
     scan, points = bytes_to_cloud(VIEWS["cloud"])
     assert scan == SCAN.scan
-    found = np.column_stack([points[f"{axis}_mm"] for axis in "xyz"])
-    assert found.tobytes() == np.asarray(SCAN.xyz_mm).tobytes()
+    places_mm = np.column_stack([points[f"{axis}_mm"] for axis in "xyz"])
+    assert places_mm.tobytes() == np.asarray(SCAN.xyz_mm).tobytes()
     assert (points["quality"] == SCAN.quality).all()
     assert points["number"].tolist() == list(range(SCAN.seq, SCAN.seq + len(points)))
     assert table["point_stride"] == sum({7: 4, 8: 8, 5: 4}[k] for _, k in CLOUD_FIELDS)
-    assert points["x"] == pytest.approx(found[:, 0] / 1000, rel=1e-6)
+    assert points["x"] == pytest.approx(places_mm[:, 0] / 1000, rel=1e-6)
 
 
 def test_a_point_keeps_its_last_bit():

@@ -51,15 +51,15 @@ def mounted(folder: Path, table, *faults, n_channels=2, per_turn=65536, events=(
     per_turns = np.full(n_channels, per_turn)
     moduli = per_turns * table.encoder_turns
     resting = Trajectory(np.array([0.0, 3600.0]), rest_pieces(np.zeros(n_channels)))
-    found = tuple(Fault.from_table(fault) for fault in faults)
-    assert all(fault.kind in table.FAULTS for fault in found)
+    played = tuple(Fault.from_table(fault) for fault in faults)
+    assert all(fault.kind in table.FAULTS for fault in played)
     return DeviceContext(
         folder,
         EncoderSet(np.arange(n_channels), per_turns, np.ones(n_channels), moduli, 0.0),
         SteadyCounts(moduli),
         Script(resting, tuple(events), repeat=False),
         ScriptClock(0.0),
-        found,
+        played,
         (7, 0),
         Notebook(),
         ClimateTable(),

@@ -35,11 +35,11 @@ def read_until(descriptor, is_enough, limit_s=20.0):
             continue
         *segments, rest = (rest + os.read(descriptor, 65536)).split(b"\0")
         for data in segments:
-            body, at = bytearray(), 0
-            while at < len(data):
-                body += data[at + 1 : at + data[at]]
-                at += data[at]
-                body += b"\0" if at < len(data) else b""
+            body, offset = bytearray(), 0
+            while offset < len(data):
+                body += data[offset + 1 : offset + data[offset]]
+                offset += data[offset]
+                body += b"\0" if offset < len(data) else b""
             bodies.append(bytes(body[:-2]))
     return bodies
 
@@ -102,7 +102,7 @@ def test_a_host_that_does_not_read_loses_samples_and_is_told(folder):
     assert summary["base"]["tx_dropped"] > 100
     drops = [line for line in lines if line["event"] == "dropped"]
     assert drops[0]["device"] == "base"
-    assert sum(one["samples"] for one in drops) == summary["base"]["tx_dropped"]
+    assert sum(drop["samples"] for drop in drops) == summary["base"]["tx_dropped"]
     seqs = [int.from_bytes(b[4:8], "little") for b in bodies if b[0] == 0x83]
     assert seqs == sorted(set(seqs))
 

@@ -173,10 +173,10 @@ def scan() -> str:
         check=True,
     )
     nodes = json.loads(done.stdout)["nodes"]
-    found = [one["node"] for one in nodes]
-    assert found == list(NODES), found
-    assert not any(one["problem"] for one in nodes), nodes
-    return f"nodes {found}, {nodes[0]['counts_per_turn']} counts per turn"
+    numbers = [node["node"] for node in nodes]
+    assert numbers == list(NODES), numbers
+    assert not any(node["problem"] for node in nodes), nodes
+    return f"nodes {numbers}, {nodes[0]['counts_per_turn']} counts per turn"
 
 
 async def check_arm(table: Table, folder: Path) -> None:

@@ -45,8 +45,8 @@ def stamps() -> str:
     port.close()
     assert len(frames) == len(sent_ns), f"{len(frames)} of {len(sent_ns)} came"
     out_us = [
-        max(before - at, at - after, 0) * 1e-3
-        for (before, after), (_, _, at) in zip(sent_ns, frames, strict=True)
+        max(before - stamp_ns, stamp_ns - after, 0) * 1e-3
+        for (before, after), (_, _, stamp_ns) in zip(sent_ns, frames, strict=True)
     ]
     width_us = np.median([(after - before) * 1e-3 for before, after in sent_ns])
     assert max(out_us) < 2000, f"{max(out_us):.0f} us beside the sending"
@@ -99,7 +99,7 @@ def periodic() -> str:
     drained(bus)
     after = drained(bus)
     bus.close()
-    steps_ms = np.diff([at for _, _, at in frames]) * 1e-6
+    steps_ms = np.diff([stamp_ns for _, _, stamp_ns in frames]) * 1e-6
     assert n_sent >= len(frames) > 0, f"{n_sent} sent, {len(frames)} came"
     assert not after, f"{len(after)} after the end"
     usual_ms = float(np.median(steps_ms))  # a busy host stops the guest now and then

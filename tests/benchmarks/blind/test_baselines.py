@@ -26,7 +26,7 @@ def candidate(joint, size):
         covariate=None,
         artefact=None,
         at_s=None,
-        parameters=tuple(f"p{at}" for at in range(size)),
+        parameters=tuple(f"p{number}" for number in range(size)),
         scales=(1.0,) * size,
         log_prior=0.0,
     )
@@ -102,5 +102,5 @@ def test_bic_adds_two_where_two_are(problem):
     basis, bank, rng = problem
     values = rng.standard_normal(N_ROWS)
     values += 2.0 * bank.columns[:, 1] + 3.0 * bank.columns[:, 2]
-    found = forward_bic(rows(basis, values), bank).names
-    assert {name[1] for name in found[:2]} == {"J2", "J3"}
+    names = forward_bic(rows(basis, values), bank).names
+    assert {name[1] for name in names[:2]} == {"J2", "J3"}

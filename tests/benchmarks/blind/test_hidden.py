@@ -109,9 +109,9 @@ def test_masses_of_the_file_are_kept():
     arm = seven_joint_arm()
     heavy = arm.joints[0].model_copy(update={"mass_kg": 9.0})
     arm = arm.model_copy(update={"joints": (heavy, *arm.joints[1:])})
-    found = weighed(arm)
-    assert found.joints[0].mass_kg == 9.0
-    assert all(joint.mass_kg is not None for joint in found.joints)
+    arm_with_masses = weighed(arm)
+    assert arm_with_masses.joints[0].mass_kg == 9.0
+    assert all(joint.mass_kg is not None for joint in arm_with_masses.joints)
 
 
 def test_poses_tell_everything_that_effects_depend_on(poses):
@@ -130,12 +130,14 @@ def test_what_hides_shares_no_code_with_what_is_tested():
         "traverse.kinematics.arm_file",
     )
     folder = CHECKOUT / "benchmarks" / "blind" / "hidden"
-    found = {
+    imported = {
         node.module
         for path in folder.glob("*.py")
         for node in ast.walk(ast.parse(path.read_text("utf-8")))
         if isinstance(node, ast.ImportFrom) and node.module
     }
-    ours = {name for name in found if name.split(".")[0] in {"traverse", "benchmarks"}}
+    ours = {
+        name for name in imported if name.split(".")[0] in {"traverse", "benchmarks"}
+    }
     assert len(ours) > 5
     assert [name for name in ours if not name.startswith(known)] == []

@@ -25,12 +25,12 @@ def measure(n_lengths=1):
 
 def effects_of(kind, measure, count):
     rng = np.random.default_rng(7)
-    found = []
-    while len(found) < count:
+    effects = []
+    while len(effects) < count:
         sized = measure.sized(drawn(rng, measure.poses, kind), 10.0)
         if sized is not None:
-            found.append(sized)
-    return found
+            effects.append(sized)
+    return effects
 
 
 @pytest.mark.parametrize("kind", EFFECT_KINDS)

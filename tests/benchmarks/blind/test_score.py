@@ -97,8 +97,8 @@ def test_an_alias_counts_as_the_name():
 
 
 def test_truth_among_the_alternatives_is_in_the_set():
-    found = term(J3_RUNOUT, "tentative", [(J3_ECCENTRICITY, False)])
-    score = scored_terms((truth(J3_ECCENTRICITY),), (found,), "tentative")
+    named = term(J3_RUNOUT, "tentative", [(J3_ECCENTRICITY, False)])
+    score = scored_terms((truth(J3_ECCENTRICITY),), (named,), "tentative")
     assert score.in_set
     assert score.set_size == 2
     assert not score.single
@@ -106,8 +106,8 @@ def test_truth_among_the_alternatives_is_in_the_set():
 
 
 def test_aliases_do_not_make_a_set_larger():
-    found = term(J3_ECCENTRICITY, alternatives=[(J3_RUNOUT, True)])
-    score = scored_terms((truth(J3_ECCENTRICITY),), (found,), "named")
+    named = term(J3_ECCENTRICITY, alternatives=[(J3_RUNOUT, True)])
+    score = scored_terms((truth(J3_ECCENTRICITY),), (named,), "named")
     assert score.set_size == 1
     assert score.single
 
@@ -136,9 +136,9 @@ def test_a_pair_needs_both_names_and_nothing_else():
     hidden = (truth(J3_ECCENTRICITY), truth(J5_SCALE))
     both = (term(J5_SCALE), term(J3_ECCENTRICITY))
     assert scored_terms(hidden, both, "named").all_exact
-    one = scored_terms(hidden, both[:1], "named")
-    assert one.n_matched == 1
-    assert not one.all_exact
+    single = scored_terms(hidden, both[:1], "named")
+    assert single.n_matched == 1
+    assert not single.all_exact
     three = scored_terms(hidden, (*both, term(J3_RUNOUT)), "named")
     assert three.n_matched == 2
     assert three.n_spurious == 1
@@ -151,14 +151,14 @@ def test_one_term_does_not_match_two_truths():
 
 
 def test_the_strongest_term_is_the_one_that_is_judged():
-    found = (term(J5_SCALE, evidence=8.0), term(J3_ECCENTRICITY, evidence=80.0))
-    assert scored_terms((truth(J3_ECCENTRICITY),), found, "named").exact
+    terms = (term(J5_SCALE, evidence=8.0), term(J3_ECCENTRICITY, evidence=80.0))
+    assert scored_terms((truth(J3_ECCENTRICITY),), terms, "named").exact
 
 
 def test_an_unknown_at_the_right_joint_is_the_answer_outside_the_library():
     hidden = truth(("bump", "J3", None, None, None), in_library=False)
-    found = term(("empirical", "J3", None, None, None), "unknown")
-    score = scored_terms((hidden,), (found,), "unknown")
+    named = term(("empirical", "J3", None, None, None), "unknown")
+    score = scored_terms((hidden,), (named,), "unknown")
     assert score.unknown_right_joint
     assert score.right_joint
     assert not score.exact
@@ -171,34 +171,34 @@ def test_deviations_are_in_stated_standard_deviations():
         "cos_rad": Estimate(3.0e-5, 1e-6, "rad"),
         "sin_rad": Estimate(-1.0e-5, 2e-6, "rad"),
     }
-    found = term(J3_ECCENTRICITY, estimates=estimates)
+    named = term(J3_ECCENTRICITY, estimates=estimates)
     hidden = truth(J3_ECCENTRICITY, sizes={"cos_rad": 2.9e-5, "sin_rad": -1.6e-5})
-    assert deviations(hidden, found) == pytest.approx((1.0, 3.0))
-    score = scored_terms((hidden,), (found,), "named")
+    assert deviations(hidden, named) == pytest.approx((1.0, 3.0))
+    score = scored_terms((hidden,), (named,), "named")
     assert score.deviations == pytest.approx((1.0, 3.0))
 
 
 def test_no_parameters_are_compared_under_another_name():
     estimates = {"cos_rad": Estimate(3.0e-5, 1e-6, "rad")}
     hidden = truth(J3_ECCENTRICITY, J3_RUNOUT, sizes={"cos_rad": 0.0})
-    found = term(J3_RUNOUT, estimates=estimates)
-    assert scored_terms((hidden,), (found,), "named").deviations == ()
+    named = term(J3_RUNOUT, estimates=estimates)
+    assert scored_terms((hidden,), (named,), "named").deviations == ()
 
 
 def test_a_phase_is_compared_around_the_circle():
-    found = term(
+    named = term(
         ("probe_lobing", None, None, None, None),
         estimates={"phase_rad": Estimate(3.1, 0.1, "rad")},
     )
     hidden = truth(("probe_lobing", None, None, None, None), sizes={"phase_rad": -3.1})
-    assert deviations(hidden, found) == pytest.approx(((6.2 - 2.0 * np.pi) / 0.1,))
+    assert deviations(hidden, named) == pytest.approx(((6.2 - 2.0 * np.pi) / 0.1,))
 
 
 def test_components_that_are_no_freedoms_are_left_out():
     estimates = {"cos_mm": Estimate((0.01, 0.02, 3e-5), (1e-3, 1e-3, 2e-6), "mm")}
-    found = term(J3_RUNOUT, estimates=estimates)
+    named = term(J3_RUNOUT, estimates=estimates)
     hidden = truth(J3_RUNOUT, sizes={"cos_mm": (0.01, 0.019, 0.0)})
-    assert deviations(hidden, found) == pytest.approx((0.0, 1.0))
+    assert deviations(hidden, named) == pytest.approx((0.0, 1.0))
 
 
 def test_gap_is_pooled_and_not_averaged():
@@ -261,18 +261,18 @@ def test_false_alarms_are_bounded_from_above():
 
 
 def test_rivals_stand_beside_where_they_have_an_answer():
-    found = table([line("one at 6", 0)])
-    assert found["detection at 6"].baselines == (1.0,) * 4
-    assert found["exact name at 6"].baselines == (None, 0.0, 0.0, 0.0)
-    assert found["right joint at 6"].baselines == (None,) * 4
+    rows = table([line("one at 6", 0)])
+    assert rows["detection at 6"].baselines == (1.0,) * 4
+    assert rows["exact name at 6"].baselines == (None, 0.0, 0.0, 0.0)
+    assert rows["right joint at 6"].baselines == (None,) * 4
 
 
 def test_a_run_that_broke_counts_as_not_found():
     broken = {"scenario": "one at 6", "seed": 1, "error": "ValueError: no"}
-    found = table([line("one at 6", 0), broken])
-    assert found["detection at 6"].found == pytest.approx(0.5)
-    assert found["runs that broke"].found == pytest.approx(0.5)
-    assert not found["runs that broke"].holds
+    rows = table([line("one at 6", 0), broken])
+    assert rows["detection at 6"].found == pytest.approx(0.5)
+    assert rows["runs that broke"].found == pytest.approx(0.5)
+    assert not rows["runs that broke"].holds
 
 
 def test_blunders_are_compared_seed_by_seed():

@@ -38,8 +38,8 @@ def single_round():
 
 def test_it_tells_what_was_hidden_last_of_all(single_round):
     assert single_round.returncode == 0, single_round.stderr
-    *found, hidden, score = single_round.stdout.splitlines()
-    assert found
+    *lines, hidden, score = single_round.stdout.splitlines()
+    assert lines
     assert hidden.startswith("hidden: ")
     assert score.startswith("score: ")
 
@@ -51,18 +51,18 @@ def test_nothing_but_the_answer_is_said_when_piped(single_round):
 def test_json_is_scored_too():
     answer = run_round("--seed", "5", "--size", "14", "--effects", "2", "--json")
     assert answer.exit_code == 0, answer.stderr
-    found = json.loads(answer.stdout)
-    assert found["seed"] == 5
-    assert found["size"] == 14.0
-    assert len(found["hidden"]) == 2
-    assert set(found["score"]) >= {"exact", "right_joint", "in_set", "n_spurious"}
-    assert found["in_words"]
+    printed = json.loads(answer.stdout)
+    assert printed["seed"] == 5
+    assert printed["size"] == 14.0
+    assert len(printed["hidden"]) == 2
+    assert set(printed["score"]) >= {"exact", "right_joint", "in_set", "n_spurious"}
+    assert printed["in_words"]
 
 
 def test_nothing_hidden_is_an_answer():
-    found = json.loads(run_round("--seed", "1", "--effects", "0", "--json").stdout)
-    assert found["hidden"] == []
-    assert found["in_words"] in ("right: nothing was hidden", "a false alarm")
+    answer = json.loads(run_round("--seed", "1", "--effects", "0", "--json").stdout)
+    assert answer["hidden"] == []
+    assert answer["in_words"] in ("right: nothing was hidden", "a false alarm")
 
 
 def test_a_folder_gets_campaign_truth_and_report(tmp_path):

@@ -41,7 +41,7 @@ class Run:
         self.held += [point("b", n) for n in range(6)]
         self.held.append(point("b", 6, "command"))
         self.received = list(self.held)
-        self.pressed = [one for one in self.held if one.trigger == "button"]
+        self.pressed = [pressed for pressed in self.held if pressed.trigger == "button"]
         self.answered = ["b-6"]
         self.figures = {
             "resend_requested": 2,
@@ -59,9 +59,9 @@ class Run:
         outbox = self.folder / "outbox.db"
         with closing(sqlite3.connect(outbox)) as database, database:
             database.execute("CREATE TABLE messages (number INTEGER, payload BLOB)")
-            rows = [(n, encode(one, "json")) for n, one in enumerate(self.held)]
+            rows = [(n, encode(pressed, "json")) for n, pressed in enumerate(self.held)]
             database.executemany("INSERT INTO messages VALUES (?, ?)", rows)
-        replies = [{"ok": True, "id": one} for one in self.answered]
+        replies = [{"ok": True, "id": request_id} for request_id in self.answered]
         self._write("operator.jsonl", [*replies, {"ok": False, "code": "none"}])
         times_s = [100.0 + self.pace_s * n for n in range(len(self.pressed))]
         edges = [
@@ -70,8 +70,8 @@ class Run:
         ]
         self._write("acknowledged.jsonl", [*edges, *self.notes])
         presses = [
-            {"event": "edge", "level": 1, "seq": n, "counts": one.counts}
-            for n, one in enumerate(self.pressed)
+            {"event": "edge", "level": 1, "seq": n, "counts": pressed.counts}
+            for n, pressed in enumerate(self.pressed)
         ]
         self._write("truth-0.jsonl", presses)
         return judge(self.folder, outbox, ["0"], SPAN)

@@ -44,8 +44,8 @@ def stores(tmp_path: Path) -> tuple[Path, Path]:
 
 
 def test_a_sound_run_has_no_faults(stores: tuple[Path, Path]) -> None:
-    figures, found = faults(*stores)
-    assert found == []
+    figures, complaints = faults(*stores)
+    assert complaints == []
     assert figures["witness: messages"] == N + N // 2
     assert seen(stores[0]) == (N, 0)
 

@@ -61,10 +61,10 @@ def test_outcomes_are_written_and_a_later_run_continues(tmp_path, capsys):
     assert "2 trials; 6 to go" in capsys.readouterr().out
     lines = stored(path)
     assert len(lines) == len(set(keys(lines))) == 8
-    alone = series()[0].trial(4)
+    unshared = series()[0].trial(4)
     (of_worker,) = [line for line in lines if line["seed"] == 4]
-    assert of_worker["outcome"] == alone["outcome"]
-    assert alone["outcome"]["nothing"] is None
+    assert of_worker["outcome"] == unshared["outcome"]
+    assert unshared["outcome"]["nothing"] is None
     first = path.read_bytes()
     assert ran(path) == 0
     assert "8 trials; 0 to go" in capsys.readouterr().out

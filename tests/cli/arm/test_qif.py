@@ -75,7 +75,9 @@ def test_arm_alone_is_written_from_its_file(tmp_path):
     assert names_of(device) == DEVICE
     assert device.findtext(f"{Q}NumberOfJoints") == str(len(arm.joints))
     assert float(device.findtext(f"{Q}ProbeTipDiameter")) == 2 * arm.probe.radius_mm
-    attributes = {one.get("name"): one.get("value") for one in device[1]}
+    attributes = {
+        attribute.get("name"): attribute.get("value") for attribute in device[1]
+    }
     assert attributes["arm_digest"] == arm_digest(arm)
     links = [float(text) for text in attributes["link_mm"].split()]
     assert links == pytest.approx(
@@ -88,7 +90,7 @@ def test_b89_of_a_verification(verified, tmp_path):
     words = ("--out", out, "--verification", folder, "--json")
     ran = run("arm", "to-qif", ARM, *words)
     report = json.loads(ran.stdout)
-    assert [one["test"] for one in report["tests"]] == ["AACMMB89Test"]
+    assert [entry["test"] for entry in report["tests"]] == ["AACMMB89Test"]
     device = device_of(out)
     assert names_of(device)[-1] == "Accuracies"
     (accuracy,) = device[-1]
@@ -100,14 +102,14 @@ def test_b89_of_a_verification(verified, tmp_path):
     spat, volume = accuracy[1]
     assert names_of(spat) == SPAT
     values = json.loads((folder / "certificate.json").read_text())
-    figures = {one["key"]: one for one in values["figures"]}
+    figures = {figure["key"]: figure for figure in values["figures"]}
     parts = {part["name"]: part["value_mm"] for part in figures["spat_max"]["parts"]}
-    stated = dict(zip(SPAT, (float(one.text) for one in spat), strict=True))
+    stated = dict(zip(SPAT, (float(deviation.text) for deviation in spat), strict=True))
     for zone in ("near", "far", "middle"):
         assert stated[f"MaxDeviationFromAverage{zone.title()}"] == parts[zone]
     assert max(list(stated.values())[3:]) == figures["spat_2s"]["value_mm"]
-    errors = [float(one.text) for one in volume[0]]
-    assert errors == [one["error_mm"] for one in values["lengths"]]
+    errors = [float(error.text) for error in volume[0]]
+    assert errors == [figure["error_mm"] for figure in values["lengths"]]
     assert volume[0].get("n") == "20"
     assert values["digest"]["digest"] in accuracy[2][0].text
 
@@ -116,7 +118,7 @@ def test_iso_10360_of_a_verification(verified, tmp_path):
     out, folder = tmp_path / "arm.qif", verified / "iso10360-12"
     run("arm", "to-qif", ARM, "--out", out, "--verification", folder)
     values = json.loads((folder / "certificate.json").read_text())
-    figures = {one["key"]: one["value_mm"] for one in values["figures"]}
+    figures = {figure["key"]: figure["value_mm"] for figure in values["figures"]}
     (accuracy,) = device_of(out)[-1]
     (error,) = accuracy.find(f"{Q}AACMMISO10360Test")
     assert error.tag == f"{Q}MaxErrorConstant"

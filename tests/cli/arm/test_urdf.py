@@ -155,11 +155,11 @@ def test_an_end_that_only_fixed_joints_lead_to_is_no_chain(made):
         '<link name="flag"/><joint name="pole" type="fixed"><parent link="pedestal"/>'
         '<child link="flag"/></joint></robot>'
     )
-    alone = ROBOT.replace("</robot>", flag).replace(
+    without_chain = ROBOT.replace("</robot>", flag).replace(
         '<joint name="bracket" type="fixed">\n    <parent link="upper"/>',
         '<joint name="bracket" type="fixed">\n    <parent link="pedestal"/>',
     )
-    status, said, out = made(alone)
+    status, said, out = made(without_chain)
     assert status == 0, said
     assert len(read_arm(out).joints) == 2
 

@@ -101,8 +101,8 @@ def test_a_mimic_of_a_mimic_follows_the_joint_that_turns_freely(made):
     j1 = 0.6
     j2 = -2 * j1 + 0.1
     expected = ball_mm(j1, 10, j2, 0.5 * j2 + 0.2)
-    found = balls_mm(out, [[j1, *zeros_rad[1:]]])[0]
-    np.testing.assert_allclose(found, expected, atol=1e-9)
+    places_mm = balls_mm(out, [[j1, *zeros_rad[1:]]])[0]
+    np.testing.assert_allclose(places_mm, expected, atol=1e-9)
     # Held, the master holds what mimics it.
     said, _ = made(text, "--hold-mm", "rail=10", "--hold-rad", "J1=0.6", status=2)
     assert "no joint turns" in said

@@ -233,19 +233,21 @@ def test_two_results_are_compared_at_the_probe(identified: Path) -> None:
     design = said_json(
         run_identify(identified, "--compare", truth, "arm.toml", "--json")
     )
-    found = said_json(run_identify(identified, "--compare", truth, "out", "--json"))
-    assert found["rms_mm"] < 0.05
+    comparison = said_json(
+        run_identify(identified, "--compare", truth, "out", "--json")
+    )
+    assert comparison["rms_mm"] < 0.05
     assert design["rms_mm"] > 0.2
-    assert found["arms"][1]["redundancy"] > 0
-    assert set(found["largest_at_rad"]) == {f"J{k}" for k in range(1, 8)}
+    assert comparison["arms"][1]["redundancy"] > 0
+    assert set(comparison["largest_at_rad"]) == {f"J{k}" for k in range(1, 8)}
     within = said_json(
         run_identify(identified, "campaign", "--compare", truth, "out", "--json")
     )
-    assert within["largest_mm"] != found["largest_mm"]
+    assert within["largest_mm"] != comparison["largest_mm"]
     lines = run_identify(identified, "--compare", truth, "out").stdout.splitlines()
     assert lines[0] == f"A: {truth}: demo-7, design, not identified"
     assert lines[1].startswith("B: out/arm.toml: demo-7, identified ")
-    assert f"rms {found['rms_mm']:.4f} mm" in lines[3]
+    assert f"rms {comparison['rms_mm']:.4f} mm" in lines[3]
 
 
 def test_held_parameters_are_not_estimated_also_by_a_file_of_masks(

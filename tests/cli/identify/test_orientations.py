@@ -90,19 +90,19 @@ def test_the_simulator_writes_orientations_that_scipy_understands(folder: Path) 
 
 def test_files_and_reports_have_the_orientations(folder: Path) -> None:
     result = json.loads((folder / "out" / "identification.json").read_text("utf-8"))
-    found = result["orientations"]
+    orientations = result["orientations"]
     truth = json.loads((folder / "campaign" / "truth" / "truth.json").read_text())
     wrong = [blunder["line"] for blunder in truth["blunders"]]
-    lines = [entry["line"] for entry in found["excluded"]]
+    lines = [entry["line"] for entry in orientations["excluded"]]
     assert set(lines) <= set(wrong)
     assert result["excluded"] == []
-    assert found["n"] == found["n_all"] - len(lines)
-    assert found["rms_rad"]["after"] == pytest.approx(5e-5, rel=0.1)
-    assert found["rms_rad"]["before"] > 1e-3
-    assert found["noise_rad"] == 5e-5
-    assert found["sigma0"]["orientations"] == pytest.approx(1.0, abs=0.15)
-    assert found["sigma0"]["positions"] == pytest.approx(1.0, abs=0.15)
-    mounting = found["mountings"]["probe"]
+    assert orientations["n"] == orientations["n_all"] - len(lines)
+    assert orientations["rms_rad"]["after"] == pytest.approx(5e-5, rel=0.1)
+    assert orientations["rms_rad"]["before"] > 1e-3
+    assert orientations["noise_rad"] == 5e-5
+    assert orientations["sigma0"]["orientations"] == pytest.approx(1.0, abs=0.15)
+    assert orientations["sigma0"]["positions"] == pytest.approx(1.0, abs=0.15)
+    mounting = orientations["mountings"]["probe"]
     assert np.linalg.norm(mounting["quaternion"]) == pytest.approx(1.0)
     assert max(mounting["std_rad"]) < 5e-5
     # In the base posture of another arm, a little turned.
@@ -121,14 +121,14 @@ def test_files_and_reports_have_the_orientations(folder: Path) -> None:
         if row["orientation_excluded"] == "0"
     ]
     assert np.sqrt(np.mean(squares)) == pytest.approx(
-        found["rms_rad"]["after"], rel=1e-4
+        orientations["rms_rad"]["after"], rel=1e-4
     )
     kept = result["holdout"]["distance_mm"]["after"]["orientation"]
     assert kept["mean_rad"] < 3e-4
     said = (folder / "said").read_text("utf-8")
     page = (folder / "out" / "report.html").read_text("utf-8")
     for text in (said, page):
-        assert f"Orientations of {found['n']} poses" in text
+        assert f"Orientations of {orientations['n']} poses" in text
         assert "µrad" in text
         assert "sigma0 of positions" in text
         assert "Their orientations are off by" in text

@@ -19,9 +19,9 @@ NOISE_MM = 0.05
 
 
 def block(language: str) -> str:
-    found = re.search(rf"^```{language}\n(.*?)^```$", text_of(PAGE), re.M | re.S)
-    assert found is not None
-    return found[1]
+    match = re.search(rf"^```{language}\n(.*?)^```$", text_of(PAGE), re.M | re.S)
+    assert match is not None
+    return match[1]
 
 
 def six_joints() -> TrueArm:

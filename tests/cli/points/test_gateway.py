@@ -204,8 +204,8 @@ async def test_no_point_is_lost_however_often_the_gateway_is_killed(
     path = tmp_path / "lines.txt"
 
     def seqs() -> list[int]:
-        found = path.read_text().splitlines() if path.exists() else []
-        return [int(line.split()[0]) for line in found]
+        typed = path.read_text().splitlines() if path.exists() else []
+        return [int(line.split()[0]) for line in typed]
 
     async def measure() -> None:
         for _ in range(n_points):
@@ -226,9 +226,9 @@ async def test_no_point_is_lost_however_often_the_gateway_is_killed(
             await measuring
             assert await gateway.stop() == 0
         await cancel_tasks([measuring])
-    found = seqs()
-    assert sorted(set(found)) == list(range(n_points))
+    sent_seqs = seqs()
+    assert sorted(set(sent_seqs)) == list(range(n_points))
     # What is repeated after a kill is part of the last write.
-    again = sum(seq <= before for before, seq in itertools.pairwise(found))
+    again = sum(seq <= before for before, seq in itertools.pairwise(sent_seqs))
     assert again <= n_kills
     assert "0 lost" in gateway.log.splitlines()[-1]

@@ -70,8 +70,8 @@ def test_sessions_are_listed_with_what_was_not_sent(path):
 def test_the_configuration_tells_where_the_file_is(path, monkeypatch):
     monkeypatch.delenv("STATE_DIRECTORY", raising=False)
     configuration = path.parent.parent / "daemon.toml"
-    there = points("list", "--config", configuration).stdout
-    assert there == points("list", "--db", path).stdout
+    listing = points("list", "--config", configuration).stdout
+    assert listing == points("list", "--db", path).stdout
 
 
 def test_points_of_a_session_are_listed_in_a_range(path):

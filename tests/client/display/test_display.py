@@ -60,9 +60,9 @@ def sight(clock: Clock) -> ArmSight:
 
 
 def changes(sight: ArmSight) -> list[Change]:
-    found: list[Change] = []
-    sight.listeners.append(found.append)
-    return found
+    reported: list[Change] = []
+    sight.listeners.append(reported.append)
+    return reported
 
 
 def test_points_stand_until_they_are_taken_back(sight: ArmSight) -> None:

@@ -56,7 +56,7 @@ SEAT = [(600.0, 0.0, 60.0), (600.0, 0.01, 60.0), (600.01, 0.0, 60.0)]
 FINE = {"ok": True, "flags": []}
 
 
-def at(seq: int, *place: float, **changes: object) -> Point:
+def touched_at(seq: int, *place: float, **changes: object) -> Point:
     fields = {"xyz_mm": list(place), "probe_radius_mm": 3.0, "quality": FINE, **changes}
     return point(seq, **fields)
 
@@ -64,26 +64,26 @@ def at(seq: int, *place: float, **changes: object) -> Point:
 def test_a_touch_of_another_seat_does_not_count_until_somebody_says_so() -> None:
     check = GuidedCheck("articulation", 4)
     for seq, place in enumerate(SEAT):
-        check.take(at(seq, *place))
-    check.take(at(3, 653.0, 0.0, 60.0))
+        check.take(touched_at(seq, *place))
+    check.take(touched_at(3, 653.0, 0.0, 60.0))
     assert "Point 3 is 53.0 mm off" in check.instruction
     assert len(check.points) == 3
     check.count_in()
     assert check.is_done
     check = GuidedCheck("articulation", 4)
-    check.take(at(0, 653.0, 0.0, 60.0))
-    check.take(at(1, *SEAT[0]))  # now the first was the wrong one
+    check.take(touched_at(0, 653.0, 0.0, 60.0))
+    check.take(touched_at(1, *SEAT[0]))  # now the first was the wrong one
     check.begin_with_it()
     for seq, place in enumerate(SEAT):
-        check.take(at(2 + seq, *place))
+        check.take(touched_at(2 + seq, *place))
     assert check.is_done
 
 
 def test_a_good_touch_after_a_wrong_one_answers_the_question() -> None:
     check = GuidedCheck("articulation", 3)
-    check.take(at(0, *SEAT[0]))
-    check.take(at(1, 0.0, 0.0, 0.0))
-    check.take(at(2, *SEAT[1]))
+    check.take(touched_at(0, *SEAT[0]))
+    check.take(touched_at(1, 0.0, 0.0, 0.0))
+    check.take(touched_at(2, *SEAT[1]))
     assert check.suspect is None
     assert [p.seq for p in check.points] == [0, 2]
 
@@ -92,12 +92,12 @@ def test_a_touch_beside_the_sphere_is_noticed() -> None:
     places = [(15.0, 0, 0), (-15.0, 0, 0), (0, 15.0, 0), (0, -15.0, 0), (0, 0, 15.0)]
     check = GuidedCheck("sphere", 6)
     for seq, place in enumerate(places):
-        check.take(at(seq, *place))
-    check.take(at(5, 0.0, 0.0, -25.0))
+        check.take(touched_at(seq, *place))
+    check.take(touched_at(5, 0.0, 0.0, -25.0))
     assert "10.0 mm off" in check.instruction
     check = GuidedCheck("sphere", 6, diameter_mm=24.0)
-    check.take(at(0, 15.0, 0.0, 0.0))
-    check.take(at(1, 100.0, 0.0, 0.0))
+    check.take(touched_at(0, 15.0, 0.0, 0.0))
+    check.take(touched_at(1, 100.0, 0.0, 0.0))
     assert check.suspect is not None
 
 
@@ -116,7 +116,7 @@ def test_nothing_passes_without_a_limit_or_in_doubt(
     check = GuidedCheck("articulation", 3, limit_mm)
     assert check.verdict[0] == "busy"
     for seq, place in enumerate(SEAT):
-        check.take(at(seq, *place, quality=flags))
+        check.take(touched_at(seq, *place, quality=flags))
     assert check.verdict[0] == level
 
 
@@ -124,7 +124,7 @@ def test_the_size_of_a_sphere_is_held_against_the_limit_too() -> None:
     places = [(15.0, 0, 0), (-15.0, 0, 0), (0, 15.0, 0), (0, -15.0, 0), (0, 0, 15.0)]
     check = GuidedCheck("sphere", 5, 0.05, diameter_mm=24.1)
     for seq, place in enumerate(places):
-        check.take(at(seq, *place))
+        check.take(touched_at(seq, *place))
     assert check.verdict == (
         "bad",
         "Failed: error of size 0.1000 mm, limit 0.0500 mm.",

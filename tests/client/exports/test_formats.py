@@ -80,11 +80,11 @@ def test_csv_in_pandas(tmp_path: Path) -> None:
     scan = pandas.read_csv(scanned("csv", tmp_path))
     assert (scan[["x_mm", "y_mm", "z_mm"]].to_numpy() == SCAN.xyz_mm).all()
     assert scan["ok"].tolist() == [1, 0, 1, 1]  # interpolated is a remark
-    for one in (table, scan):
-        moments = pandas.to_datetime(one["time_utc"]).dt.tz_localize(None)
+    for frame in (table, scan):
+        moments = pandas.to_datetime(frame["time_utc"]).dt.tz_localize(None)
         ns = moments.astype("datetime64[ns]").astype("int64")
-        assert ns.tolist() == one["time_ns"].tolist()
-        assert one["time_utc"].str.endswith("Z").all()
+        assert ns.tolist() == frame["time_ns"].tolist()
+        assert frame["time_utc"].str.endswith("Z").all()
 
 
 def test_json_lines_are_the_messages(tmp_path: Path) -> None:
@@ -151,20 +151,22 @@ def test_points_in_a_drawing(tmp_path: Path) -> None:
     ]
     points = [
         *POINTS,
-        *(POINTS[0].model_copy(update={"label": Label(**one)}) for one in labels),
+        *(POINTS[0].model_copy(update={"label": Label(**label)}) for label in labels),
     ]
     path = tmp_path / "points.dxf"
     with path.open("wb") as file, FORMATS["dxf"](file) as sink:
         sink.points(points)
     drawing = drawn(path)
-    found = [(one.dxf.layer, tuple(one.dxf.location)) for one in drawing.query("POINT")]
-    assert [place for _, place in found[:3]] == PLACES
-    layers = [layer.removeprefix(f"{POINTS[0].session}") for layer, _ in found]
+    places = [
+        (point.dxf.layer, tuple(point.dxf.location)) for point in drawing.query("POINT")
+    ]
+    assert [place for _, place in places[:3]] == PLACES
+    layers = [layer.removeprefix(f"{POINTS[0].session}") for layer, _ in places]
     usual = " bar 1"
     plates = [" plate hole_1", " Plate hole_1", " Pl\u00e4tte"]
     assert layers == [usual, "in doubt", usual, *plates, ""]
-    assert all(layer in drawing.layers for layer, _ in found)  # "Plate" is "plate"
-    low_mm = np.min([one.xyz_mm for one in points], axis=0)
+    assert all(layer in drawing.layers for layer, _ in places)  # "Plate" is "plate"
+    low_mm = np.min([touched.xyz_mm for touched in points], axis=0)
     assert list(drawing.header["$EXTMIN"]) == low_mm.tolist()
 
 
@@ -178,8 +180,8 @@ def test_scans_in_a_drawing(tmp_path: Path) -> None:
     drawing = drawn(path)
     first, doubtful, *kept = [tuple(row) for row in SCAN.xyz_mm.tolist()]
     lines = [
-        (one.dxf.layer, [tuple(place) for place in one.points()])
-        for one in drawing.query("POLYLINE")
+        (line.dxf.layer, [tuple(place) for place in line.points()])
+        for line in drawing.query("POLYLINE")
     ]
     assert lines == [
         ("scan 1", [*kept, first]),
@@ -187,7 +189,7 @@ def test_scans_in_a_drawing(tmp_path: Path) -> None:
         ("scan 2", [first, doubtful, *kept]),
     ]
     points = [
-        (one.dxf.layer, tuple(one.dxf.location)) for one in drawing.query("POINT")
+        (point.dxf.layer, tuple(point.dxf.location)) for point in drawing.query("POINT")
     ]
     assert points == [("scan 1", first), *[("in doubt", doubtful)] * 2]
 
@@ -325,18 +327,18 @@ def test_a_label_cannot_break_the_head_of_a_ply(tmp_path: Path) -> None:
 def test_a_drawing_says_of_each_point_which_it_is(tmp_path: Path) -> None:
     drawing = drawn(two_sessions("dxf", tmp_path))
     entries = [
-        dict(text.split("=", 1) for _, text in one.get_xdata("TRAVERSE"))
-        for one in drawing.query("POINT")
+        dict(text.split("=", 1) for _, text in point.get_xdata("TRAVERSE"))
+        for point in drawing.query("POINT")
     ]
-    assert [(one["session"], int(one["seq"])) for one in entries] == KEYS
-    assert [one["ok"] for one in entries] == ["true", "false", "true"] * 2
+    assert [(entry["session"], int(entry["seq"])) for entry in entries] == KEYS
+    assert [entry["ok"] for entry in entries] == ["true", "false", "true"] * 2
     assert entries[1]["flags"] == "end_stop"
     assert entries[1]["covariance_mm2"].split()[3] == "9e-06"
     assert (entries[0]["artefact"], "covariance_mm2" in entries[0]) == ("bar", False)
     scans = drawn(scanned("dxf", tmp_path))
     assert {
-        dict(text.split("=", 1) for _, text in one.get_xdata("TRAVERSE"))["scan"]
-        for one in scans.modelspace()
+        dict(text.split("=", 1) for _, text in entity.get_xdata("TRAVERSE"))["scan"]
+        for entity in scans.modelspace()
     } == {"scan-3"}
 
 

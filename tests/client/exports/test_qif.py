@@ -70,8 +70,8 @@ def test_file_is_the_one_written_by_hand():
 def test_every_digit_is_read_back():
     root = etree.fromstring(written(POINTS))
     places = root.findall(".//q:PointFeatureMeasurement/q:Location", IN)
-    found = [[float(part) for part in place.text.split()] for place in places]
-    np.testing.assert_array_equal(found, [point.xyz_mm for point in POINTS])
+    places_mm = [[float(part) for part in place.text.split()] for place in places]
+    np.testing.assert_array_equal(places_mm, [point.xyz_mm for point in POINTS])
     stds = [[place.get(f"{a}CombinedUncertainty") for a in "xyz"] for place in places]
     assert stds == [[None] * 3, *[["0.002", "0.003", "0.004"]] * 2]
     ids = [element.get("id") for element in root.iter() if element.get("id")]
@@ -86,8 +86,8 @@ def test_each_session_has_results_of_its_own():
     points = [point(0, session="b"), point(1, session="a"), point(2, session="b")]
     root = etree.fromstring(written(points))
     sets = root.findall(".//q:MeasurementResults", IN)
-    assert [one[0][0].get("value") for one in sets] == ["a", "b"]
-    assert [len(one.find("q:MeasuredFeatures", IN)) for one in sets] == [1, 2]
+    assert [results[0][0].get("value") for results in sets] == ["a", "b"]
+    assert [len(results.find("q:MeasuredFeatures", IN)) for results in sets] == [1, 2]
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,9 @@ class Desktop:
     @property
     def has_window(self) -> bool:
         windows = self._display.screen().root.query_tree().children
-        return any(one.get_attributes().map_state == X.IsViewable for one in windows)
+        return any(
+            shown.get_attributes().map_state == X.IsViewable for shown in windows
+        )
 
     def picture(self) -> bytes:
         """What is seen: rows of pixels, blue, green, red, unused."""

@@ -89,8 +89,8 @@ class Viewer:
             case "status":
                 self.statuses[message["id"]] = message
             case "removeStatus":
-                for one in message["statusIds"]:
-                    self.statuses.pop(one, None)
+                for status_id in message["statusIds"]:
+                    self.statuses.pop(status_id, None)
 
     def newest(self, topic: str) -> Any:
         """The last message of a topic; None: there is none yet."""

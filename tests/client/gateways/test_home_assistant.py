@@ -52,8 +52,10 @@ class HomeAssistant:
 
     def of(self, kind: str) -> str:
         """What ends with this; empty while there is none."""
-        found = [self.retained[one] for one in self.retained if one.endswith(kind)]
-        return found[0] if found else ""
+        topics = [
+            self.retained[topic] for topic in self.retained if topic.endswith(kind)
+        ]
+        return topics[0] if topics else ""
 
     @property
     def state(self) -> dict[str, Any]:
@@ -115,13 +117,13 @@ async def test_an_arm_is_announced_followed_and_taken_out(
             await virtual.publish(HEALTH.model_copy(update={"arm": arm}))
             await until(lambda: home.state.get("points") is not None)
             await until(lambda: home.of("/availability") == "online")
-            (topic,) = [one for one in home.retained if one.endswith("/config")]
+            (topic,) = [name for name in home.retained if name.endswith("/config")]
             assert topic == f"homeassistant/device/traverse_{arm}/config"
             assert TOPIC.fullmatch(topic)
             check_announcement(json.loads(home.of("/config")), home.retained)
             shown = home.shown()
             attributes = json.loads(shown.pop("attributes"))["alarms"]
-            assert [one["code"] for one in attributes] == ["device.lost"]
+            assert [alarm["code"] for alarm in attributes] == ["device.lost"]
             assert shown == {
                 "online": "ON",
                 "state": alarmed.state,

@@ -31,9 +31,9 @@ on_a_desktop = pytest.mark.needs("mosquitto", "xvfb")
 
 @pytest.fixture
 def shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desktop]:
-    with desktop(tmp_path) as one:
-        monkeypatch.setenv("DISPLAY", one.name)
-        yield one
+    with desktop(tmp_path) as display:
+        monkeypatch.setenv("DISPLAY", display.name)
+        yield display
 
 
 class Typing:

@@ -70,9 +70,9 @@ def entities(viewer: Viewer, topic: str) -> dict[str, Any]:
     """What a viewer shows of a scene after all that it received."""
     shown: dict[str, Any] = {}
     for update in viewer.messages.get(topic, ()):
-        for one in update.get("deletions", ()):
-            shown.pop(one["id"], None)
-        shown |= {one["id"]: one for one in update.get("entities", ())}
+        for entity in update.get("deletions", ()):
+            shown.pop(entity["id"], None)
+        shown |= {entity["id"]: entity for entity in update.get("entities", ())}
     return shown
 
 
@@ -107,7 +107,7 @@ async def test_a_point_has_its_place_and_its_ellipsoid_to_scale(
         np.testing.assert_allclose(place_mm, good.xyz_mm, rtol=0, atol=1e-9)
         drawn = covariance_of(ellipsoid) / times**2
         np.testing.assert_allclose(drawn, COVARIANCE, rtol=0, atol=1e-12)
-        said = {one["key"]: one.get("value") for one in trusted["metadata"]}
+        said = {entry["key"]: entry.get("value") for entry in trusted["metadata"]}
         assert said["coverage factor k"] == "2"
         assert said["ellipsoid magnified"] == f"{times:g}"
         # Another colour, another shape, and the reason in words.
@@ -123,7 +123,11 @@ async def test_a_point_has_its_place_and_its_ellipsoid_to_scale(
         await b.take(2, retracts="p0", id="r")
         await until(lambda: set(entities(viewer, "points")) == {"p1"})
         # Points as in a recording, and by its schemas.
-        assert [one["id"] for one in viewer.messages["point"]] == ["p0", "p1", "r"]
+        assert [shown_point["id"] for shown_point in viewer.messages["point"]] == [
+            "p0",
+            "p1",
+            "r",
+        ]
         assert len(viewer.messages["pose"]) == 2
         for topic in ("point", "pose"):
             schema = json.loads(viewer.channels[topic]["schema"])
@@ -145,7 +149,7 @@ async def test_the_arm_its_scans_its_state_and_its_events_are_shown(
             await asyncio.sleep(0.05)
         arm = entities(viewer, "arm")["arm"]
         (links,) = arm["lines"]
-        skeleton_mm = np.array([xyz(one) for one in links["points"]]) * 1e3
+        skeleton_mm = np.array([xyz(place) for place in links["points"]]) * 1e3
         assert LIVE.skeleton_mm is not None
         np.testing.assert_allclose(skeleton_mm, LIVE.skeleton_mm, atol=1e-9)
         *joints, ball, ellipsoid = arm["spheres"]

@@ -40,12 +40,12 @@ async def round_trip(
         await subscribe(listening, arm, *((kinds,) if kinds else ()))
         for topic, payload in sent:
             await speaking.publish(topic, payload, qos=1)
-        found: list[ReceivedMessage] = []
+        messages: list[ReceivedMessage] = []
         async for item in received(listening):
-            found.append(item)
+            messages.append(item)
             if item.message is not None and payload_of(item.message) == sent[-1][1]:
                 break
-    return found
+    return messages
 
 
 def payload_of(message: Message) -> bytes:
@@ -61,15 +61,15 @@ async def test_messages_come_decoded_in_both_encodings(
         (point_topic(arm), encode(examples.POINT, "msgpack")),
         (reply_topic(arm, "scan"), encode(examples.REPLY, "msgpack")),
     ]
-    found = await round_trip(mosquitto, sent, arm)
-    assert [(r.arm, r.kind, r.error) for r in found] == [
+    messages = await round_trip(mosquitto, sent, arm)
+    assert [(r.arm, r.kind, r.error) for r in messages] == [
         (arm, "status", None),
         (arm, "point", None),
         (arm, "reply", None),
     ]
     expected = [examples.STATUS, examples.POINT, examples.REPLY]
-    assert [r.message for r in found] == expected
-    assert all(r.received_ns > 1_700_000_000_000_000_000 for r in found)
+    assert [r.message for r in messages] == expected
+    assert all(r.received_ns > 1_700_000_000_000_000_000 for r in messages)
 
 
 async def test_what_cannot_be_decoded_is_reported_and_the_rest_continues(
@@ -81,11 +81,11 @@ async def test_what_cannot_be_decoded_is_reported_and_the_rest_continues(
         (point_topic(arm), encode(examples.EVENT, "msgpack")),
         (point_topic(arm), encode(examples.POINT, "msgpack")),
     ]
-    found = await round_trip(mosquitto, sent, arm)
-    assert [r.message for r in found] == [None, None, None, examples.POINT]
-    assert [r.kind for r in found[:3]] == [topic for topic, _ in sent[:3]]
-    assert all(r.error for r in found[:3])
-    assert "traverse/event/1" in (found[2].error or "")
+    messages = await round_trip(mosquitto, sent, arm)
+    assert [r.message for r in messages] == [None, None, None, examples.POINT]
+    assert [r.kind for r in messages[:3]] == [topic for topic, _ in sent[:3]]
+    assert all(r.error for r in messages[:3])
+    assert "traverse/event/1" in (messages[2].error or "")
 
 
 async def test_only_the_wanted_kinds_of_the_wanted_arm_come(
@@ -97,7 +97,7 @@ async def test_only_the_wanted_kinds_of_the_wanted_arm_come(
         (status_topic(arm), status),
         (point_topic(arm), point),
     ]
-    found = await round_trip(mosquitto, sent, arm, "point")
-    assert [(r.arm, r.kind) for r in found] == [(arm, "point")]
-    found = await round_trip(mosquitto, sent, "+", "point")
-    assert {r.arm for r in found} >= {f"{arm}-other"}
+    messages = await round_trip(mosquitto, sent, arm, "point")
+    assert [(r.arm, r.kind) for r in messages] == [(arm, "point")]
+    messages = await round_trip(mosquitto, sent, "+", "point")
+    assert {r.arm for r in messages} >= {f"{arm}-other"}

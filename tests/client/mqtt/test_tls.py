@@ -184,7 +184,9 @@ async def test_files_that_cannot_be_used_are_named(house: House) -> None:
 async def test_watch_prints_points_over_tls_as_the_guide_shows(
     house: House, tmp_path: Path
 ) -> None:
-    (line,) = (one for one in commands(GUIDE) if one.startswith("traverse watch"))
+    (line,) = (
+        command for command in commands(GUIDE) if command.startswith("traverse watch")
+    )
     async with house.daemon().running() as daemon:
         ours = {
             "broker.lab": str(house.address),
@@ -193,9 +195,9 @@ async def test_watch_prints_points_over_tls_as_the_guide_shows(
             "operator.password": str(house.address.password_file),
             "--arm bench-7": f"--arm {daemon.arm}",
         }
-        for shown, own in ours.items():
+        for shown, replacement in ours.items():
             assert shown in line
-            line = line.replace(shown, own)
+            line = line.replace(shown, replacement)
         words = shlex.split(line)[1:]
         # The guide's listener requires a password only; this one a certificate, too.
         words += house.options()[-4:]

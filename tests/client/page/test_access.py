@@ -119,14 +119,14 @@ def test_a_short_token_is_refused(tmp_path: Path) -> None:
 async def test_pages_of_other_origins_and_frames_are_kept_out() -> None:
     visit = Visit(Guard(served, token=TOKEN))
     body = f"token={TOKEN}".encode()
-    own = [("host", "arm:8443"), ("origin", "https://arm:8443")]
+    same_origin = [("host", "arm:8443"), ("origin", "https://arm:8443")]
     other = [("host", "arm:8443"), ("origin", "https://evil.example")]
     assert await visit("/login", "POST", headers=other, body=body) == 403
-    assert await visit("/login", "POST", headers=own, body=body) == 303
+    assert await visit("/login", "POST", headers=same_origin, body=body) == 303
     cookie = ("cookie", visit.header(b"set-cookie").partition(";")[0])
     assert await visit(kind="websocket", headers=[*other, cookie]) == 1008
-    assert await visit(kind="websocket", headers=[*own, cookie]) == 200
-    assert await visit(headers=[*own, cookie]) == 200
+    assert await visit(kind="websocket", headers=[*same_origin, cookie]) == 200
+    assert await visit(headers=[*same_origin, cookie]) == 200
     assert "frame-ancestors 'none'" in visit.header(b"content-security-policy")
     assert visit.header(b"x-content-type-options") == "nosniff"
 

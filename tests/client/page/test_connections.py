@@ -64,7 +64,9 @@ async def test_one_address_holds_so_many_and_no_more() -> None:
 
 def _all_closing() -> bool:
     transports = BoundedHttpProtocol.open_transports.values()
-    return all(one.is_closing() for several in transports for one in several)
+    return all(
+        transport.is_closing() for several in transports for transport in several
+    )
 
 
 async def test_a_connection_that_says_nothing_is_closed(

@@ -31,35 +31,35 @@ def luminance(colour: str) -> float:
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
-def contrast(one: str, other: str) -> float:
+def contrast(colour: str, other: str) -> float:
     """From 1 (the same) to 21 (black on white)."""
-    dark, light = sorted((luminance(one), luminance(other)))
+    dark, light = sorted((luminance(colour), luminance(other)))
     return (light + 0.05) / (dark + 0.05)
 
 
 def colours(theme: str) -> dict[str, str]:
     """The style sheet's colours by name."""
-    found: dict[str, str] = {}
+    by_name: dict[str, str] = {}
     for selector in (":root", "body.body--light")[: 1 + (theme == "light")]:
         block = CSS[CSS.index(f"{selector} {{") :].partition("}")[0]
-        found |= dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6})", block))
-    return found
+        by_name |= dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6})", block))
+    return by_name
 
 
 def rule(selector: str) -> str:
     """The fill of a selector."""
-    found = re.search(rf"{re.escape(selector)} {{ fill: ([^;]+); }}", CSS)
-    assert found is not None
-    return found[1]
+    match = re.search(rf"{re.escape(selector)} {{ fill: ([^;]+); }}", CSS)
+    assert match is not None
+    return match[1]
 
 
 @pytest.mark.parametrize("theme", ["dark", "light"])
 def test_text_and_marks_of_the_style_sheet(theme: str) -> None:
     known = colours(theme)
     for pairs, least in ((TEXT, 4.5), (MARKS, 3.0)):
-        for one, other in pairs:
-            found = contrast(known[one], known[other])
-            assert found >= least, (theme, one, other, round(found, 2))
+        for colour, other in pairs:
+            ratio = contrast(known[colour], known[other])
+            assert ratio >= least, (theme, colour, other, round(ratio, 2))
 
 
 @pytest.mark.parametrize("theme", ["dark", "light"])
@@ -79,8 +79,8 @@ def test_marks_of_the_view(theme: str) -> None:
         for name, value in re.findall(r"(\w+): 0x([0-9a-f]{6})", block)
     }
     for mark in SCENE_MARKS:
-        found = contrast(known[mark], known["ground"])
-        assert found >= 3.0, (theme, mark, round(found, 2))
+        ratio = contrast(known[mark], known["ground"])
+        assert ratio >= 3.0, (theme, mark, round(ratio, 2))
 
 
 def test_levels_and_sounds_differ_by_more_than_colour() -> None:

@@ -44,7 +44,7 @@ class Outbox:
         self.sessions[session] = range(min(below, held.stop), held.stop)
 
     def listed(self) -> list[StoredSession]:
-        return [self._held(one) for one in self.sessions]
+        return [self._held(held) for held in self.sessions]
 
     def answer(self, ask: ResendRequest) -> tuple[Resent, list[Point]]:
         session = ask.session or ""
@@ -77,9 +77,9 @@ def settle(order: ReorderBuffer, outbox: Outbox, lose: Callable[[], bool]) -> No
             continue
         answer, sent = outbox.answer(ask)
         order.resent(ask, answer)
-        for one in sent:
+        for point in sent:
             if not lose():
-                order.take(one)
+                order.take(point)
     raise AssertionError("it asks for ever")
 
 
@@ -89,14 +89,14 @@ def never() -> bool:
 
 def numbers(order: ReorderBuffer) -> list[tuple[str, int]]:
     """What was handed on, losses spelled out."""
-    found = []
+    numbers = []
     for item in order.ready:
         if isinstance(item, Point):
-            found.append((item.session, item.seq))
+            numbers.append((item.session, item.seq))
         elif item.to_seq is not None:
             lost = range(item.from_seq, item.to_seq + 1)
-            found += [(item.session, seq) for seq in lost]
-    return found
+            numbers += [(item.session, seq) for seq in lost]
+    return numbers
 
 
 def started(since: dict[str, int] | None = None) -> tuple[ReorderBuffer, Outbox, str]:
@@ -148,8 +148,8 @@ def test_every_number_is_handed_on_once_and_in_order_whatever_a_broker_loses(
                     (late.append if is_late else order.take)(taken)
             if late and chance.random() < 0.3:
                 order.take(late.pop(chance.randrange(len(late))))
-    for one in late:
-        order.take(one)
+    for point in late:
+        order.take(point)
     order.connection_restored()
     settle(order, outbox, never)
     expected = [(s, i) for s, held in outbox.sessions.items() for i in range(held.stop)]
@@ -299,8 +299,8 @@ def test_points_without_room_are_requested_later() -> None:
     order, outbox, session = started()
     taken = [outbox.add(session) for _ in range(5)]
     order.take(taken[0])
-    for one in taken[1:]:
-        order.take(one, room=False)
+    for point in taken[1:]:
+        order.take(point, room=False)
     assert numbers(order) == [(session, 0)]
     settle(order, outbox, never)
     assert numbers(order) == [(session, i) for i in range(5)]
@@ -310,8 +310,8 @@ def test_points_without_room_are_requested_later() -> None:
 def test_what_waits_for_its_turn_is_bounded(n: int) -> None:
     order, outbox, session = started()
     taken = [outbox.add(session) for _ in range(n)]
-    for one in taken[1:]:
-        order.take(one)
+    for point in taken[1:]:
+        order.take(point)
     assert order.n_held <= 2000
     settle(order, outbox, never)
     assert numbers(order) == [(session, i) for i in range(n)]

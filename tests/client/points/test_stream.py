@@ -40,8 +40,8 @@ async def test_the_whole_session_comes_and_nothing_of_those_before(
         virtual.forget(session, 1)  # what is held no more is no loss of this reader
         async with Arm(virtual.arm, broker, since="session") as arm:
             await virtual.take(1)
-            found = await read(arm, 4)
-            assert found == list(virtual.outbox[session].values())
+            points = await read(arm, 4)
+            assert points == list(virtual.outbox[session].values())
             assert arm.counters.lost == 0
 
 
@@ -59,9 +59,9 @@ async def test_no_point_is_lost_or_doubled_over_twenty_reconnections(
                 await until(partial(is_back, arm, before))
 
         cutting = asyncio.create_task(cut_and_take())
-        found = await read(arm, 1000)
+        points = await read(arm, 1000)
         await cutting
-        assert found == virtual.points
+        assert points == virtual.points
         assert arm.counters.lost == 0
 
 
@@ -124,11 +124,11 @@ async def test_an_old_daemon_that_cannot_resend_has_its_gaps_told(
         await virtual.take(2)
         virtual.is_mute = False
         last = await virtual.take(1)
-        found = await read(arm, 3)
-        assert found[0] == first[0]
-        assert isinstance(found[1], Lost)
-        assert (found[1].from_seq, found[1].to_seq) == (1, 2)
-        assert found[2] == last[0]
+        points = await read(arm, 3)
+        assert points[0] == first[0]
+        assert isinstance(points[1], Lost)
+        assert (points[1].from_seq, points[1].to_seq) == (1, 2)
+        assert points[2] == last[0]
 
 
 async def test_a_place_file_continues_where_the_reader_stopped(

@@ -50,10 +50,10 @@ def test_every_sample_once_and_as_interpolation_by_other_means_has_it(
 ):
     folder = tmp_path_factory.mktemp("arm")
     skews = st.lists(st.integers(0, 9_000_000), min_size=3, max_size=3)
-    own = data.draw(st.one_of(st.none(), skews.map(tuple)))
+    base_skew_ns = data.draw(st.one_of(st.none(), skews.map(tuple)))
     first_ns = BEGIN_NS + data.draw(st.integers(-20_000_000, 40_000_000))
     readers = {
-        "base": base(skew_ns=own),
+        "base": base(skew_ns=base_skew_ns),
         "wrist": wrist(
             rate_hz=(rate_hz := data.draw(st.sampled_from([40.0, 80.0, 330.0]))),
             skew_ns=(0, data.draw(st.integers(0, 2_000_000))),
@@ -90,7 +90,7 @@ def test_every_sample_once_and_as_interpolation_by_other_means_has_it(
     )
     assert np.abs(off_counts(counts, expected)).max() < 1e-6
     assert (status & ~np.uint8(STATUS_INTERPOLATED) == 0).all()
-    if own is None:
+    if base_skew_ns is None:
         assert (status[:, :2] == 0).all()
     assert assembly.dropped["wrist"] + assembly.dropped["base"] > 0 or good[0]
 
@@ -128,15 +128,15 @@ def test_stamps_that_may_be_off_count_by_the_speed(tmp_path):
     assembly.add(base().samples(range(100)), AT_ONCE)
     made = assembly.resampled()
     _, times_ns, _, _, _ = joined(made)
-    found = np.concatenate([bounds[:, :, 1] for _, bounds in made])
+    instants_counts = np.concatenate([bounds[:, :, 1] for _, bounds in made])
     before, after = true_counts(times_ns - 100_000), true_counts(times_ns + 100_000)
     expected = np.abs(after - before)[:, 2]
-    inside = found[:, 2] > 0.0  # not where a reading fell on the very instant
-    assert found[inside, 2] == pytest.approx(
+    inside = instants_counts[:, 2] > 0.0  # not where a reading fell on the very instant
+    assert instants_counts[inside, 2] == pytest.approx(
         expected[inside], abs=0.02 * expected.max()
     )
     assert inside.sum() > 70
-    assert (found[:, :2] == 0).all()
+    assert (instants_counts[:, :2] == 0).all()
 
 
 def latched(reader, time_ns):
@@ -173,12 +173,12 @@ def test_a_single_instant_takes_what_was_latched_and_interpolates_the_rest(tmp_p
         == "no readings of wrist arrived after it"
     )
     assembly.add(wrist().samples(range(20, 40)), AT_ONCE)
-    found = assembly.at(instant_ns, latch)
-    assert found.status.tolist() == [0, 0, STATUS_INTERPOLATED]
-    counts = (found.counts + found.fractions)[np.newaxis]
+    reading = assembly.at(instant_ns, latch)
+    assert reading.status.tolist() == [0, 0, STATUS_INTERPOLATED]
+    counts = (reading.counts + reading.fractions)[np.newaxis]
     true = true_counts(np.array([instant_ns]))
     assert np.abs(off_counts(counts, true)[0, :2]).max() <= 0.5
-    assert found.fractions[:2].tolist() == [0.0, 0.0]
+    assert reading.fractions[:2].tolist() == [0.0, 0.0]
     expected = interpolated(wrist(), range(40), 2, np.array([instant_ns]))[0]
     assert off_counts(counts[0, 2], expected, 2) == pytest.approx(0.0, abs=1e-6)
     # At the edge of a device without joints all of them are interpolated.
@@ -293,10 +293,10 @@ def test_counts_that_are_not_valid_are_left_out_and_told(tmp_path):
     counts[20, 1] ^= 0x400000  # half a turn
     assembly.add(replace(samples, counts=counts, status=status), AT_ONCE)
     assembly.add(base().samples(range(60)), AT_ONCE)
-    _, times_ns, found, combined, _ = joined(assembly.resampled(AT_ONCE))
+    _, times_ns, counts_of_arm, combined, _ = joined(assembly.resampled(AT_ONCE))
     good = [k for k in range(60) if k not in (20, 30, 31)]
     expected = interpolated(wrist(), good, 2, times_ns)
-    off = off_counts(found[:, 2], expected, 2)
+    off = off_counts(counts_of_arm[:, 2], expected, 2)
     assert np.abs(off).max() < 1e-6
     t = wrist().times_ns
     error = (times_ns > t(19)) & (times_ns < t(21))

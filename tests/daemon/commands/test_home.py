@@ -131,9 +131,9 @@ async def test_a_snapshot_continues_bit_for_bit(arm, tmp_path):
     other = Arm(tmp_path)
     other._n = arm._n - 1
     other.bench.measurement.restore({**state, "devices": [], "fresh": False})
-    found = other.at((2.1, -1.9, 0.9))
-    assert found.angles_rad == expected.angles_rad
-    assert found.xyz_mm == expected.xyz_mm
+    reading = other.at((2.1, -1.9, 0.9))
+    assert reading.angles_rad == expected.angles_rad
+    assert reading.xyz_mm == expected.xyz_mm
     other.close()
 
 

@@ -18,8 +18,8 @@ async def bench(arm_bench):
     return arm_bench
 
 
-def press(bench, at, token=0):
-    bench.take(edge("handle", BEGIN_NS + int(at * 1e7), token))
+def press(bench, at_samples, token=0):
+    bench.take(edge("handle", BEGIN_NS + int(at_samples * 1e7), token))
 
 
 async def asked(command):
@@ -110,16 +110,18 @@ async def test_too_many_samples_for_a_minute_are_refused(bench):
 
 
 async def test_undo_takes_back_point_after_point_and_deletes_none(bench):
-    for at in (30.5, 31.5, 32.5):
-        press(bench, at)
+    for at_samples in (30.5, 31.5, 32.5):
+        press(bench, at_samples)
     first, second, third = bench.points
     reply = await bench.point_requests.undo(UndoArgs())
     again = await bench.point_requests.undo(UndoArgs(id=second.id))
     assert (reply["retracts"], again["retracts"]) == (third.id, second.id)
     retraction = bench.points[3]
     assert (retraction.seq, retraction.id) == (3, reply["id"])
-    own = {"seq", "id", "retracts", "time_ns", "trigger"}
-    assert retraction.model_dump(exclude=own) == third.model_dump(exclude=own)
+    changed_keys = {"seq", "id", "retracts", "time_ns", "trigger"}
+    assert retraction.model_dump(exclude=changed_keys) == third.model_dump(
+        exclude=changed_keys
+    )
     press(bench, 33.5)
     await bench.point_requests.undo(UndoArgs())
     assert bench.points[-1].retracts == bench.points[-2].id

@@ -52,10 +52,10 @@ def library(folder, text=LIBRARY):
 
 
 def test_a_library_is_read_and_probes_are_found_by_name(tmp_path):
-    found = read_probes(library(tmp_path))
-    assert found.names == ("ball-6", "long")
-    assert found.named("long").radius_mm == 1.5
-    assert found.named("short") is None
+    probes = read_probes(library(tmp_path))
+    assert probes.names == ("ball-6", "long")
+    assert probes.named("long").radius_mm == 1.5
+    assert probes.named("short") is None
 
 
 @pytest.mark.parametrize(
@@ -78,17 +78,17 @@ def test_mistakes_of_a_library_are_reported(tmp_path, old, new, message):
 def test_an_arm_with_another_probe_is_that_of_a_file_with_it(tmp_path):
     model = read_model(arm_file(tmp_path), {"base": None})
     chosen = read_probes(library(tmp_path)).named("long")
-    found = model_with_probe(model, chosen)
+    changed = model_with_probe(model, chosen)
     text = ARM.replace(PROBE_OF_ARM, LONG_PROBE)
     same = read_model(arm_file(tmp_path, text), {"base": None})
-    assert found.digest == same.digest == arm_digest(parse_arm(text))
-    assert found.digest != model.digest
-    assert found.probe_radius_mm == 1.5
+    assert changed.digest == same.digest == arm_digest(parse_arm(text))
+    assert changed.digest != model.digest
+    assert changed.probe_radius_mm == 1.5
     angles_rad = np.array([[1.5, -0.2, 0.9]])
-    places_mm = [probe_centre(m.geometry, angles_rad)[0] for m in (found, same)]
+    places_mm = [probe_centre(m.geometry, angles_rad)[0] for m in (changed, same)]
     assert places_mm[0] == pytest.approx(places_mm[1], abs=1e-12)
     again = read_probes(library(tmp_path)).named("ball-6")
-    assert model_with_probe(found, again).digest == model.digest
+    assert model_with_probe(changed, again).digest == model.digest
 
 
 def test_estimated_moments_stay_with_another_probe(tmp_path):
@@ -97,9 +97,10 @@ def test_estimated_moments_stay_with_another_probe(tmp_path):
     tables = "".join(f"[[effects]]\n{table}" for table in (soft, moment))
     model = arm_model(tmp_path, ARM + tables)
     for name in ("long", "ball-6"):
-        found = model_with_probe(model, read_probes(library(tmp_path)).named(name))
+        changed = model_with_probe(model, read_probes(library(tmp_path)).named(name))
         levers_kg_mm = [
-            one.effects.levers_kg_mm(one.geometry) for one in (found, model)
+            variant.effects.levers_kg_mm(variant.geometry)
+            for variant in (changed, model)
         ]
         assert levers_kg_mm[0] == pytest.approx(levers_kg_mm[1])
 
@@ -112,13 +113,13 @@ def test_what_is_known_of_a_probe_goes_with_it(tmp_path):
     text = f'{ARM}[identification]\ncovariance_file = "arm.cov.npz"\n'
     text += f'covariance_digest = "{digest}"\n'
     model = read_model(arm_file(tmp_path, text), {"base": None})
-    found = read_probes(library(tmp_path))
-    known = np.diag(model_with_probe(model, found.named("long")).covariance.covariance)
+    probes = read_probes(library(tmp_path))
+    known = np.diag(model_with_probe(model, probes.named("long")).covariance.covariance)
     assert sorted(known[known > 0.0]) == pytest.approx([1e-4, 4e-4, 4e-4, 9e-4])
-    unknown = model_with_probe(model, found.named("ball-6")).covariance.covariance
+    unknown = model_with_probe(model, probes.named("ball-6")).covariance.covariance
     assert sorted(np.diag(unknown)[np.diag(unknown) > 0.0]) == pytest.approx([1e-4])
     plain = read_model(arm_file(tmp_path), {"base": None})
-    assert model_with_probe(plain, found.named("ball-6")).covariance is None
+    assert model_with_probe(plain, probes.named("ball-6")).covariance is None
 
 
 @pytest.fixture

@@ -28,7 +28,7 @@ async def bench():
 
 
 def codes(replies: list[Reply]) -> list[str]:
-    return ["ok" if one.ok else one.error.code for one in replies]
+    return ["ok" if reply.ok else reply.error.code for reply in replies]
 
 
 async def settled(bench) -> None:

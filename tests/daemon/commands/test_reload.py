@@ -73,10 +73,10 @@ class Reloading:
 
 @pytest.fixture
 async def reloading(tmp_path):
-    found = Reloading(tmp_path)
-    found.bench.take(DeviceUp("base", BOARD, False))
-    yield found
-    found.bench.device.driver.close()
+    files = Reloading(tmp_path)
+    files.bench.take(DeviceUp("base", BOARD, False))
+    yield files
+    files.bench.device.driver.close()
 
 
 async def test_a_new_arm_measures_from_the_next_point_on(reloading):
@@ -129,7 +129,7 @@ async def test_new_rules_apply_at_once(reloading):
     result = await reloading.carried_out()
     assert result["changed"] == ["capture", "scan", "quality"]
     bench = reloading.bench
-    assert [one.kind for one in bench.scanner.chain.filters] == ["grid"]
+    assert [filter_.kind for filter_ in bench.scanner.chain.filters] == ["grid"]
     bench.take(latch((0, 0, 0)), latch((0, 0, 0), number=2, token=1))
     assert bench.points == []  # input 0 means nothing now; J1 at 0 is refused
     assert bench.codes()[-2:] == ["capture.refused", "button.pressed"]

@@ -248,8 +248,10 @@ def standing(world, name):
     status = status_message(
         world.measurement, world.measurement.clock, "msgpack", keeps_points=True
     )
-    (found, *_) = [one for one in status.conditions if one.name == name]
-    return status.state, found
+    (standing_of_name, *_) = [
+        condition for condition in status.conditions if condition.name == name
+    ]
+    return status.state, standing_of_name
 
 
 def test_every_row_has_a_plant():

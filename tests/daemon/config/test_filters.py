@@ -16,11 +16,11 @@ def section(text):
 
 
 def test_tables_become_filters_in_their_order():
-    found = section(
+    read = section(
         '[[filters]]\nkind = "box"\nlow_mm = [0, 0, 0]\nhigh_mm = [1, 2, 3]\n'
         '[[filters]]\nkind = "speed"\nmax_mm_s = 50\n'
     )
-    box, speed = (one.create() for one in found.filters)
+    box, speed = (filter_.create() for filter_ in read.filters)
     assert box == Box((0.0, 0.0, 0.0), (1.0, 2.0, 3.0))
     assert (speed.max_mm_s, speed.min_mm_s) == (50.0, 0.0)
 

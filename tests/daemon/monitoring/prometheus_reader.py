@@ -61,7 +61,7 @@ def _take(line: str, current: str, family: Family) -> None:
     suffixes = ("_bucket", "_sum", "_count") if family.kind == "histogram" else ("",)
     assert name in {current + suffix for suffix in suffixes}, line
     labels = [
-        (key, re.sub(r'\\[\\"n]', lambda found: ESCAPES[found[0]], escaped))
+        (key, re.sub(r'\\[\\"n]', lambda match: ESCAPES[match[0]], escaped))
         for key, escaped in re.findall(LABEL, match[2] or "")
     ]
     assert len(dict(labels)) == len(labels), line

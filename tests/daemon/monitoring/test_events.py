@@ -30,7 +30,7 @@ def bench():
 def test_the_first_is_reported_at_once_and_repetitions_together(bench):
     start_ns = bench.clock.now_ns
     bench.lost()
-    assert [one.count for one in bench.occurrences] == [1]
+    assert [occurrence.count for occurrence in bench.occurrences] == [1]
     for k in range(1, 4):
         bench.clock.now_ns = start_ns + k * 100
         bench.lost(count=k)
@@ -48,7 +48,7 @@ def test_the_first_is_reported_at_once_and_repetitions_together(bench):
 def test_different_sources_do_not_wait_for_each_other(bench):
     bench.lost(source="base")
     bench.lost(source="wrist")
-    assert [one.source for one in bench.occurrences] == ["base", "wrist"]
+    assert [occurrence.source for occurrence in bench.occurrences] == ["base", "wrist"]
 
 
 def test_after_a_quiet_time_the_next_is_reported_at_once(bench):
@@ -61,7 +61,7 @@ def test_after_a_quiet_time_the_next_is_reported_at_once(bench):
 def test_buttons_are_reported_one_by_one(bench):
     for _ in range(5):
         bench.log.report("info", "button.pressed", "", source="base/0", distinct=True)
-    assert [one.count for one in bench.occurrences] == [1] * 5
+    assert [occurrence.count for occurrence in bench.occurrences] == [1] * 5
 
 
 def test_a_broken_button_does_not_flood(bench):
@@ -72,15 +72,22 @@ def test_a_broken_button_does_not_flood(bench):
             )
 
     press(500)
-    assert [one.count for one in bench.occurrences] == [1] * MAX_DISTINCT
+    assert [occurrence.count for occurrence in bench.occurrences] == [1] * MAX_DISTINCT
     bench.clock.now_ns += QUIET_NS
     press(3)
     held = 500 - MAX_DISTINCT
-    assert [one.count for one in bench.occurrences[MAX_DISTINCT:]] == [held, 1, 1, 1]
+    assert [occurrence.count for occurrence in bench.occurrences[MAX_DISTINCT:]] == [
+        held,
+        1,
+        1,
+        1,
+    ]
     press(MAX_DISTINCT)
     bench.clock.now_ns += QUIET_NS
     bench.log.flush()
-    assert sum(one.count for one in bench.occurrences) == 503 + MAX_DISTINCT
+    assert (
+        sum(occurrence.count for occurrence in bench.occurrences) == 503 + MAX_DISTINCT
+    )
 
 
 def test_a_lasting_condition_is_raised_once_and_cleared_once(bench):
@@ -114,7 +121,7 @@ def test_a_condition_that_comes_and_goes_does_not_flood(bench):
     bench.log.flush()
     last = bench.occurrences[-1]
     assert (last.active, last.severity, last.text) == (False, "info", "change 4999")
-    assert sum(one.count for one in bench.occurrences) == 5000
+    assert sum(occurrence.count for occurrence in bench.occurrences) == 5000
     bench.log.flush()
     assert len(bench.occurrences) == n_reported + 1
 
@@ -125,7 +132,9 @@ def test_a_condition_that_has_calmed_down_is_reported_at_once_again(bench):
     bench.log.flush()
     bench.occurrences.clear()
     flap(bench, 1)
-    assert [(one.active, one.count) for one in bench.occurrences] == [
+    assert [
+        (occurrence.active, occurrence.count) for occurrence in bench.occurrences
+    ] == [
         (True, 1),
         (False, 1),
     ]
@@ -138,7 +147,9 @@ def test_what_is_held_back_when_the_daemon_ends_is_reported(bench):
     bench.log.flush()
     before = len(bench.occurrences)
     bench.log.flush(at_once=True)
-    flapping, lost = sorted(bench.occurrences[before:], key=lambda one: one.code)
+    flapping, lost = sorted(
+        bench.occurrences[before:], key=lambda occurrence: occurrence.code
+    )
     assert (flapping.count, flapping.active) == (20 - MAX_CHANGES, False)
     assert (lost.count, lost.code) == (4, "device.lost")
     bench.log.flush(at_once=True)
@@ -168,8 +179,11 @@ def test_what_lasts_is_known_until_it_ends(bench):
     assert (log.active, changes) == ((), [])
     log.change(True, "error", "device.lost", "gone", source="base", remedy="look")
     log.change(True, "warning", "limit.temperature", "warm", source="quality")
-    assert [one.code for one in log.active] == ["device.lost", "limit.temperature"]
+    assert [occurrence.code for occurrence in log.active] == [
+        "device.lost",
+        "limit.temperature",
+    ]
     assert log.active[0].remedy == "look"
     log.change(False, "error", "device.lost", "there", source="base")
-    assert [one.code for one in log.active] == ["limit.temperature"]
+    assert [occurrence.code for occurrence in log.active] == ["limit.temperature"]
     assert len(changes) == 3

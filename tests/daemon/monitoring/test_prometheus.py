@@ -87,7 +87,9 @@ def test_every_metric_is_explained_and_no_other():
     families = read(figures(HEALTH.model_copy(update={"outbox": unsent})))
     of_counters = {f"traverse_{name}_total" for name in HEALTH.counters}
     kinds = {
-        name: one.kind for name, one in families.items() if name not in of_counters
+        name: family.kind
+        for name, family in families.items()
+        if name not in of_counters
     }
     assert dict(rows) == kinds
 

@@ -86,8 +86,8 @@ def test_the_effects_in_line_are_those_of_the_file_but_of_standards(tmp_path):
     model = arm_model(tmp_path, ARM + length + empirical("J1_temperature_c"))
     assert model.effect_names == ["J2.empirical.J1_temperature_c"]
     assert model.uses_temperature
-    alone = arm_model(tmp_path, ARM + length)
-    assert (alone.effect_names, alone.uses_temperature) == ([], False)
+    off_line_only = arm_model(tmp_path, ARM + length)
+    assert (off_line_only.effect_names, off_line_only.uses_temperature) == ([], False)
 
 
 def test_a_joint_without_encoder_and_one_on_an_unknown_device_are_reported(tmp_path):

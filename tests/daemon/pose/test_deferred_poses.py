@@ -63,9 +63,9 @@ def test_no_point_depends_on_when_poses_are_computed(
     assert once == later
     assert len(once) == len(presses)
     paths = [list(b.measurement.trajectory.between(0, 1 << 62)) for b in benches]
-    one, other = map(joined_poses, paths)
+    first, other = map(joined_poses, paths)
     for name in ("sample_time_ns", "angles_rad", "xyz_mm", "ijk", "quality"):
-        assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
+        assert getattr(first, name).tobytes() == getattr(other, name).tobytes()
     assert len(paths[1]) <= len(paths[0])
 
 

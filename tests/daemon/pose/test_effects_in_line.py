@@ -57,8 +57,10 @@ def with_readings_off(poses, joint, d_alpha):
     """Places and shanks by matrices where one reading, or all, is wrong by this."""
     readings = poses.angles_rad.copy()
     readings[:, joint] -= d_alpha
-    found = [probe_by_hand(row) for row in readings]
-    return np.array([place for place, _ in found]), np.array([ijk for _, ijk in found])
+    probes = [probe_by_hand(row) for row in readings]
+    return np.array([place for place, _ in probes]), np.array(
+        [ijk for _, ijk in probes]
+    )
 
 
 @pytest.mark.parametrize("kind", READINGS)
@@ -269,10 +271,10 @@ def test_a_restart_forgets_the_motion_and_a_new_model_replaces_all_effects(tmp_p
     grown = arm_model(tmp_path, MASSES + effect("thermal_expansion", expansion_per_c=1))
     pipeline.use_model(grown)
     poses = pipeline.poses(count_samples(counts[40:], first=40), 21.0)
-    alone = Pipeline(grown, SetClock()).poses(
+    after_restart = Pipeline(grown, SetClock()).poses(
         count_samples(counts[40:], first=40), 21.0
     )
-    assert poses.xyz_mm.tobytes() == alone.xyz_mm.tobytes()
+    assert poses.xyz_mm.tobytes() == after_restart.xyz_mm.tobytes()
     assert not poses.quality.any()
     place, _ = probe_by_hand(poses.angles_rad[-1])
     assert math.dist(poses.xyz_mm[-1], place) > 100.0

@@ -36,19 +36,19 @@ def test_a_lost_degree_of_freedom_is_what_singular_values_say(model, seed, ratio
     random = np.random.default_rng(seed)
     angles_rad = random.uniform(-3.0, 3.0, (20, 3))
     limits = PoseLimits(QualitySection(singular_ratio=ratio), model)
-    found = limits.flags_of_angles(angles_rad) == QualityFlag.SINGULAR
+    is_singular = limits.flags_of_angles(angles_rad) == QualityFlag.SINGULAR
     moves = probe_derivatives(model.geometry, angles_rad).by_angles
     smallest_mm = np.linalg.svd(moves, compute_uv=False)[:, -1]
     # Links of the arm file: (0, 10, 250), (0, 0, 300), (0, 20, 200); probe 50.
     reach_mm = np.hypot(10, 250) + 300 + np.hypot(20, 200) + 50
     clear = np.abs(smallest_mm - ratio * reach_mm) > 1e-6
-    assert (found == (smallest_mm < ratio * reach_mm))[clear].all()
+    assert (is_singular == (smallest_mm < ratio * reach_mm))[clear].all()
 
 
 def test_a_speed_that_is_not_known_is_not_taken_for_a_slow_one(model):
     limits = PoseLimits(QualitySection(overspeed_mm_s=100.0), model)
-    found = limits.flags_of_speed(np.array([99.0, 101.0, np.nan]))
-    assert found.tolist() == [0, QualityFlag.OVERSPEED, QualityFlag.MOTION_UNKNOWN]
+    flags = limits.flags_of_speed(np.array([99.0, 101.0, np.nan]))
+    assert flags.tolist() == [0, QualityFlag.OVERSPEED, QualityFlag.MOTION_UNKNOWN]
 
 
 def test_the_speed_of_a_pose_is_that_of_its_joints(model):

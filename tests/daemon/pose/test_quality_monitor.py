@@ -73,9 +73,9 @@ def test_a_passed_limit_is_reported_when_it_is_passed(model):
 
 def test_a_temperature_out_of_its_band_lasts_until_it_is_back(model):
     bench = Bench(model, temperature_low_c=18.0, temperature_high_c=22.0)
-    found = [bench.block(0.0, celsius)[0] for celsius in (20.0, 22.5, 21.0, None)]
+    flags = [bench.block(0.0, celsius)[0] for celsius in (20.0, 22.5, 21.0, None)]
     marked = QualityFlag.TEMPERATURE
-    assert found == [0, marked, 0, marked]  # it is unknown whether it is in the band
+    assert flags == [0, marked, 0, marked]  # it is unknown whether it is in the band
     assert bench.codes() == [
         ("limit.temperature", True),
         ("limit.temperature", False),
@@ -85,13 +85,13 @@ def test_a_temperature_out_of_its_band_lasts_until_it_is_back(model):
 
 def test_three_degrees_within_five_minutes_are_too_many(model):
     bench = Bench(model)
-    found = []
+    flags = []
     for celsius, minutes in ((20.0, 4), (22.0, 4), (24.0, 2), (23.5, 4), (23.5, 10)):
-        found.append(bench.block(0.0, celsius)[0])
+        flags.append(bench.block(0.0, celsius)[0])
         bench.clock.now_ns += minutes * 60 * 10**9
     marked = QualityFlag.TEMPERATURE
     # 4 K in 8 minutes, but 20 held until 22 came, 4 minutes before 24.
-    assert found == [0, 0, marked, 0, 0]
+    assert flags == [0, 0, marked, 0, 0]
 
 
 def test_a_slow_change_is_none(model):

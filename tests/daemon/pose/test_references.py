@@ -183,9 +183,9 @@ def test_what_is_confirmed_outlives_the_daemon(tmp_path):
     memory.add({"base": ConfirmedDevice("J1: channel 0", boot="a")})
     memory.add({"base": base, "wrist": ConfirmedDevice("J2: channel 1")})
     memory.writing.result(timeout=10.0)  # durable before it is answered
-    found = json.loads(path.read_text())
-    assert found["schema"] == "traverse/references/1"
-    assert found["devices"]["base"]["serials"] == ["AAA111", ""]
+    stored = json.loads(path.read_text())
+    assert stored["schema"] == "traverse/references/1"
+    assert stored["devices"]["base"]["serials"] == ["AAA111", ""]
     memory.close()
     read = ReferenceFile(path)
     assert read.devices == memory.devices

@@ -46,13 +46,13 @@ def filled(maker, n, size=7, **changes):
     return path
 
 
-@pytest.mark.parametrize("at", [0.5, 20.0, 30.7, 49.0, 60.0])
-def test_speeds_are_those_of_the_stream_before_an_instant(maker, at):
+@pytest.mark.parametrize("periods", [0.5, 20.0, 30.7, 49.0, 60.0])
+def test_speeds_are_those_of_the_stream_before_an_instant(maker, periods):
     path = filled(maker, 50)
-    time_ns = START_NS + int((at + 10) * PERIOD_NS)
+    time_ns = START_NS + int((periods + 10) * PERIOD_NS)
     angles_rad = (time_ns - START_NS) * 1e-9 * np.array([1.0, 2.0, 3.0])
-    found = path.speeds_rad_s(time_ns, angles_rad)
-    assert found == pytest.approx([1.0, 2.0, 3.0], rel=1e-9)
+    speeds_rad_s = path.speeds_rad_s(time_ns, angles_rad)
+    assert speeds_rad_s == pytest.approx([1.0, 2.0, 3.0], rel=1e-9)
 
 
 def test_speeds_are_not_told_without_a_good_sample_a_moment_before(maker):
@@ -100,6 +100,6 @@ def test_what_is_older_than_a_while_is_forgotten(maker):
 def test_samples_between_two_times_come_whole(maker):
     path = filled(maker, 50)
     first_ns, last_ns = START_NS + 10 * PERIOD_NS, START_NS + 30 * PERIOD_NS
-    found = [int(i) for block in path.between(first_ns, last_ns) for i in block.seq]
-    assert found == list(range(10, 31))
+    numbers = [int(i) for block in path.between(first_ns, last_ns) for i in block.seq]
+    assert numbers == list(range(10, 31))
     assert list(path.between(first_ns + 1, first_ns + 2)) == []

@@ -70,12 +70,12 @@ def test_parts_are_those_of_the_law(tmp_path):
     speeds = np.array([0.5, -1.0, 0.2])
     way_mm = by_angles @ speeds * 1e-3
     expected = counts_only + np.outer(way_mm, way_mm)
-    found = stated(model, late, speeds_rad_s=speeds)
-    assert found == pytest.approx(expected, rel=1e-5)
+    covariance = stated(model, late, speeds_rad_s=speeds)
+    assert covariance == pytest.approx(expected, rel=1e-5)
     # An instant within +-3 ms, all as likely, has a standard deviation of sqrt(3) ms.
-    found = stated(model, late, speeds_rad_s=speeds, jitter_ns=3_000_000)
+    covariance = stated(model, late, speeds_rad_s=speeds, jitter_ns=3_000_000)
     expected = counts_only + 4.0 * np.outer(way_mm, way_mm)
-    assert found == pytest.approx(expected, rel=1e-5)
+    assert covariance == pytest.approx(expected, rel=1e-5)
 
 
 def test_interpolation_adds_what_it_may_have_left(tmp_path):

@@ -82,11 +82,11 @@ class OutboxOnLoop:
     async def send_until(self, n):
         sent = []
 
-        def there() -> bool:
+        def are_there() -> bool:
             sent.extend(self.send())
             return len(sent) >= n
 
-        await until(there, f"{n} messages, so far {len(sent)}")
+        await until(are_there, f"{n} messages, so far {len(sent)}")
         return sent
 
     def codes(self, active=None):

@@ -21,17 +21,17 @@ from traverse.daemon.store.records import StoredRange, StoredSession
 def test_what_was_added_is_there_as_it_was_in_order(store, path):
     assert store.add(entries("a", 2)) == [1, 2]
     assert store.add([entry("b", 0, encoding="json")]) == [3]
-    found = read_unsent(store.connection, 0, 10)
-    assert [(m.number, m.session, m.seq, m.id) for m in found] == [
+    messages = read_unsent(store.connection, 0, 10)
+    assert [(m.number, m.session, m.seq, m.id) for m in messages] == [
         (1, "a", 0, "a-0"),
         (2, "a", 1, "a-1"),
         (3, "b", 0, "b-0"),
     ]
-    assert found[2].payload == b"point 0"
-    assert (found[2].encoding, found[2].topic) == ("json", "traverse/arm/point")
-    assert found[0].time_ns == NOW_NS
+    assert messages[2].payload == b"point 0"
+    assert (messages[2].encoding, messages[2].topic) == ("json", "traverse/arm/point")
+    assert messages[0].time_ns == NOW_NS
     assert rows(path) == [("a", 0, 0), ("a", 1, 0), ("b", 0, 0)]
-    assert read_unsent(store.connection, 1, 1) == found[1:2]
+    assert read_unsent(store.connection, 1, 1) == messages[1:2]
 
 
 def test_every_commit_of_points_is_synced_and_marks_are_not(store):
@@ -87,8 +87,8 @@ def test_extents_and_ranges_have_their_ends(store):
     assert stored_range(store.connection, "a", 0, 2**53 - 1) == StoredRange(10, 5, 14)
     assert stored_range(store.connection, "a", 15, 20) == StoredRange(0, 5, 14)
     assert stored_range(store.connection, "nobody", 0, 9) == StoredRange(0, None, None)
-    found = read_messages(store.connection, "a", 6, 12, 4)
-    assert [m.seq for m in found] == [6, 7, 8, 9]
+    messages = read_messages(store.connection, "a", 6, 12, 4)
+    assert [m.seq for m in messages] == [6, 7, 8, 9]
 
 
 def test_sessions_are_listed_oldest_first_the_latest_of_them(store):

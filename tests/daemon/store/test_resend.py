@@ -33,13 +33,13 @@ async def test_all_of_a_session_is_repeated_a_bounded_number_at_a_time(bench):
     assert (answer["points"], answer["to_seq"], answer["last_seq"]) == (700, None, 699)
     most, sent = 0, []
 
-    def there() -> bool:
+    def are_there() -> bool:
         nonlocal most
         most = max(most, bench.queue.waiting("resend"))
         sent.extend(bench.send(20))
         return len(sent) == 700
 
-    await until(there, "all of them")
+    await until(are_there, "all of them")
     assert sent == numbers("resend", *range(700))
     assert most <= 100
 

@@ -38,7 +38,7 @@ def record(text="no such port", level=logging.ERROR, fields=FIELDS, fault=None):
 
 def read_entry(data: bytes) -> dict[str, str]:
     """A datagram read as the journal reads it: from the specification, not our code."""
-    found = {}
+    fields = {}
     while data:
         line, _, rest = data.partition(b"\n")
         name, equals, value = line.partition(b"=")
@@ -47,10 +47,10 @@ def read_entry(data: bytes) -> dict[str, str]:
             value, rest = rest[8 : 8 + size], rest[8 + size :]
             assert rest[:1] == b"\n"
             rest = rest[1:]
-        assert name.decode() not in found
-        found[name.decode()] = value.decode()
+        assert name.decode() not in fields
+        fields[name.decode()] = value.decode()
         data = rest
-    return found
+    return fields
 
 
 @pytest.fixture

@@ -69,7 +69,7 @@ def test_an_encoder_that_never_answered_is_an_alarm_right_after_the_start():
     made = line(3)
     made.encoders[0x5C].silent = math.inf
     run = Played(made)
-    kinds = [type(one) for one in run.all]
+    kinds = [type(delivery) for delivery in run.all]
     assert kinds.index(DeviceUp) < kinds.index(DeviceAlarm) < kinds.index(CountSamples)
     assert run.alarms() == [(2, True)]
     assert run.missing()[:, 2].all()
@@ -90,7 +90,7 @@ def test_when_all_are_silent_the_device_is_lost_and_returns():
     assert len(run.of(DeviceUp)) == 2
     first, second = run.of(StreamStarted)
     assert first.stream != second.stream
-    kinds = [type(one) for one in run.all]
+    kinds = [type(delivery) for delivery in run.all]
     before_ns = max(
         int(b.sample_time_ns[-1])
         for b in run.all[: kinds.index(DeviceLost)]
@@ -124,8 +124,8 @@ def test_a_late_reply_is_never_taken_for_that_of_the_next_encoder():
         done.append(run.time.now_s)
 
     done: list[float] = []
-    at = {0.5 + 0.1 * k: late for k in range(12)}
-    run = Played(line(), 2.0, at=at)
+    late_at_s = {0.5 + 0.1 * k: late for k in range(12)}
+    run = Played(line(), 2.0, at=late_at_s)
     counts = run.joined("counts")
     assert (counts == [1000, 2000, 3000]).all()
     assert run.missing().any()
@@ -137,8 +137,8 @@ def test_stray_bytes_make_a_cycle_missing_and_not_wrong():
     def stray(run: Played) -> None:
         run.peer.strays.append((run.time.now_s + 0.0001, word(1500)))
 
-    at = {0.5 + 0.0537 * k: stray for k in range(20)}
-    run = Played(line(step=1), 2.0, at=at)
+    stray_at_s = {0.5 + 0.0537 * k: stray for k in range(20)}
+    run = Played(line(step=1), 2.0, at=stray_at_s)
     counts = run.joined("counts").astype(int)
     assert (np.abs(np.diff(counts, axis=0)) < 100).all()
     good = ~run.missing()
@@ -235,7 +235,7 @@ def line_fault(kind, probability=0.01, **more):
 def test_what_is_believed_was_true_when_it_was_read(tmp_path, faults):
     arm = moving(tmp_path, CASE, SECONDS, faults)
     result, first_ns = read_virtually(arm, CASE, SECONDS)
-    blocks = [one for one in result if isinstance(one, CountSamples)]
+    blocks = [delivery for delivery in result if isinstance(delivery, CountSamples)]
     counts = np.concatenate([b.counts for b in blocks]).astype(np.int64)
     missing = np.concatenate([b.status for b in blocks]) & STATUS_MISSING != 0
     seq = np.concatenate([b.seq for b in blocks])
@@ -255,6 +255,8 @@ def test_what_is_believed_was_true_when_it_was_read(tmp_path, faults):
         f for f in result if isinstance(f, DeviceFault) and f.code == "samples_lost"
     ]
     assert seq[-1] + 1 - len(seq) == sum(fault.count for fault in lost)
-    assert not any(isinstance(one, DeviceLost) for one in result)
-    alarms = [one.channel for one in result if isinstance(one, DeviceAlarm)]
+    assert not any(isinstance(delivery, DeviceLost) for delivery in result)
+    alarms = [
+        delivery.channel for delivery in result if isinstance(delivery, DeviceAlarm)
+    ]
     assert set(alarms) <= ({3, 5} if faults == (SILENT, RESET) else set())

@@ -56,7 +56,9 @@ async def crossing_of(**limits: int) -> tuple[DeliveryQueue, Clock]:
 async def test_what_is_put_in_a_thread_is_taken_in_order():
     delivery_queue, _ = await crossing_of()
     given = [samples(3), LATCH, samples(2, 3), FAULT]
-    thread = threading.Thread(target=lambda: [delivery_queue.put(one) for one in given])
+    thread = threading.Thread(
+        target=lambda: [delivery_queue.put(samples) for samples in given]
+    )
     thread.start()
     thread.join()
     assert await delivery_queue.take() == given
@@ -78,11 +80,20 @@ async def test_samples_beyond_the_bound_are_dropped_and_counted():
 async def test_after_a_stall_samples_come_in_blocks_of_a_bounded_length():
     delivery_queue, _ = await crossing_of()
     given = [samples(180, 180 * k) for k in range(7)]
-    assert all(delivery_queue.put(one) for one in [*given[:4], FAULT, *given[4:]])
+    assert all(
+        delivery_queue.put(delivery) for delivery in [*given[:4], FAULT, *given[4:]]
+    )
     taken = await delivery_queue.take()
-    assert [len(one.seq) for one in taken if one is not FAULT] == [360, 360, 360, 180]
+    assert [len(delivery.seq) for delivery in taken if delivery is not FAULT] == [
+        360,
+        360,
+        360,
+        180,
+    ]
     assert taken[2] is FAULT
-    numbers = np.concatenate([one.seq for one in taken if one is not FAULT])
+    numbers = np.concatenate(
+        [delivery.seq for delivery in taken if delivery is not FAULT]
+    )
     np.testing.assert_array_equal(numbers, np.arange(7 * 180))
 
 
@@ -151,8 +162,8 @@ async def test_a_loop_that_has_been_woken_is_not_woken_again_before_it_comes():
     loop = Loop()
     delivery_queue = DeliveryQueue(loop, monotonic_ns=Clock())
     given = [LATCH, FAULT, LATCH]
-    for one in given:
-        delivery_queue.put(one)
+    for samples in given:
+        delivery_queue.put(samples)
     assert loop.woken == 1
     assert await delivery_queue.take() == given
     delivery_queue.put(LATCH)

@@ -55,9 +55,9 @@ class CanRig:
 
 
 def alarms(taken: Taken, code: str) -> list[tuple[int | None, bool]]:
-    found = [alarm for alarm in taken.of(DeviceAlarm) if alarm.code == code]
-    assert all(alarm.remedy and alarm.text for alarm in found)
-    return [(alarm.channel, alarm.raised) for alarm in found]
+    raised = [alarm for alarm in taken.of(DeviceAlarm) if alarm.code == code]
+    assert all(alarm.remedy and alarm.text for alarm in raised)
+    return [(alarm.channel, alarm.raised) for alarm in raised]
 
 
 def last_status(taken: Taken) -> list[int]:

@@ -95,9 +95,9 @@ async def test_alarms_of_the_profile_are_read_from_time_to_time():
         await until_status(rig, taken, [0, STATUS_ERROR | STATUS_WARNING])
         node.objects |= {(0x6503, 0): u16(0), (0x6505, 0): u16(0)}
         await until_status(rig, taken, [0, 0])
-    found = [(a.raised, a.code, a.text) for a in taken.of(DeviceAlarm)]
+    alarms = [(a.raised, a.code, a.text) for a in taken.of(DeviceAlarm)]
     # Which of the two is read first after both have changed is chance.
-    for raised, two in ((True, found[:2]), (False, found[2:])):
+    for raised, two in ((True, alarms[:2]), (False, alarms[2:])):
         assert sorted(two) == [
             (raised, "encoder_alarm", "node 9: position error (0001)"),
             (raised, "encoder_warning", "node 9: battery low (0010)"),

@@ -281,11 +281,11 @@ def test_host_syncs_keep_their_schedule_and_make_up_for_delays() -> None:
 def test_seen_syncs_are_numbered_by_time(steps: list[int], random: object) -> None:
     seen = ObservedSchedule(1000.0)
     assert seen.take(0) == 1
-    at = 0
+    number = 0
     for step in steps:
-        at += step
+        number += step
         jitter = random.uniform(-200_000, 200_000)  # type: ignore[attr-defined]  # hypothesis' own Random
-        assert seen.take(round(at * 1_000_100 + jitter)) == step
+        assert seen.take(round(number * 1_000_100 + jitter)) == step
 
 
 def test_seen_syncs_that_come_later_and_later_are_not_taken_for_missing_ones() -> None:

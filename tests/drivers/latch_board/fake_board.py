@@ -26,11 +26,11 @@ Answer = Callable[[bytes], list[bytes]]
 
 def unstuffed(segment: bytes) -> bytes:
     """COBS undone by its definition, for frames under 254 bytes."""
-    out, at = bytearray(), 0
-    while at < len(segment):
-        distance = segment[at]
-        out += segment[at + 1 : at + distance] + b"\0"
-        at += distance
+    out, offset = bytearray(), 0
+    while offset < len(segment):
+        distance = segment[offset]
+        out += segment[offset + 1 : offset + distance] + b"\0"
+        offset += distance
     return bytes(out[:-1])
 
 

@@ -166,9 +166,9 @@ async def test_a_refused_rate_does_not_cost_the_connection(rig):
 async def test_noise_costs_the_frames_it_touches_and_is_counted(rig):
     with rig.driver:
         taken = await streaming(rig)
-        one, two, three = (framed(body) for body in rig.board.samples(3))
+        first, two, three = (framed(body) for body in rig.board.samples(3))
         spoilt = bytes((two[0],)) + bytes(b ^ 0x10 or 1 for b in two[1:-1]) + b"\0"
-        rig.board.send_bytes(b"\x07noise\0" + one + spoilt + three)
+        rig.board.send_bytes(b"\x07noise\0" + first + spoilt + three)
         await taken.until(lambda: 2 in taken.seqs(), "the last sample")
         await taken.until(
             lambda: any(

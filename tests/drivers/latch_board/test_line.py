@@ -91,16 +91,16 @@ def heartbeat() -> bytes:
 def dispatched(*script: tuple[int, bytes]) -> list[tuple]:
     """Return what is dispatched: message, time, its bytes from earlier reads."""
     port = ScriptedPort(*script)
-    found: list[tuple] = []
+    dispatched_calls: list[tuple] = []
     line = LatchBoardLine(
         port,
         lambda: port.now_ns,
-        lambda *what: found.append(what),
+        lambda *what: dispatched_calls.append(what),
         lambda: False,
     )
     while port.wait(0.1):
         line.read(port.now_ns + BATCH_WINDOW_NS)
-    return found
+    return dispatched_calls
 
 
 def reads(*script: tuple[int, bytes]) -> list[tuple[int, str]]:
@@ -197,13 +197,16 @@ def test_what_earlier_reads_brought_is_of_the_samples_alone():
 
 def test_samples_before_the_port_went_away_are_taken_up_first():
     port = ScriptedPort((MS_NS, sample(1)), (2 * MS_NS, sample(2)), (3 * MS_NS, GONE))
-    found = []
+    dispatched_calls = []
     line = LatchBoardLine(
-        port, lambda: port.now_ns, lambda *what: found.append(what), lambda: False
+        port,
+        lambda: port.now_ns,
+        lambda *what: dispatched_calls.append(what),
+        lambda: False,
     )
     assert line.port.wait(0.1)
     line.read(port.now_ns + BATCH_WINDOW_NS)
-    [(block, at_ns, _)] = found
+    [(block, at_ns, _)] = dispatched_calls
     assert (block.seq.tolist(), at_ns) == ([1, 2], 2 * MS_NS)
     assert line.port.wait(0.1)
     with pytest.raises(DeviceError):

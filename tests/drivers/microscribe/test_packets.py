@@ -37,18 +37,18 @@ def errors_ns(
 ) -> np.ndarray:
     """Of times in a stream whose host is busy for some ms in one of ten exchanges."""
     rng = np.random.default_rng(11)
-    found = []
+    errors = []
     for k in range(2000):
         latch_ns = 10**12 + round(k * period_ms * MS)
         ticks = int((latch_ns - 10**12) * true_hz * 1e-9 + 15900.3)  # wraps soon
         busy = rng.exponential(4 * MS, 2) * (rng.random(2) < 0.1)
-        one = heard(latch_ns, ticks, *map(int, busy))
-        assert not clock.is_old(one)
-        unwrapped, time_ns = clock.time_of(one)
-        assert one.sent_ns <= time_ns <= one.begun_ns
+        packet = heard(latch_ns, ticks, *map(int, busy))
+        assert not clock.is_old(packet)
+        unwrapped, time_ns = clock.time_of(packet)
+        assert packet.sent_ns <= time_ns <= packet.begun_ns
         assert unwrapped in (ticks, time_ns)
-        found.append(time_ns - latch_ns)
-    return np.array(found[150:])  # the clock has settled after a second
+        errors.append(time_ns - latch_ns)
+    return np.array(errors[150:])  # the clock has settled after a second
 
 
 @pytest.mark.parametrize("period_ms", [10.0, 7.3])
@@ -105,16 +105,16 @@ def test_a_timer_that_jumps_is_learned_anew():
     clock = PacketClock(1000.0, 16384, REPLY_NS)
     for k in range(400):
         ticks = 9 * k + (5000 if k > 200 else 0)
-        one = heard(10 * MS * k, ticks)
-        assert not clock.is_old(one)
-        clock.time_of(one)
+        packet = heard(10 * MS * k, ticks)
+        assert not clock.is_old(packet)
+        clock.time_of(packet)
     assert clock.steps
     assert clock.rate_hz == pytest.approx(900.0, rel=3e-3)
 
 
 def test_an_undisturbed_exchange_is_known_to_what_is_not_line():
-    one = heard(5 * MS, 3)
-    _, time_ns = PacketClock(0.0, 16384, 0).time_of(one)
+    packet = heard(5 * MS, 3)
+    _, time_ns = PacketClock(0.0, 16384, 0).time_of(packet)
     # 0.2 ms beside the bytes, of which half is taken to be before the latch.
     assert abs(time_ns - 5 * MS) <= 100_000
 
@@ -153,10 +153,10 @@ def sample(number: int, buttons: int) -> PolledSample:
 def test_an_edge_is_what_two_packets_show(levels):
     pedals = PedalDebouncer(0, 7)
     pedals.begin(sample(0, 0))
-    found = []
+    edges_seen = []
     for number, buttons in enumerate(levels, start=1):
         edges = pedals.detect_edges(sample(number, buttons))
-        found.extend((e.number, e.down, e.first.ticks) for e in edges)
+        edges_seen.extend((e.number, e.down, e.first.ticks) for e in edges)
     expected = []
     for bit in (0, 1):
         settled = 0
@@ -165,7 +165,7 @@ def test_an_edge_is_what_two_packets_show(levels):
             if shown[number] == shown[number - 1] != settled:
                 settled = shown[number]
                 expected.append((bit, bool(settled), number - 1))
-    assert sorted(found) == sorted(expected)
+    assert sorted(edges_seen) == sorted(expected)
 
 
 def test_bouncing_is_one_edge():

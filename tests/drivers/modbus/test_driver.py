@@ -215,8 +215,8 @@ def test_frames_are_those_of_manuals_however_they_are_cut(cut):
     client = ModbusClient(
         port, lambda: 0, lambda _s: None, timeout_s=0.1, silence_s=0.0, echo=False
     )
-    found = client.read_input_registers(0, count=2, device_id=1)
-    assert found.registers == [0x0001, 0xE240]
+    response = client.read_input_registers(0, count=2, device_id=1)
+    assert response.registers == [0x0001, 0xE240]
     assert port.written == ["01 04 00 00 00 02 71 CB"]
 
 

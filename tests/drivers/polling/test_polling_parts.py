@@ -47,52 +47,54 @@ def steps_in(ms: float) -> float:
 @given(st.integers(0, TURN - 1), st.integers(1, 70), st.booleans())
 def test_what_a_joint_can_reach_is_believed_across_the_wrap(start, ms, backwards):
     step = int(steps_in(ms)) * (-1 if backwards else 1)
-    one = channel(start)
-    assert one.accept(EncoderReading((start + step) % TURN, (1 + ms) * MS), 0) is None
-    assert one.count == (start + step) % TURN
+    encoder = channel(start)
+    assert (
+        encoder.accept(EncoderReading((start + step) % TURN, (1 + ms) * MS), 0) is None
+    )
+    assert encoder.count == (start + step) % TURN
 
 
 @given(st.integers(0, TURN - 1), st.integers(1, 40))
 def test_what_it_cannot_reach_is_not(start, ms):
     step = int(steps_in(ms + 1)) + 6
-    one = channel(start)
+    encoder = channel(start)
     far = EncoderReading((start + step) % TURN, (1 + ms) * MS)
-    assert one.accept(far, 0) is IMPLAUSIBLE
-    assert (one.count, one.misses) == (start, 1)
+    assert encoder.accept(far, 0) is IMPLAUSIBLE
+    assert (encoder.count, encoder.misses) == (start, 1)
 
 
 def test_counts_over_several_turns_may_not_jump_by_whole_turns():
-    one = channel(5, modulus=TURN << 14)
-    assert one.accept(EncoderReading(5 + TURN, 2 * MS), 0) is IMPLAUSIBLE
-    assert one.accept(EncoderReading((TURN << 14) - 5, 3 * MS), 0) is None
+    encoder = channel(5, modulus=TURN << 14)
+    assert encoder.accept(EncoderReading(5 + TURN, 2 * MS), 0) is IMPLAUSIBLE
+    assert encoder.accept(EncoderReading((TURN << 14) - 5, 3 * MS), 0) is None
 
 
 def test_three_misses_in_a_row_make_it_missing_and_two_readings_bring_it_back():
-    one = channel(100)
+    encoder = channel(100)
     for now_ms in (10, 20, 30):
-        assert not one.missing
-        assert one.accept(SILENT, now_ms * MS) is SILENT
-    assert one.missing
-    assert not one.due(30 * MS + ASK_AGAIN_NS - 1)
+        assert not encoder.missing
+        assert encoder.accept(SILENT, now_ms * MS) is SILENT
+    assert encoder.missing
+    assert not encoder.due(30 * MS + ASK_AGAIN_NS - 1)
     again_ns = 30 * MS + ASK_AGAIN_NS
-    assert one.due(again_ns)
-    assert one.accept(EncoderReading(9000, again_ns), again_ns) is UNCONFIRMED
-    assert one.missing
-    assert one.due(again_ns + MS)  # at once, not after half a second
-    assert one.accept(EncoderReading(9001, again_ns + MS), again_ns + MS) is None
-    assert not one.missing
-    assert one.count == 9001
+    assert encoder.due(again_ns)
+    assert encoder.accept(EncoderReading(9000, again_ns), again_ns) is UNCONFIRMED
+    assert encoder.missing
+    assert encoder.due(again_ns + MS)  # at once, not after half a second
+    assert encoder.accept(EncoderReading(9001, again_ns + MS), again_ns + MS) is None
+    assert not encoder.missing
+    assert encoder.count == 9001
 
 
 def test_readings_that_do_not_agree_do_not_bring_it_back():
-    one = PolledChannel("encoder 1", TURN, TURN, SPEED_RAD_S)
+    encoder = PolledChannel("encoder 1", TURN, TURN, SPEED_RAD_S)
     counts = [0, 8000, 3000, 12000]
     accepted = [
-        one.accept(EncoderReading(c, k * MS), k * MS) for k, c in enumerate(counts)
+        encoder.accept(EncoderReading(c, k * MS), k * MS) for k, c in enumerate(counts)
     ]
     assert accepted == [UNCONFIRMED, IMPLAUSIBLE, IMPLAUSIBLE, IMPLAUSIBLE]
-    assert one.missing
-    assert one.time_ns is None
+    assert encoder.missing
+    assert encoder.time_ns is None
 
 
 def led(n, speed=30.0, acceleration=0.4):

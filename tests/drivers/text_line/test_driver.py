@@ -144,7 +144,11 @@ async def test_odd_lines_cost_themselves_and_are_named(rig):
         )
         n = len(taken.seqs())
         await taken.until(lambda: len(taken.seqs()) > n + 5, "samples after them")
-    faults = [one for one in taken.of(DeviceFault) if one.code == "frames_rejected"]
+    faults = [
+        delivered
+        for delivered in taken.of(DeviceFault)
+        if delivered.code == "frames_rejected"
+    ]
     assert sum(fault.count for fault in faults) == 5
     assert all("line" in fault.text and fault.remedy for fault in faults)
     for block in taken.of(CountSamples):

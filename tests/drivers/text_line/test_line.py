@@ -42,8 +42,8 @@ def test_golden_lines():
     line = b"POS,123456,312.001,-4.250,88.900,0.00,-90.00,359.99,725.50"
     assert toy().read(line) == Line((0, 27_000, 35_999, 550), ticks=123_456)
     bl = b"   *** E0: 183.50,  E1: 41.85,  E2: -138.00,  E3: 0.00,  E4: 86.25"
-    found = LinePattern(BL, "deg", (36_000,) * 5).read(bl)
-    assert found == Line((18_350, 4185, 22_200, 0, 8625))
+    read = LinePattern(BL, "deg", (36_000,) * 5).read(bl)
+    assert read == Line((18_350, 4185, 22_200, 0, 8625))
     assert sketch().read(signed(b"TRV,7,1234,100,4095,2")) == Line(
         (100, 4095), 1234, 7, 2
     )
@@ -89,9 +89,9 @@ def test_every_changed_byte_is_found_by_the_checksum():
         for bit in range(8):
             struck = bytearray(good)
             struck[place] ^= 1 << bit
-            found = sketch().read(bytes(struck))
+            line = sketch().read(bytes(struck))
             # A letter of the check sum may change its case alone, or begin a blank.
-            assert isinstance(found, OddLine) or found == sketch().read(good)
+            assert isinstance(line, OddLine) or line == sketch().read(good)
 
 
 @given(st.binary(max_size=200))
@@ -116,12 +116,12 @@ def test_what_is_printed_is_read(counts, seq, ms, buttons):
 def test_any_division_gives_the_same_lines(data, sizes):
     data = data.replace(b"\r", b"\n")
     whole, parts = LineSplitter(), LineSplitter()
-    found, rest = [], data
+    lines, rest = [], data
     for size in sizes:
-        found += parts.feed(rest[:size])
+        lines += parts.feed(rest[:size])
         rest = rest[size:]
-    found += parts.feed(rest)
-    assert found == whole.feed(data)
+    lines += parts.feed(rest)
+    assert lines == whole.feed(data)
     assert whole.overlong == parts.overlong
     assert len(parts._buffer) <= MAX_LINE
 

@@ -119,15 +119,15 @@ async def test_keys_are_inputs_at_the_kernels_time(rig):
     rig.key(KEY_C, 0, at_ns - 1_000_000)
     rig.key(KEY_B, 1, at_ns)
     with rig.driver:
-        found = await edges(rig, 3)
-    assert [(edge.input, edge.active) for edge in found] == [
+        taken_edges = await edges(rig, 3)
+    assert [(edge.input, edge.active) for edge in taken_edges] == [
         (1, True),
         (1, False),
         (0, True),
     ]
-    times_ns = [edge.sample_time_ns for edge in found]
+    times_ns = [edge.sample_time_ns for edge in taken_edges]
     assert times_ns == [at_ns - 3_000_000, at_ns - 1_000_000, at_ns]
-    assert {(edge.counts, edge.status) for edge in found} == {((), ())}
+    assert {(edge.counts, edge.status) for edge in taken_edges} == {((), ())}
 
 
 async def test_the_kernel_is_set_to_the_monotonic_clock_and_the_keys_alone(rig):

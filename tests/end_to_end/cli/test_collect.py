@@ -82,20 +82,20 @@ async def test_a_campaign_is_collected_as_it_is_touched(campaign: Workbench) -> 
         assert "ball: 5 of 5; radius 53.8" in collecting.log
         report = json.loads(collecting.output)
         assert (report["poses"], report["complete"]) == (10, True)
-        assert {one["touches"] for one in report["features"]} == {5}
+        assert {feature["touches"] for feature in report["features"]} == {5}
         arm = read_arm(bench.arm_file)
         names = [joint.name for joint in arm.joints]
-        found = read_campaign(bench.folder, names)
+        collected = read_campaign(bench.folder, names)
     presses = bench.presses()
-    assert found.poses.artefacts.tolist() == [0] * 5 + [1] * 5
+    assert collected.poses.artefacts.tolist() == [0] * 5 + [1] * 5
     took = [point.angles_rad for point in listener.points]
-    np.testing.assert_array_equal(found.poses.angles_rad, took)
+    np.testing.assert_array_equal(collected.poses.angles_rad, took)
     assert len(presses) == 10
     apart_s = np.diff([press["script_s"] for press in presses])
-    np.testing.assert_allclose(np.diff(found.poses.time_s), apart_s, atol=2e-3)
+    np.testing.assert_allclose(np.diff(collected.poses.time_s), apart_s, atol=2e-3)
     # The arm was led to each touch: every pose has the sense of some joint's motion,
     # but where a busy machine published no live pose in the quarter second before it.
-    senses = found.poses.approaches
+    senses = collected.poses.approaches
     assert senses is not None
     was_seen = [
         any(0 <= point.time_ns - at_ns < SEEN_NS for at_ns in listener.live_ns)
@@ -173,16 +173,16 @@ async def test_keys_at_a_terminal_undo_and_quit(campaign: Workbench) -> None:
     bench.write_simulator(REST)
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
-        with terminal(bench, *options(bench, "--each", "3")) as at:
-            await at.shows("following")
+        with terminal(bench, *options(bench, "--each", "3")) as screen:
+            await screen.shows("following")
             await listener.command(PointArgs())
-            await at.shows("on seat: 1 of 3")
-            at.type(b"u")
-            await at.shows("is left out again")
-            at.type(b"nx")
-            await at.shows("Touch ball (sphere): 3 more")
-            await at.shows("is none of n, p, u, q")
-            assert await at.quit() == 1
+            await screen.shows("on seat: 1 of 3")
+            screen.type(b"u")
+            await screen.shows("is left out again")
+            screen.type(b"nx")
+            await screen.shows("Touch ball (sphere): 3 more")
+            await screen.shows("is none of n, p, u, q")
+            assert await screen.quit() == 1
     assert (bench.folder / "poses.csv").read_text().count("\n") == 1
 
 
@@ -208,14 +208,14 @@ async def test_a_touch_of_another_seat_is_questioned(
         *(CONE.format(postures=2), ANOTHER.format(postures=1), REST),
     )
     bench.write_daemon()
-    with terminal(bench, *options(bench, "--each", "4")) as at:
-        await at.shows("following")
+    with terminal(bench, *options(bench, "--each", "4")) as screen:
+        await screen.shows("following")
         async with measuring(bench):
-            await at.shows("is 53.0 mm off the others on seat and does not count")
-            assert b"3 of 4" not in at.shown
-            at.type(key)
-            await at.shows(message)
-            assert await at.quit() == 1
+            await screen.shows("is 53.0 mm off the others on seat and does not count")
+            assert b"3 of 4" not in screen.shown
+            screen.type(key)
+            await screen.shows(message)
+            assert await screen.quit() == 1
     lines = (bench.folder / "poses.csv").read_text().splitlines()
     assert len(lines) == 1 + left
 

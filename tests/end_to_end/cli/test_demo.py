@@ -31,13 +31,13 @@ async def measure_one_round(folder: Path, broker: Mosquitto) -> None:
     where = ("--broker", f"{broker.host}:{broker.port}")
     with Program(folder, "once", "demo", "--once", *where) as demo:
         assert await demo.ended(90.0) == 0
-        found = re.search(
+        match = re.search(
             r"bar +ball bar: length (\d+\.\d{4}) mm, certificate 800\.0000 mm, "
             r"deviation ([+-]\d+\.\d{4}) mm",
             demo.output,
         )
-        assert found, demo.output
-        length_mm, deviation_mm = map(float, found.groups())
+        assert match, demo.output
+        length_mm, deviation_mm = map(float, match.groups())
         assert length_mm - 800.0 == pytest.approx(deviation_mm, abs=1e-9)
         assert abs(deviation_mm) < 0.2
         for said in ("ball  ", "seat  ", "latency", "Hz achieved", " 0 missing"):

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.needs("mosquitto")
 
 async def raw(bench: Workbench, kinds: set[str]) -> dict[str, aiomqtt.Message]:
     """The first message of each kind as received over MQTT 5."""
-    found: dict[str, aiomqtt.Message] = {}
+    by_kind: dict[str, aiomqtt.Message] = {}
     async with (
         aiomqtt.Client(
             bench.host, bench.port, protocol=aiomqtt.ProtocolVersion.V5
@@ -29,10 +29,10 @@ async def raw(bench: Workbench, kinds: set[str]) -> dict[str, aiomqtt.Message]:
     ):
         await client.subscribe(f"traverse/{bench.arm}/#", qos=1)
         async for message in client.messages:
-            found.setdefault(str(message.topic).split("/")[2], message)
-            if kinds <= found.keys():
+            by_kind.setdefault(str(message.topic).split("/")[2], message)
+            if kinds <= by_kind.keys():
                 break
-    return found
+    return by_kind
 
 
 def as_map(message: aiomqtt.Message, encoding: str) -> dict[str, Any]:
@@ -78,11 +78,11 @@ async def test_status_health_and_clock_are_retained_and_nothing_else(
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
         await until(lambda: listener.healths, "health")
-        found = await raw(bench, {"status", "health", "clock", "live"})
-    assert found["status"].retain
-    assert found["clock"].retain
-    assert found["health"].retain
-    assert not found["live"].retain
+        by_kind = await raw(bench, {"status", "health", "clock", "live"})
+    assert by_kind["status"].retain
+    assert by_kind["clock"].retain
+    assert by_kind["health"].retain
+    assert not by_kind["live"].retain
     last = (await raw(bench, {"status"}))["status"]
     values = as_map(last, "msgpack")
     assert (values["online"], values["state"]) == (False, "offline")

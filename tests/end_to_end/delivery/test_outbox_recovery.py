@@ -28,13 +28,13 @@ def on_disk(bench: Workbench) -> list[tuple[str, int, bool]]:
     """(session, seq, is sent) of all points, in the order of their numbers."""
     connection = open_read_only(bench.folder / "state" / "outbox.db")
     with contextlib.closing(connection):
-        found = [
+        messages = [
             message
             for session in read_sessions(connection, 100)
             for message in iter_messages(connection, session.session, 0, 2**53)
         ]
-    found.sort(key=lambda message: message.number)
-    return [(m.session, m.seq, m.is_sent) for m in found]
+    messages.sort(key=lambda message: message.number)
+    return [(m.session, m.seq, m.is_sent) for m in messages]
 
 
 async def take(listener: Listener, n: int) -> list[tuple[str, int]]:
@@ -102,9 +102,9 @@ async def test_a_daemon_killed_before_the_broker_has_its_points(
                 await listener.n_points(len(left) + 2)
                 assert await daemon.stop() == 0
         assert await simulator.stop() == 0
-    found = [(p.session, p.seq) for p in listener.points]
-    assert found[: len(left)] == left
-    new = found[len(left) :]
+    keys = [(p.session, p.seq) for p in listener.points]
+    assert keys[: len(left)] == left
+    new = keys[len(left) :]
     assert new == [(new[0][0], n) for n in range(len(new))]
     by_session: dict[str, list[int]] = {}
     for session, seq, _ in on_disk(resting):
@@ -179,8 +179,8 @@ async def test_one_damaged_row_costs_that_point_only(
                 assert answer.result["points"] == answer.result["last_seq"]
                 assert await daemon.stop() == 0
             assert listener.events_of("outbox.failed") == []
-    found = [(p.session, p.seq) for p in listener.points]
-    assert found[: len(left) - 1] == [*left[:2], *left[3:]]
+    keys = [(p.session, p.seq) for p in listener.points]
+    assert keys[: len(left) - 1] == [*left[:2], *left[3:]]
     words = ("points", "export", "--db", str(file), "--out", "points.csv")
     with Program(resting.folder, "export", *words) as export:
         assert await export.ended() == 1

@@ -50,14 +50,14 @@ async def test_points_are_signed_and_checked_wherever_they_are(
                 received += [await arm.capture() for _ in range(3)]
             await listener.n_points(len(received))
             assert await another.stop() == 0
-    found = checked_points(received, read_public_key(public.read_text()))
-    assert found.problems == []
-    assert sorted(found.last.values()) == [1, 2, 4]
+    checked = checked_points(received, read_public_key(public.read_text()))
+    assert checked.problems == []
+    assert sorted(checked.last.values()) == [1, 2, 4]
     config = bench.folder / "daemon.toml"
     said = json.loads(
         run("points", "verify", "--config", config, "--key", public, "--json")
     )
-    assert said == {"points": 10, "problems": [], "last": found.last}
+    assert said == {"points": 10, "problems": [], "last": checked.last}
     file = bench.folder / "points.jsonl"
     run("points", "export", "--config", config, "--format", "jsonl", "--out", file)
     assert "10 points: signed" in run("points", "verify", file, "--key", public)

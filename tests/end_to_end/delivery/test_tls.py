@@ -104,12 +104,12 @@ async def person(port: int, name: str, **options: str) -> AsyncIterator[Person]:
     async with aiomqtt.Client(
         HOST, port, username=name, password=SECRET, timeout=PATIENCE_S, **options
     ) as client:
-        one = Person(client)
+        arrived = Person(client)
         await client.subscribe("#", qos=1)
         await client.subscribe("traverse/#", qos=1)
-        listening = asyncio.create_task(one.listen())
+        listening = asyncio.create_task(arrived.listen())
         try:
-            yield one
+            yield arrived
         finally:
             await cancel_tasks([listening])
 

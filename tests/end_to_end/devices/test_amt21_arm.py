@@ -87,8 +87,10 @@ async def test_points_of_amt21_encoders_are_where_the_ball_was(line: Workbench) 
         await listener.n_points(4)
 
         def alarms() -> list[bool | None]:
-            found = (e for e in listener.events if e.code == "alarm.encoder_missing")
-            return [event.active for event in found]
+            alarms_of_encoder = (
+                e for e in listener.events if e.code == "alarm.encoder_missing"
+            )
+            return [event.active for event in alarms_of_encoder]
 
         await until(lambda: alarms() == [True, False], "encoder 2 is lost and back")
         step_on(pedal)

@@ -196,8 +196,8 @@ def measured(
         if not daemons:
             for name in ("true.toml", "bare.toml"):
                 daemons.append(Daemon(folder / name, board.clock))
-                for one in early:
-                    daemons[-1].take(*one)
+                for waiting in early:
+                    daemons[-1].take(*waiting)
         for daemon in daemons:
             daemon.take(driver, delivery)
 

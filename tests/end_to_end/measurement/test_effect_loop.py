@@ -46,35 +46,35 @@ def entry(kind):
     return example(kind, **CHANGES.get(kind, {}))
 
 
-def levers_mm(found: Measured) -> np.ndarray:
+def levers_mm(run: Measured) -> np.ndarray:
     """How far the ball moves for a turn of each joint by 1 rad, (n, n_joints)."""
-    angles_rad = np.array([point.angles_rad for point in found.points])
+    angles_rad = np.array([point.angles_rad for point in run.points])
     step = 1e-6
     columns = []
     for joint in range(angles_rad.shape[1]):
         off = np.zeros(angles_rad.shape[1])
         off[joint] = step
-        there = ball_centres_mm(found.arm, angles_rad + off)
-        back = ball_centres_mm(found.arm, angles_rad - off)
-        columns.append(np.linalg.norm(there - back, axis=1) / (2.0 * step))
+        ahead = ball_centres_mm(run.arm, angles_rad + off)
+        back = ball_centres_mm(run.arm, angles_rad - off)
+        columns.append(np.linalg.norm(ahead - back, axis=1) / (2.0 * step))
     return np.stack(columns, axis=1)
 
 
-def rounding_mm(found: Measured) -> np.ndarray:
+def rounding_mm(run: Measured) -> np.ndarray:
     """Half a count of every joint, all of them in the worst sense, (n,)."""
-    return levers_mm(found) @ np.full(7, np.pi / COUNTS_PER_TURN)
+    return levers_mm(run) @ np.full(7, np.pi / COUNTS_PER_TURN)
 
 
-def lag_mm(found: Measured) -> np.ndarray:
+def lag_mm(run: Measured) -> np.ndarray:
     """What a mean speed over the last few ms makes of `LATENCY_S`, (n,)."""
-    script, now_s = found.board.script, found.script_s
+    script, now_s = run.board.script, run.script_s
     turns_rad, speeds_rad_s = script.turns(now_s), script.speeds(now_s)
     off_rad_s = [
         np.abs((turns_rad - script.turns(now_s - back_s)) / back_s - speeds_rad_s)
         for back_s in LOOK_BACK_S
     ]
     worst_rad = LATENCY_S * np.max(off_rad_s, axis=0)
-    return np.sum(levers_mm(found) * worst_rad, axis=1)
+    return np.sum(levers_mm(run) * worst_rad, axis=1)
 
 
 def lengths(vectors):
@@ -86,17 +86,17 @@ def lengths(vectors):
 def test_points_agree_with_the_truth_by_the_adapted_file_alone(
     tmp_path, monkeypatch, kind
 ):
-    found = measured(tmp_path, monkeypatch, entry(kind))
+    run = measured(tmp_path, monkeypatch, entry(kind))
     # Both sides follow one table of laws, second orders included. What is left is
     # from the loop: counts are whole, and a speed is a mean over some ms of the past.
-    most_mm = rounding_mm(found)
+    most_mm = rounding_mm(run)
     if kind == "encoder_latency":
-        most_mm = most_mm + lag_mm(found)
-    assert (lengths(found.misses_mm) < most_mm).all()
-    assert lengths(found.bare_misses_mm).max() > MANY * most_mm.max()
+        most_mm = most_mm + lag_mm(run)
+    assert (lengths(run.misses_mm) < most_mm).all()
+    assert lengths(run.bare_misses_mm).max() > MANY * most_mm.max()
     flags = ("empirical",) if kind == "empirical" else ()
-    assert {p.quality for p in found.points} == {Quality(ok=True, flags=flags)}
-    assert {p.quality for p in found.bare} == {Quality(ok=True, flags=())}
+    assert {p.quality for p in run.points} == {Quality(ok=True, flags=flags)}
+    assert {p.quality for p in run.bare} == {Quality(ok=True, flags=())}
 
 
 @pytest.mark.parametrize(
@@ -104,43 +104,43 @@ def test_points_agree_with_the_truth_by_the_adapted_file_alone(
 )
 def test_coupled_joints_agree_with_the_truth(tmp_path, monkeypatch, kind):
     couplings = {"J2": ("J1", 0.5), "J3": ("J2", -1.0), "J5": ("J4", 0.4)}
-    found = measured(tmp_path, monkeypatch, entry(kind), couplings=couplings)
-    most_mm = rounding_mm(found)
-    assert (lengths(found.misses_mm) < most_mm).all()
-    assert lengths(found.bare_misses_mm).max() > MANY * most_mm.max()
+    run = measured(tmp_path, monkeypatch, entry(kind), couplings=couplings)
+    most_mm = rounding_mm(run)
+    assert (lengths(run.misses_mm) < most_mm).all()
+    assert lengths(run.bare_misses_mm).max() > MANY * most_mm.max()
 
 
 @pytest.mark.parametrize("kind", kinds_of("D"))
 def test_what_needs_the_surface_is_flagged_and_closes_once_it_is_known(
     tmp_path, monkeypatch, kind
 ):
-    found = measured(tmp_path, monkeypatch, entry(kind))
+    run = measured(tmp_path, monkeypatch, entry(kind))
     unknown = Quality(ok=False, flags=("surface_unknown",))
-    assert {point.quality for point in found.points} == {unknown}
+    assert {point.quality for point in run.points} == {unknown}
     # Left out, not half applied.
-    assert np.allclose(found.misses_mm, found.bare_misses_mm, rtol=0, atol=1e-9)
+    assert np.allclose(run.misses_mm, run.bare_misses_mm, rtol=0, atol=1e-9)
     block = Block(
-        angles_rad=np.array([point.angles_rad for point in found.points]),
-        directions=-np.array([line["normal"] for line in found.truth]),
+        angles_rad=np.array([point.angles_rad for point in run.points]),
+        directions=-np.array([line["normal"] for line in run.truth]),
     )
-    shifts_mm = contact_shifts(found.model.geometry, found.model.effects, block)
-    most_mm = rounding_mm(found)
-    assert (lengths(found.misses_mm + shifts_mm) < most_mm).all()
-    assert lengths(found.misses_mm).max() > MANY * most_mm.max()
+    shifts_mm = contact_shifts(run.model.geometry, run.model.effects, block)
+    most_mm = rounding_mm(run)
+    assert (lengths(run.misses_mm + shifts_mm) < most_mm).all()
+    assert lengths(run.misses_mm).max() > MANY * most_mm.max()
 
 
 def test_all_effects_at_once_are_taken_out_of_noisy_readings(tmp_path, monkeypatch):
     noise_rad = 5e-7
     effects = [entry(kind) for kind in kinds_of("L", "A")]
-    found = measured(tmp_path, monkeypatch, *effects, noise_rad=noise_rad)
+    run = measured(tmp_path, monkeypatch, *effects, noise_rad=noise_rad)
     # The noise of a reading, and that of two in a speed over 1 ms at the worst; the
     # speed is that of readings with their effects, of the second order.
     each_rad = noise_rad * np.hypot(1.0, np.sqrt(2.0) * LATENCY_S / 1e-3)
-    noise_mm = 4.0 * each_rad * lengths(levers_mm(found))
-    most_mm = noise_mm + rounding_mm(found) + 2.0 * lag_mm(found)
-    assert (lengths(found.misses_mm) < most_mm).all()
-    assert lengths(found.bare_misses_mm).max() > MANY * most_mm.max()
-    assert {p.quality.flags for p in found.points} == {("empirical",)}
+    noise_mm = 4.0 * each_rad * lengths(levers_mm(run))
+    most_mm = noise_mm + rounding_mm(run) + 2.0 * lag_mm(run)
+    assert (lengths(run.misses_mm) < most_mm).all()
+    assert lengths(run.bare_misses_mm).max() > MANY * most_mm.max()
+    assert {p.quality.flags for p in run.points} == {("empirical",)}
 
 
 def test_every_kind_that_the_daemon_applies_is_here():

@@ -47,11 +47,11 @@ async def test_touches_of_a_sphere_reach_the_client(
                     assert np.linalg.norm(off_mm) == pytest.approx(RADIUS_MM, abs=0.5)
                     assert np.linalg.norm((i, j, k)) == pytest.approx(1.0, abs=1e-5)
                     assert radius == 3.0
-                found = ["503"]
-                while "503" in found[0]:  # poses may be late on a busy computer
+                answer = ["503"]
+                while "503" in answer[0]:  # poses may be late on a busy computer
                     await client.ask("ClearAllErrors()")
-                    found = await client.ask("PtMeas(X(700),Y(100),Z(120))")
-                assert found[-1].startswith("X(")
+                    answer = await client.ask("PtMeas(X(700),Y(100),Z(120))")
+                assert answer[-1].startswith("X(")
                 assert "IsUserEnabled(0)" in await client.ask("IsUserEnabled()")
             await gateway.says("its session is over")
             assert await gateway.stop() == 0

@@ -53,7 +53,7 @@ async def test_a_length_between_two_points_with_what_they_share(
     ):
         await listener.n_points(3)
         first, *_, last = listener.points
-        found = await arm.distance(first, last.id)
+        distance = await arm.distance(first, last.id)
         joint = await arm.covariance([first, last])
         with pytest.raises(CommandRefused, match="is not among the latest 1000 points"):
             await arm.distance(first, "elsewhere")
@@ -67,11 +67,11 @@ async def test_a_length_between_two_points_with_what_they_share(
     )
     np.testing.assert_allclose(joint.covariance_mm2[:3, :3], covariance(first))
     way_mm = np.subtract(last.xyz_mm, first.xyz_mm)
-    assert found.length_mm == pytest.approx(np.linalg.norm(way_mm))
+    assert distance.length_mm == pytest.approx(np.linalg.norm(way_mm))
     n = way_mm / np.linalg.norm(way_mm)
     variance = n @ (covariance(first) + covariance(last) - cross - cross.T) @ n
-    assert found.expanded_mm == pytest.approx(2.0 * np.sqrt(variance), rel=1e-6)
-    assert found.with_arm
+    assert distance.expanded_mm == pytest.approx(2.0 * np.sqrt(variance), rel=1e-6)
+    assert distance.with_arm
 
 
 async def test_without_a_covariance_of_the_arm_it_is_said(resting: Workbench) -> None:

@@ -37,5 +37,5 @@ def agree(arm, effects, readings, motions_of, turns_of=None, **covariates):
 
 def across_axis(arm, joint, seed):
     axis = geometry_from_arm(arm).axes[joint]
-    found = np.cross(axis, np.random.default_rng(seed).normal(size=(2, 3)))
-    return 1e-4 * found
+    across = np.cross(axis, np.random.default_rng(seed).normal(size=(2, 3)))
+    return 1e-4 * across

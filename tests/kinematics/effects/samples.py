@@ -21,8 +21,8 @@ GEOMETRY = geometry_from_arm(ARM)
 def vectors(joint, size, seed):
     """Two vectors across the axis of a joint."""
     axis = GEOMETRY.axes[joint]
-    found = np.cross(axis, np.random.default_rng(seed).normal(size=(2, 3)))
-    return [*(size * found[0])], [*(size * found[1])]
+    across = np.cross(axis, np.random.default_rng(seed).normal(size=(2, 3)))
+    return [*(size * across[0])], [*(size * across[1])]
 
 
 WOBBLE = vectors(1, 2e-5, seed=1)

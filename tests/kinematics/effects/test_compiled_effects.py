@@ -93,8 +93,8 @@ def test_variants_and_blocks_leave_every_bit(variant):
     assert bits(*whole) == bits(*chain(VARIANTS[0]).poses(block, GRAVITY))
     for first, n_samples in ((0, 1), (13, 2), (40, 8), (60, 33), (100, 1)):
         part = slice(first, first + n_samples)
-        found = chain(variant).poses(block.part(part), GRAVITY)
-        assert bits(*found) == bits(*(array[part] for array in whole))
+        poses = chain(variant).poses(block.part(part), GRAVITY)
+        assert bits(*poses) == bits(*(array[part] for array in whole))
 
 
 def test_what_is_no_number_spoils_its_sample_alone():
@@ -103,10 +103,10 @@ def test_what_is_no_number_spoils_its_sample_alone():
     for name in ("angles_rad", "speeds_rad_s", "approaches"):
         spoilt = getattr(block, name).copy()
         spoilt[17, 1] = np.nan
-        found = chain(VARIANTS[-1]).poses(replace(block, **{name: spoilt}), GRAVITY)
-        assert np.isnan(found[0][17]).all()
+        poses = chain(VARIANTS[-1]).poses(replace(block, **{name: spoilt}), GRAVITY)
+        assert np.isnan(poses[0][17]).all()
         rest = np.delete(np.arange(50), 17)
-        assert bits(*(a[rest] for a in found)) == bits(*(a[rest] for a in whole))
+        assert bits(*(a[rest] for a in poses)) == bits(*(a[rest] for a in whole))
 
 
 def test_readings_of_many_turns_are_reduced_exactly():
@@ -120,9 +120,11 @@ def test_readings_of_many_turns_are_reduced_exactly():
     for far_rad in (1e5, np.inf):
         beyond = block.angles_rad.copy()
         beyond[3] += far_rad
-        found = corrected_pose(GEOMETRY, effects, replace(block, angles_rad=beyond))[0]
-        assert np.isfinite(found[3]).all() == np.isfinite(far_rad)
-        assert bits(found[4:]) == bits(near[4:])
+        centres_mm = corrected_pose(
+            GEOMETRY, effects, replace(block, angles_rad=beyond)
+        )[0]
+        assert np.isfinite(centres_mm[3]).all() == np.isfinite(far_rad)
+        assert bits(centres_mm[4:]) == bits(near[4:])
 
 
 def test_results_go_where_they_are_requested_and_columns_may_lie_anyhow():
@@ -130,10 +132,10 @@ def test_results_go_where_they_are_requested_and_columns_may_lie_anyhow():
     expected = chain(VARIANTS[-1]).poses(block, GRAVITY)
     into = np.zeros((35, 8))
     centres, directions = into[:, 1:4], into[:, 5:8]
-    found = chain(VARIANTS[-1]).poses(block, GRAVITY, centres, directions)
-    assert found[0] is centres
-    assert found[1] is directions
-    assert bits(*found) == bits(*expected)
+    poses = chain(VARIANTS[-1]).poses(block, GRAVITY, centres, directions)
+    assert poses[0] is centres
+    assert poses[1] is directions
+    assert bits(*poses) == bits(*expected)
     assert not into[:, [0, 4]].any()
     double = {
         f.name: np.repeat(getattr(block, f.name), 2, axis=0)[::2]
@@ -143,8 +145,8 @@ def test_results_go_where_they_are_requested_and_columns_may_lie_anyhow():
     strided = chain(VARIANTS[-1]).poses(replace(block, **double), GRAVITY)
     assert bits(*strided) == bits(*expected)
     swapped = replace(block, temperature_c=block.temperature_c.astype(">f8"))
-    found = compiled_pose(GEOMETRY, ALL, swapped)
-    assert found is None or bits(*found) == bits(*expected)
+    poses = compiled_pose(GEOMETRY, ALL, swapped)
+    assert poses is None or bits(*poses) == bits(*expected)
 
 
 def test_contact_is_added_to_the_pose_without_it():

@@ -57,8 +57,8 @@ def test_each_sample_alone_has_the_bits_of_its_block():
     whole = corrected_pose(GEOMETRY, ALL, block)
     assert joined([corrected_pose(GEOMETRY, ALL, p) for p in parts]) == joined([whole])
     moves = columns(GEOMETRY, ALL, block)
-    alone = [columns(GEOMETRY, ALL, p) for p in parts]
-    assert np.concatenate(alone).tobytes() == moves.tobytes()
+    one_by_one = [columns(GEOMETRY, ALL, p) for p in parts]
+    assert np.concatenate(one_by_one).tobytes() == moves.tobytes()
 
 
 def test_layout_in_memory_is_no_other_data():
@@ -68,8 +68,8 @@ def test_layout_in_memory_is_no_other_data():
         angles_rad=np.asfortranarray(block.angles_rad),
         directions=np.asfortranarray(block.directions),
     )
-    found = corrected_pose(GEOMETRY, ALL, other)
-    assert joined([found]) == joined([corrected_pose(GEOMETRY, ALL, block)])
+    poses = corrected_pose(GEOMETRY, ALL, other)
+    assert joined([poses]) == joined([corrected_pose(GEOMETRY, ALL, block)])
 
 
 def test_arm_without_effects_has_the_bits_of_the_plain_pose():
@@ -139,12 +139,14 @@ def test_single_unknown_value_is_reported_with_its_place():
 
 
 def test_joint_without_own_temperature_takes_that_of_the_arm_or_is_reported():
-    one = effects_of(ARM, (effect("encoder_temperature", joint="J2", rate_rad_c=1e-6),))
-    own = np.full((4, 6), np.nan)
-    block = Block(random_readings(1), joint_temperatures_c=own)
+    correction = effects_of(
+        ARM, (effect("encoder_temperature", joint="J2", rate_rad_c=1e-6),)
+    )
+    joint_c = np.full((4, 6), np.nan)
+    block = Block(random_readings(1), joint_temperatures_c=joint_c)
     with pytest.raises(ValueError, match="temperature is unknown in 4 of 4"):
-        corrected_pose(GEOMETRY, one, block)
-    corrected_pose(GEOMETRY, one, replace(block, temperature_c=np.full(4, 22.0)))
+        corrected_pose(GEOMETRY, correction, block)
+    corrected_pose(GEOMETRY, correction, replace(block, temperature_c=np.full(4, 22.0)))
 
 
 def test_needs_say_what_a_daemon_must_supply():
@@ -184,9 +186,9 @@ def test_compliance_without_any_weight_beyond_is_refused_with_all_others():
 
 
 def test_effect_of_a_joint_that_the_arm_lacks_is_refused():
-    one = effect("backlash", joint="J8", half_width_rad=1e-5)
+    correction = effect("backlash", joint="J8", half_width_rad=1e-5)
     with pytest.raises(ValueError, match="names joint 'J8', which this arm does not"):
-        effects_of(ARM, (one,))
+        effects_of(ARM, (correction,))
 
 
 def test_block_of_another_arm_is_refused():
@@ -204,9 +206,9 @@ def test_column_of_another_shape_is_refused(name, shape):
 
 
 def test_values_go_back_into_the_keys_of_the_arm_file():
-    for one, built in zip(EVERY_KIND, ALL.corrections, strict=True):
-        table = {**one.model_dump(exclude_none=True), **built.keys}
-        assert effect_from_table(table) == one
+    for effect_of_file, built in zip(EVERY_KIND, ALL.corrections, strict=True):
+        table = {**effect_of_file.model_dump(exclude_none=True), **built.keys}
+        assert effect_from_table(table) == effect_of_file
 
 
 def test_parameters_have_names_of_their_own():

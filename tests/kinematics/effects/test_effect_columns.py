@@ -28,7 +28,7 @@ COUPLED = replace(GEOMETRY, couplings=(Coupling(2, 1, -1.0), Coupling(5, 2, 0.5)
 def differences(effects, block, geometry=GEOMETRY):
     """Central differences, with steps that move the ball by about a micrometre."""
     analytic = columns(geometry, effects, block)
-    found = np.empty_like(analytic)
+    numeric = np.empty_like(analytic)
     for p, value in enumerate(effects.values):
         step = 1e-3 / max(np.abs(analytic[:, :, p]).max(), 1e-6)
         if effects.parameter_names[p].endswith("phase_rad"):
@@ -39,48 +39,50 @@ def differences(effects, block, geometry=GEOMETRY):
             values[p] = value + sign * step
             changed = effects.with_values(values)
             ends.append(corrected_pose(geometry, changed, block)[0])
-        found[:, :, p] = (ends[0] - ends[1]) / (2 * step)
-    return analytic, found
+        numeric[:, :, p] = (ends[0] - ends[1]) / (2 * step)
+    return analytic, numeric
 
 
-def assert_close(analytic, found, rtol):
+def assert_close(analytic, numeric, rtol):
     scale = np.abs(analytic).max(axis=(0, 1), keepdims=True)
-    assert np.all(np.abs(analytic - found) <= rtol * scale + 1e-9)
+    assert np.all(np.abs(analytic - numeric) <= rtol * scale + 1e-9)
 
 
 @pytest.mark.parametrize("geometry", [GEOMETRY, COUPLED], ids=["plain", "coupled"])
 @pytest.mark.parametrize(
-    "one", EVERY_KIND, ids=lambda one: f"{one.kind}-{one.joint or 'arm'}"
+    "tested", EVERY_KIND, ids=lambda tested: f"{tested.kind}-{tested.joint or 'arm'}"
 )
-def test_columns_of_each_kind_are_central_differences(one, geometry):
-    effects = effects_of(ARM, (one,), CAMPAIGN)
-    analytic, found = differences(effects, BLOCK, geometry)
+def test_columns_of_each_kind_are_central_differences(tested, geometry):
+    effects = effects_of(ARM, (tested,), CAMPAIGN)
+    analytic, numeric = differences(effects, BLOCK, geometry)
     assert analytic.shape == (9, 3, len(effects.parameter_names))
-    if one.kind not in ("artefact_length", "first_moment"):
+    if tested.kind not in ("artefact_length", "first_moment"):
         assert np.abs(analytic).max(axis=(0, 1)).min() > 0.0
     # Two small vectors of wobble do not commute: half their size is left over.
-    assert_close(analytic, found, 1e-4 if one.kind == "axis_wobble" else 2e-7)
+    assert_close(analytic, numeric, 1e-4 if tested.kind == "axis_wobble" else 2e-7)
 
 
 def test_columns_of_all_effects_together_are_differences_to_the_second_order():
     effects = effects_of(ARM, EVERY_KIND, CAMPAIGN)
-    analytic, found = differences(effects, BLOCK)
-    assert_close(analytic, found, 2e-3)
+    analytic, numeric = differences(effects, BLOCK)
+    assert_close(analytic, numeric, 2e-3)
 
 
 def test_candidates_that_are_not_applied_get_the_columns_of_zero_amplitude():
     candidates = effects_of(ARM, EVERY_KIND, CAMPAIGN)
     applied = effects_of(ARM, EVERY_KIND[:2], CAMPAIGN)
-    found = columns(GEOMETRY, applied, BLOCK, candidates.corrections[9:12])
+    derivatives = columns(GEOMETRY, applied, BLOCK, candidates.corrections[9:12])
     both = effects_of(ARM, (*EVERY_KIND[:2], *EVERY_KIND[9:12]), CAMPAIGN)
     silent = both.with_values(np.append(applied.values, np.zeros(3)))
-    np.testing.assert_array_equal(found, columns(GEOMETRY, silent, BLOCK)[:, :, 4:])
+    np.testing.assert_array_equal(
+        derivatives, columns(GEOMETRY, silent, BLOCK)[:, :, 4:]
+    )
 
 
 def test_amplitudes_enter_linearly_but_for_the_phase_of_lobes():
     """x - x_rigid = columns at zero times values, to the second order."""
     products = ("probe_lobing", "first_moment")
-    linear = tuple(one for one in EVERY_KIND if one.kind not in products)
+    linear = tuple(kind for kind in EVERY_KIND if kind.kind not in products)
     effects = effects_of(ARM, linear, CAMPAIGN)
     none = effects.with_values(np.zeros(len(effects.values)))
     moved = corrected_pose(GEOMETRY, effects, BLOCK)[0]
@@ -91,13 +93,13 @@ def test_amplitudes_enter_linearly_but_for_the_phase_of_lobes():
 
 
 def test_a_first_moment_moves_what_yields_to_it_and_nothing_else():
-    (first,) = [one for one in EVERY_KIND if one.kind == "first_moment"]
+    (first,) = [tested for tested in EVERY_KIND if tested.kind == "first_moment"]
     for kind, joint in [("joint_compliance", "J2"), ("bearing_compliance", "J3")]:
         yielding = effect(kind, joint=joint, compliance_rad_nm=3e-6)
         effects = effects_of(ARM, (yielding, first), CAMPAIGN)
-        analytic, found = differences(effects, BLOCK)
+        analytic, numeric = differences(effects, BLOCK)
         # A tilt of a tenth of a milliradian does not commute with its change.
-        assert_close(analytic, found, 2e-7 if kind == "joint_compliance" else 1e-4)
+        assert_close(analytic, numeric, 2e-7 if kind == "joint_compliance" else 1e-4)
         assert np.abs(analytic[:, :, 1:]).max() > 1e-3
     beyond = effect("joint_compliance", joint="J4", compliance_rad_nm=3e-6)
     effects = effects_of(ARM, (beyond, first), CAMPAIGN)
@@ -149,4 +151,4 @@ def test_free_directions_keep_the_law_of_the_kind():
 
 
 def test_every_kind_of_the_arm_file_is_among_the_samples():
-    assert {one.kind for one in EVERY_KIND} == set(EFFECT_KINDS)
+    assert {tested.kind for tested in EVERY_KIND} == set(EFFECT_KINDS)

@@ -31,7 +31,7 @@ def test_wobble_tilts_what_the_joint_carries(seed, order):
     arm, readings = random_arm(seed), random_readings(seed)
     joint = (seed + 2) % N_JOINTS
     cos, sin = across_axis(arm, joint, seed)
-    one = effect(
+    correction = effect(
         "axis_wobble", joint=NAMES[joint], order=order, cos_rad=[*cos], sin_rad=[*sin]
     )
 
@@ -39,7 +39,7 @@ def test_wobble_tilts_what_the_joint_carries(seed, order):
         wave = cos * np.cos(order * turns[joint]) + sin * np.sin(order * turns[joint])
         return {joint: about(rigid.origins[joint], rigid.carried[joint][:3, :3] @ wave)}
 
-    agree(arm, (one,), readings, motions)
+    agree(arm, (correction,), readings, motions)
 
 
 @pytest.mark.parametrize("component", ["radial", "axial"])
@@ -53,7 +53,7 @@ def test_runout_shifts_the_origin_of_the_joint_and_all_beyond(seed, component):
         if component == "radial"
         else np.outer([0.003, -0.002], axis)
     )
-    one = effect(
+    correction = effect(
         "axis_runout",
         joint=NAMES[joint],
         component=component,
@@ -66,7 +66,7 @@ def test_runout_shifts_the_origin_of_the_joint_and_all_beyond(seed, component):
         wave = cos * np.cos(3 * turns[joint]) + sin * np.sin(3 * turns[joint])
         return {joint: shifted(rigid.carried[joint][:3, :3] @ wave)}
 
-    agree(arm, (one,), readings, motions)
+    agree(arm, (correction,), readings, motions)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -74,13 +74,13 @@ def test_expansion_lengthens_one_element_by_its_own_temperature(seed):
     arm, readings = random_arm(seed), random_readings(seed)
     joint = seed % N_JOINTS
     own_c = T_REF + np.random.default_rng(seed).uniform(2, 9, readings.shape)
-    one = effect("thermal_expansion", joint=NAMES[joint], expansion_per_c=23e-6)
+    correction = effect("thermal_expansion", joint=NAMES[joint], expansion_per_c=23e-6)
 
     def motions(rigid, n, turns):
         growth = 23e-6 * (own_c[n, joint] - T_REF)
         return {joint: shifted(growth * rigid.links[joint])}
 
-    agree(arm, (one,), readings, motions, joint_temperatures_c=own_c)
+    agree(arm, (correction,), readings, motions, joint_temperatures_c=own_c)
 
 
 def test_expansion_without_a_joint_lengthens_all_elements_but_not_the_probe():
@@ -88,7 +88,7 @@ def test_expansion_without_a_joint_lengthens_all_elements_but_not_the_probe():
     arm_c = np.full(len(readings), T_REF - 6)
     own_c = np.full(readings.shape, np.nan)
     own_c[:, 1] = T_REF + 2.0  # the others have none of their own: the arm's counts
-    one = effect("thermal_expansion", expansion_per_c=1e-5)
+    correction = effect("thermal_expansion", expansion_per_c=1e-5)
 
     def motions(rigid, n, turns):
         growth = np.full(N_JOINTS, -6e-5)
@@ -97,7 +97,7 @@ def test_expansion_without_a_joint_lengthens_all_elements_but_not_the_probe():
 
     agree(
         arm,
-        (one,),
+        (correction,),
         readings,
         motions,
         temperature_c=arm_c,
@@ -128,21 +128,23 @@ def test_base_drifts_with_time_inside_its_campaign_and_steps_for_good():
 def test_joint_compliance_twists_about_the_axis_by_the_torque_of_all_weights(seed):
     arm, readings = random_arm(seed), random_readings(seed)
     joint = seed % N_JOINTS
-    one = effect("joint_compliance", joint=NAMES[joint], compliance_rad_nm=2e-5)
+    correction = effect("joint_compliance", joint=NAMES[joint], compliance_rad_nm=2e-5)
 
     def motions(rigid, n, turns):
         axis = rigid.axes[joint]
         torque_nm = axis @ rigid.moment_nm(arm, joint, GRAVITY)
         return {joint: about(rigid.origins[joint], 2e-5 * torque_nm * axis)}
 
-    agree(arm, (one,), readings, motions)
+    agree(arm, (correction,), readings, motions)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_bearing_compliance_tilts_by_the_moment_across_the_axis(seed):
     arm, readings = random_arm(seed), random_readings(seed)
     joint = (seed + 1) % N_JOINTS
-    one = effect("bearing_compliance", joint=NAMES[joint], compliance_rad_nm=3e-5)
+    correction = effect(
+        "bearing_compliance", joint=NAMES[joint], compliance_rad_nm=3e-5
+    )
 
     def motions(rigid, n, turns):
         axis = rigid.axes[joint]
@@ -150,14 +152,14 @@ def test_bearing_compliance_tilts_by_the_moment_across_the_axis(seed):
         across = np.cross(axis, np.cross(moment, axis))
         return {joint: about(rigid.origins[joint], 3e-5 * across)}
 
-    agree(arm, (one,), readings, motions)
+    agree(arm, (correction,), readings, motions)
 
 
 @pytest.mark.parametrize("override", [None, np.array([5.0, 1.0, -8.0])])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_mount_compliance_turns_everything_about_the_origin(seed, override):
     arm, readings = random_arm(seed), random_readings(seed)
-    one = effect("mount_compliance", compliance_rad_nm=1e-5)
+    correction = effect("mount_compliance", compliance_rad_nm=1e-5)
     gravity = GRAVITY if override is None else override
 
     def motions(rigid, n, turns):
@@ -166,7 +168,7 @@ def test_mount_compliance_turns_everything_about_the_origin(seed, override):
         across = moment - down * (down @ moment)
         return {-1: about(np.array(arm.origin_mm), 1e-5 * across)}
 
-    agree(arm, (one,), readings, motions, gravity_m_s2=override)
+    agree(arm, (correction,), readings, motions, gravity_m_s2=override)
 
 
 def test_weights_on_a_horizontal_link_by_hand():
@@ -179,8 +181,8 @@ def test_weights_on_a_horizontal_link_by_hand():
             gravity_m_s2=10.0,
         )
     )
-    one = effect("joint_compliance", joint="J1", compliance_rad_nm=2e-5)
-    centre, _ = poses(arm, (one,), np.zeros((1, 1)))
+    correction = effect("joint_compliance", joint="J1", compliance_rad_nm=2e-5)
+    centre, _ = poses(arm, (correction,), np.zeros((1, 1)))
     # 2 kg at 0.5 m and 0.5 kg at 1 m: 15 N m downwards, that is 3e-4 rad and 0.3 mm.
     np.testing.assert_allclose(
         centre, [[1000 * np.cos(3e-4), 0, -1000 * np.sin(3e-4)]], atol=1e-12

@@ -32,15 +32,15 @@ GEOMETRY = geometry_from_arm(ARM)
 READINGS = random_readings(12, n_samples=7)
 
 
-def check(one, expected, joint=2, arm=ARM, **covariates):
+def check(correction, expected, joint=2, arm=ARM, **covariates):
     """Compare d_alpha of J3 with expected(n), and the pose with that of theta."""
-    effects = effects_of(arm, (one,))
+    effects = effects_of(arm, (correction,))
     block = Block(READINGS, **covariates)
-    found = angle_corrections(GEOMETRY, effects, block)
+    corrections_rad = angle_corrections(GEOMETRY, effects, block)
     wanted = np.zeros_like(READINGS)
     wanted[:, joint] = [expected(n) for n in range(len(READINGS))]
     assert np.abs(wanted).max() > 0.0
-    np.testing.assert_allclose(found, wanted, rtol=1e-13, atol=1e-18)
+    np.testing.assert_allclose(corrections_rad, wanted, rtol=1e-13, atol=1e-18)
     centres, shanks, _ = corrected_pose(GEOMETRY, effects, block)
     true_centres, true_shanks = probe_pose(GEOMETRY, READINGS - wanted)
     np.testing.assert_allclose(centres, true_centres, rtol=0, atol=1e-10)
@@ -48,91 +48,99 @@ def check(one, expected, joint=2, arm=ARM, **covariates):
 
 
 def test_eccentricity_is_once_a_turn_of_the_reading():
-    one = effect("encoder_eccentricity", joint="J3", cos_rad=3e-5, sin_rad=-1.2e-5)
+    correction = effect(
+        "encoder_eccentricity", joint="J3", cos_rad=3e-5, sin_rad=-1.2e-5
+    )
     alpha = READINGS[:, 2]
-    check(one, lambda n: 3e-5 * math.cos(alpha[n]) - 1.2e-5 * math.sin(alpha[n]))
+    check(correction, lambda n: 3e-5 * math.cos(alpha[n]) - 1.2e-5 * math.sin(alpha[n]))
 
 
 def test_harmonic_is_so_many_times_a_turn_of_the_reading():
-    one = effect("encoder_harmonic", joint="J3", order=36, cos_rad=1e-6, sin_rad=2e-6)
+    correction = effect(
+        "encoder_harmonic", joint="J3", order=36, cos_rad=1e-6, sin_rad=2e-6
+    )
     phases = 36 * READINGS[:, 2]
-    check(one, lambda n: 1e-6 * math.cos(phases[n]) + 2e-6 * math.sin(phases[n]))
+    check(correction, lambda n: 1e-6 * math.cos(phases[n]) + 2e-6 * math.sin(phases[n]))
 
 
 def test_scale_is_in_parts_per_million_of_the_turn_since_the_base_posture():
-    one = effect("encoder_scale", joint="J3", scale_ppm=15.0)
+    correction = effect("encoder_scale", joint="J3", scale_ppm=15.0)
     zero = ARM.joints[2].zero_rad
-    check(one, lambda n: 15e-6 * (READINGS[n, 2] - zero))
+    check(correction, lambda n: 15e-6 * (READINGS[n, 2] - zero))
 
 
 def test_temperature_of_the_joint_goes_before_that_of_the_arm():
-    one = effect("encoder_temperature", joint="J3", rate_rad_c=2e-6)
+    correction = effect("encoder_temperature", joint="J3", rate_rad_c=2e-6)
     own_c = np.full(READINGS.shape, np.nan)
     own_c[:3, 2] = [25.0, 18.0, T_REF]
     arm_c = np.full(len(READINGS), 24.5)
     check(
-        one,
+        correction,
         lambda n: 2e-6 * ([25.0, 18.0, T_REF, 24.5, 24.5, 24.5, 24.5][n] - T_REF),
         temperature_c=arm_c,
         joint_temperatures_c=own_c,
     )
-    check(one, lambda n: 2e-6 * (24.5 - T_REF), temperature_c=arm_c)
+    check(correction, lambda n: 2e-6 * (24.5 - T_REF), temperature_c=arm_c)
 
 
 def test_drift_runs_from_its_epoch_and_is_held_after_the_campaign():
-    one = effect("encoder_drift", joint="J3", rate_rad_s=1e-9, epoch_utc=EPOCH)
+    correction = effect("encoder_drift", joint="J3", rate_rad_s=1e-9, epoch_utc=EPOCH)
     seconds = np.array([-50, 0, 10.5, 100, 3600, 3601, 1e6])
     utc_ns = EPOCH_NS + np.round(seconds * 1e9).astype(np.int64)
     arm = ARM.model_copy(
         update={"identification": Identification(date="2026-11-20T10:00:00Z")}
     )
     held = np.clip(seconds, 0, 3600)
-    check(one, lambda n: 1e-9 * held[n], arm=arm, utc_ns=utc_ns)
+    check(correction, lambda n: 1e-9 * held[n], arm=arm, utc_ns=utc_ns)
     flags = corrected_pose(
-        GEOMETRY, effects_of(arm, (one,)), Block(READINGS, utc_ns=utc_ns)
+        GEOMETRY, effects_of(arm, (correction,)), Block(READINGS, utc_ns=utc_ns)
     )[2]
     outside = [True, False, False, False, False, True, True]
     np.testing.assert_array_equal(flags.stale_effect, outside)
 
 
 def test_drift_of_a_told_campaign_may_begin_before_its_epoch():
-    one = effect("encoder_drift", joint="J3", rate_rad_s=1e-9, epoch_utc=EPOCH)
+    correction = effect("encoder_drift", joint="J3", rate_rad_s=1e-9, epoch_utc=EPOCH)
     seconds = np.linspace(-400, 200, 7)
     block = Block(READINGS, utc_ns=EPOCH_NS + (seconds * 1e9).astype(np.int64))
     span = (EPOCH.replace(hour=8, minute=55), EPOCH.replace(minute=1))
-    effects = effects_of(ARM, (one,), span)
-    found = angle_corrections(GEOMETRY, effects, block)[:, 2]
-    np.testing.assert_allclose(found, 1e-9 * np.clip(seconds, -300, 60), rtol=1e-12)
+    effects = effects_of(ARM, (correction,), span)
+    corrections_rad = angle_corrections(GEOMETRY, effects, block)[:, 2]
+    np.testing.assert_allclose(
+        corrections_rad, 1e-9 * np.clip(seconds, -300, 60), rtol=1e-12
+    )
 
 
 def test_drift_of_an_unknown_campaign_is_nothing_but_flagged():
-    one = effect("encoder_drift", joint="J3", rate_rad_s=1e-9, epoch_utc=EPOCH)
+    correction = effect("encoder_drift", joint="J3", rate_rad_s=1e-9, epoch_utc=EPOCH)
     block = Block(READINGS, utc_ns=EPOCH_NS + np.arange(7) * 10**9)
-    effects = effects_of(ARM, (one,))
+    effects = effects_of(ARM, (correction,))
     assert not angle_corrections(GEOMETRY, effects, block).any()
     flags = corrected_pose(GEOMETRY, effects, block)[2]
     np.testing.assert_array_equal(flags.stale_effect, [False] + 6 * [True])
 
 
 def test_slip_begins_at_its_moment_and_lasts_without_a_flag():
-    one = effect("count_slip", joint="J3", at_s=2.5, step_rad=7e-5, epoch_utc=EPOCH)
+    correction = effect(
+        "count_slip", joint="J3", at_s=2.5, step_rad=7e-5, epoch_utc=EPOCH
+    )
     since_ns = np.array([-1, 2_499_999_999, 2_500_000_000, 3, 5, 10**15, 10**17])
     after = since_ns >= 2_500_000_000
     utc_ns = EPOCH_NS + since_ns
-    check(one, lambda n: 7e-5 * after[n], utc_ns=utc_ns)
+    check(correction, lambda n: 7e-5 * after[n], utc_ns=utc_ns)
     block = Block(READINGS, utc_ns=utc_ns)
-    assert not corrected_pose(GEOMETRY, effects_of(ARM, (one,)), block)[
+    assert not corrected_pose(GEOMETRY, effects_of(ARM, (correction,)), block)[
         2
     ].stale_effect.any()
 
 
 def test_latency_takes_the_reading_forward_along_its_motion():
     speeds = np.random.default_rng(1).normal(size=READINGS.shape)
-    one = effect("encoder_latency", joint="J3", latency_s=1e-4)
-    check(one, lambda n: -1e-4 * speeds[n, 2], speeds_rad_s=speeds)
+    correction = effect("encoder_latency", joint="J3", latency_s=1e-4)
+    check(correction, lambda n: -1e-4 * speeds[n, 2], speeds_rad_s=speeds)
     everywhere = effects_of(ARM, (effect("encoder_latency", latency_s=1e-4),))
-    found = angle_corrections(GEOMETRY, everywhere, Block(READINGS, speeds))
-    np.testing.assert_allclose(found, -1e-4 * speeds, rtol=1e-14)
+    corrections_rad = angle_corrections(GEOMETRY, everywhere, Block(READINGS, speeds))
+    np.testing.assert_allclose(corrections_rad, -1e-4 * speeds, rtol=1e-14)
     # theta = alpha + latency speed: where the joint is now.
     later = corrected_pose(GEOMETRY, everywhere, Block(READINGS, speeds))[0]
     np.testing.assert_allclose(
@@ -143,31 +151,33 @@ def test_latency_takes_the_reading_forward_along_its_motion():
 def test_backlash_has_the_sign_of_the_approach():
     approaches = np.zeros(READINGS.shape)
     approaches[:, 2] = [1, -1, 0, 1, 1, -1, 0]
-    one = effect("backlash", joint="J3", half_width_rad=8e-6)
-    check(one, lambda n: 8e-6 * approaches[n, 2], approaches=approaches)
+    correction = effect("backlash", joint="J3", half_width_rad=8e-6)
+    check(correction, lambda n: 8e-6 * approaches[n, 2], approaches=approaches)
 
 
 def test_empirical_spline_of_another_joint_is_the_natural_cubic_one():
     """Against the piecewise cubic solved anew from its definition."""
     knots, values = [-3.0, -1.0, 0.5, 2.0, 3.5], [1e-5, -2e-5, 3e-5, 0.0, 1e-5]
     curve = natural_cubic(knots, values)
-    one = effect(
+    correction = effect(
         "empirical", joint="J3", covariate="J5_rad", knots=knots, values_rad=values
     )
-    at = READINGS[:, 4]
-    check(one, lambda n: curve(min(max(at[n], -3.0), 3.5)))
-    flags = corrected_pose(GEOMETRY, effects_of(ARM, (one,)), Block(READINGS))[2]
+    readings = READINGS[:, 4]
+    check(correction, lambda n: curve(min(max(readings[n], -3.0), 3.5)))
+    flags = corrected_pose(GEOMETRY, effects_of(ARM, (correction,)), Block(READINGS))[2]
     assert flags.empirical.all()
-    np.testing.assert_array_equal(flags.beyond_knots, (at < -3.0) | (at > 3.5))
+    np.testing.assert_array_equal(
+        flags.beyond_knots, (readings < -3.0) | (readings > 3.5)
+    )
 
 
 def test_beyond_its_knots_a_reading_is_as_uncertain_as_a_straight_line_on():
     """The slopes at the outer knots are scipy's."""
     knots, values = (-3.0, -1.0, 0.5, 2.0, 3.5), (1e-4, -2e-4, 3e-4, 0.0, 1e-4)
-    one = effect(
+    correction = effect(
         "empirical", joint="J3", covariate="J5_rad", knots=knots, values_rad=values
     )
-    curved, plain = effects_of(ARM, (one,)), effects_of(ARM, ())
+    curved, plain = effects_of(ARM, (correction,)), effects_of(ARM, ())
     readings_rad = READINGS[:5].copy()
     readings_rad[:, 4] = (-4.0, -3.0, 0.1, 3.5, 5.5)
     block, n_joints = Block(readings_rad), readings_rad.shape[1]
@@ -231,14 +241,14 @@ def natural_cubic(knots, values):
     ],
 )
 def test_empirical_line_of_every_covariate(covariate, given, column):
-    one = effect(
+    correction = effect(
         "empirical",
         joint="J3",
         covariate=covariate,
         knots=[-20.0, 20.0],
         values_rad=[-2e-5, 2e-5],
     )
-    check(one, lambda n: 1e-6 * column[n], **given)
+    check(correction, lambda n: 1e-6 * column[n], **given)
 
 
 def test_readings_are_corrected_as_they_are_whatever_their_order():

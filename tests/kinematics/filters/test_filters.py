@@ -77,23 +77,23 @@ def test_cutting_a_stream_into_blocks_changes_nothing(kind, xyz_mm, data):
 def test_regions_are_what_their_definitions_say(xyz_mm):
     block = block_of(xyz_mm)
     for row, (x, y, z) in enumerate(block.xyz_mm.tolist()):
-        one = block.rows(slice(row, row + 1))
+        single_row = block.rows(slice(row, row + 1))
         known = not any(map(math.isnan, (x, y, z)))
         in_box = -1 <= x <= 1 and -2 <= y <= 2 and 0 <= z <= 3
-        assert len(Box((-1, -2, 0), (1, 2, 3)).apply(one)) == in_box
-        assert len(Box((-1, -2, 0), (1, 2, 3), outside=True).apply(one)) == (
+        assert len(Box((-1, -2, 0), (1, 2, 3)).apply(single_row)) == in_box
+        assert len(Box((-1, -2, 0), (1, 2, 3), outside=True).apply(single_row)) == (
             known and not in_box
         )
         in_ball = x * x + (y - 1) ** 2 + z * z <= 4
-        assert len(Ball((0, 1, 0), 2).apply(one)) == in_ball
+        assert len(Ball((0, 1, 0), 2).apply(single_row)) == in_ball
         in_slab = -3 <= z <= 0.5
-        assert len(Slab((0, 0, 5), -3, 0.5).apply(one)) == (known and in_slab)
+        assert len(Slab((0, 0, 5), -3, 0.5).apply(single_row)) == (known and in_slab)
 
 
 def test_a_sample_without_a_value_does_not_hide_how_far_a_path_has_been():
     xyz_mm = [(1, 0, 0), (0, 0, 0), (math.nan, 0, 0), (0, 0, 0), (1, 0, 0)]
-    found = MAKERS["sections"]().apply(block_of(xyz_mm))
-    assert found.seq.tolist() == [1, 3]
+    passed = MAKERS["sections"]().apply(block_of(xyz_mm))
+    assert passed.seq.tolist() == [1, 3]
 
 
 @given(walks | places)
@@ -150,18 +150,18 @@ def test_crossings_lie_on_their_planes_and_on_the_path():
     rng = np.random.default_rng(4)
     path = np.cumsum(rng.normal(size=(400, 3)), axis=0)
     normal = np.array([1.0, 2.0, -2.0]) / 3
-    found = Sections((3, 6, -6), 2.5, 0.4, clearance_mm=1e-9).apply(block_of(path))
-    assert len(found) > 50
-    planes = (found.xyz_mm @ normal - 0.4) / 2.5
+    passed = Sections((3, 6, -6), 2.5, 0.4, clearance_mm=1e-9).apply(block_of(path))
+    assert len(passed) > 50
+    planes = (passed.xyz_mm @ normal - 0.4) / 2.5
     np.testing.assert_allclose(planes, np.rint(planes), atol=1e-9)
-    share = (found.time_ns % STEP_NS) / STEP_NS
-    step = found.time_ns // STEP_NS
+    share = (passed.time_ns % STEP_NS) / STEP_NS
+    step = passed.time_ns // STEP_NS
     on_path = path[step] + share[:, np.newaxis] * (path[step + 1] - path[step])
-    np.testing.assert_allclose(found.xyz_mm, on_path, atol=1e-5)
+    np.testing.assert_allclose(passed.xyz_mm, on_path, atol=1e-5)
     # As many as the changes of the number of the slice, which a loop counts.
     slices = np.floor((path @ normal - 0.4) / 2.5)
-    assert len(found) == int(np.abs(np.diff(slices)).sum())
-    assert (np.diff(found.time_ns) >= 0).all()
+    assert len(passed) == int(np.abs(np.diff(slices)).sum())
+    assert (np.diff(passed.time_ns) >= 0).all()
 
 
 def test_a_probe_that_rests_on_a_plane_crosses_it_once():

@@ -22,12 +22,13 @@ def exact_minimum(
     """Parameters of the least sum of squares next to a start."""
     with localcontext() as context:
         context.prec = DIGITS
-        own = [[Decimal(float(x)) for x in point] for point in points]
+        exact_points = [[Decimal(float(x)) for x in point] for point in points]
         state = [Decimal(float(x)) for x in start]
 
         def total(values: Numbers) -> Decimal:
             return sum(
-                (d * d for point in own for d in squares_of(values, point)), Decimal(0)
+                (d * d for point in exact_points for d in squares_of(values, point)),
+                Decimal(0),
             )
 
         for _ in range(6):
@@ -42,21 +43,21 @@ def _derivatives(total, state):
     """Gradient and second derivatives by central differences."""
     n = len(state)
 
-    def at(*steps):
+    def distances_at(*steps):
         moved = list(state)
         for index, sign in steps:
             moved[index] += sign * STEP
         return total(moved)
 
-    middle = at()
-    plus = [at((i, 1)) for i in range(n)]
-    minus = [at((i, -1)) for i in range(n)]
+    middle = distances_at()
+    plus = [distances_at((i, 1)) for i in range(n)]
+    minus = [distances_at((i, -1)) for i in range(n)]
     gradient = [(p - m) / (2 * STEP) for p, m in zip(plus, minus, strict=True)]
     second = [[Decimal(0)] * n for _ in range(n)]
     for i in range(n):
         second[i][i] = (plus[i] - 2 * middle + minus[i]) / STEP**2
         for j in range(i):
-            both = at((i, 1), (j, 1)) - plus[i] - plus[j] + middle
+            both = distances_at((i, 1), (j, 1)) - plus[i] - plus[j] + middle
             second[i][j] = second[j][i] = both / STEP**2
     return gradient, second
 

@@ -58,10 +58,10 @@ def test_covariance_is_that_of_many_draws(name):
     # Along every direction that is known at all, the spread of draws is that stated.
     sizes, directions = np.linalg.eigh(stated)
     known = sizes > 1e-9 * sizes[-1]
-    found = np.mean((values @ directions) ** 2, axis=0)
+    variances = np.mean((values @ directions) ** 2, axis=0)
     bound = 5.0 * np.sqrt(2.0 / N_DRAWS)
-    np.testing.assert_allclose(found[known] / sizes[known], 1.0, atol=bound)
-    assert np.all(found[~known] < 1e-4 * sizes[-1])
+    np.testing.assert_allclose(variances[known] / sizes[known], 1.0, atol=bound)
+    assert np.all(variances[~known] < 1e-4 * sizes[-1])
     assert np.mean(squares) == pytest.approx(STD_MM**2, rel=bound)
 
 

@@ -43,9 +43,9 @@ def test_sphere_has_the_digits_of_an_exact_computation(noise_mm):
     out /= np.linalg.norm(out, axis=1)[:, np.newaxis]
     points = tilted(12.7 * out + rng.normal(0, noise_mm, out.shape))
     sphere = fit_sphere(points)
-    found = [*sphere.centre_mm, sphere.radius_mm]
-    exact = exact_fits.exact_minimum(exact_fits.sphere, points, found)
-    np.testing.assert_allclose(found, exact, rtol=1e-13)
+    fitted = [*sphere.centre_mm, sphere.radius_mm]
+    exact = exact_fits.exact_minimum(exact_fits.sphere, points, fitted)
+    np.testing.assert_allclose(fitted, exact, rtol=1e-13)
 
 
 def test_plane_has_the_digits_of_an_exact_computation():
@@ -53,9 +53,9 @@ def test_plane_has_the_digits_of_an_exact_computation():
     points = tilted(rng.normal(0, [40.0, 30.0, 0.5], (10, 3)))
     plane = fit_plane(points)
     a, b, _ = -plane.normal / plane.normal[2]
-    found = [a, b, plane.point_mm @ plane.normal / plane.normal[2]]
-    exact = exact_fits.exact_minimum(exact_fits.plane, points, found)
-    np.testing.assert_allclose(found, exact, rtol=1e-12)
+    fitted = [a, b, plane.point_mm @ plane.normal / plane.normal[2]]
+    exact = exact_fits.exact_minimum(exact_fits.plane, points, fitted)
+    np.testing.assert_allclose(fitted, exact, rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -78,10 +78,10 @@ def test_sphere_is_that_of_scipy(seed):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_turned_points_give_the_turned_shape(seed):
-    own = tube(3, 20, 20.0, 0.5, 5.0, 0.3)
-    points, rotation = turned(seed, own)
-    shift = (points - own @ rotation.T)[0]
-    plane, moved = fit_plane(own), fit_plane(points)
+    tube_points = tube(3, 20, 20.0, 0.5, 5.0, 0.3)
+    points, rotation = turned(seed, tube_points)
+    shift = (points - tube_points @ rotation.T)[0]
+    plane, moved = fit_plane(tube_points), fit_plane(points)
     np.testing.assert_allclose(
         moved.point_mm, plane.point_mm @ rotation.T + shift, atol=1e-8
     )
@@ -91,8 +91,8 @@ def test_turned_points_give_the_turned_shape(seed):
 
 
 def test_normals_point_to_the_positive_side():
-    own = tube(1, 20, 20.0, 60.0, 5.0, 0.01)
-    for points in (own, own @ np.diag([1.0, -1.0, -1.0])):
+    tube_points = tube(1, 20, 20.0, 60.0, 5.0, 0.01)
+    for points in (tube_points, tube_points @ np.diag([1.0, -1.0, -1.0])):
         assert fit_plane(points * [1.0, 1.0, 0.001]).normal[2] > 0.9
 
 

@@ -61,20 +61,20 @@ def test_the_rotation_is_that_of_scipy(seed):
     a = drawn(rng, 6)
     b = drawn_transformation(rng).places_mm(a) + rng.normal(0, 5.0, a.shape)
     weights = rng.uniform(0.1, 3.0, 6)
-    found = closed_helmert(a, b, weights, with_scale=False)
+    fitted = closed_helmert(a, b, weights, with_scale=False)
     w = weights / weights.sum()
     expected, _ = Rotation.align_vectors(b - w @ b, a - w @ a, weights=weights)
-    np.testing.assert_allclose(found.rotation, expected.as_matrix(), atol=1e-9)
-    np.testing.assert_allclose(found.places_mm((w @ a)[None])[0], w @ b, atol=1e-9)
+    np.testing.assert_allclose(fitted.rotation, expected.as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(fitted.places_mm((w @ a)[None])[0], w @ b, atol=1e-9)
 
 
 def test_the_scale_is_the_ratio_of_the_extents():
     rng = np.random.default_rng(1)
     a = drawn(rng, 5)
     true = drawn_transformation(rng, scale=1.25)
-    found = closed_helmert(a, true.places_mm(a), np.ones(5), with_scale=True)
-    assert found.scale == pytest.approx(1.25, rel=1e-14)
-    np.testing.assert_allclose(found.rotation, true.rotation, atol=1e-13)
+    fitted = closed_helmert(a, true.places_mm(a), np.ones(5), with_scale=True)
+    assert fitted.scale == pytest.approx(1.25, rel=1e-14)
+    np.testing.assert_allclose(fitted.rotation, true.rotation, atol=1e-13)
 
 
 def test_with_errors_on_one_side_the_scale_is_that_of_umeyama():
@@ -82,12 +82,12 @@ def test_with_errors_on_one_side_the_scale_is_that_of_umeyama():
     a = drawn(rng, 8)
     b = drawn_transformation(rng, 1.1).places_mm(a) + rng.normal(0, 20.0, a.shape)
     unit = np.tile(np.eye(3), (8, 1, 1))
-    found = adjusted_helmert(a, b, 0.0 * unit, unit, with_scale=True).transformation
+    fitted = adjusted_helmert(a, b, 0.0 * unit, unit, with_scale=True).transformation
     x, y = a - a.mean(axis=0), b - b.mean(axis=0)
     left, sizes, right = np.linalg.svd(y.T @ x)
     sign = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    np.testing.assert_allclose(found.rotation, left * sign @ right, atol=1e-9)
-    assert found.scale == pytest.approx(sizes @ sign / np.sum(x**2), rel=1e-10)
+    np.testing.assert_allclose(fitted.rotation, left * sign @ right, atol=1e-9)
+    assert fitted.scale == pytest.approx(sizes @ sign / np.sum(x**2), rel=1e-10)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_the_adjustment_is_where_scipy_finds_the_least_squares_of_both_sides(
     shared = rng.normal(size=rank)
     a = a_true + noise(rng, ca) + fa @ shared
     b = true.places_mm(a_true) + noise(rng, cb) + fb @ shared
-    found = adjusted_helmert(
+    fitted = adjusted_helmert(
         a,
         b,
         with_shared(ca, fa),
@@ -121,11 +121,11 @@ def test_the_adjustment_is_where_scipy_finds_the_least_squares_of_both_sides(
         """Adjusted places of one side are unknowns, too, and what all share."""
         scale = x[6] if with_scale else 1.0
         z, places = x[7 : 7 + rank], x[7 + rank :].reshape(n, 3)
-        there = scale * Rotation.from_rotvec(x[:3]).apply(places) + x[3:6]
+        moved = scale * Rotation.from_rotvec(x[:3]).apply(places) + x[3:6]
         return np.concatenate(
             [
                 np.einsum("nij,nj->ni", la, places + fa @ z - a).ravel(),
-                np.einsum("nij,nj->ni", lb, there + fb @ z - b).ravel(),
+                np.einsum("nij,nj->ni", lb, moved + fb @ z - b).ravel(),
                 z,
             ]
         )
@@ -136,18 +136,18 @@ def test_the_adjustment_is_where_scipy_finds_the_least_squares_of_both_sides(
         [turn, start.translation_mm, [start.scale], np.zeros(rank), a.ravel()]
     )
     best = least_squares(residuals, x0, xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    assert found.sum_of_squares == pytest.approx(2.0 * best.cost, rel=1e-9)
+    assert fitted.sum_of_squares == pytest.approx(2.0 * best.cost, rel=1e-9)
     np.testing.assert_allclose(
-        found.transformation.rotation,
+        fitted.transformation.rotation,
         Rotation.from_rotvec(best.x[:3]).as_matrix(),
         atol=1e-6,
     )
-    np.testing.assert_allclose(found.transformation.translation_mm, best.x[3:6], 1e-4)
+    np.testing.assert_allclose(fitted.transformation.translation_mm, best.x[3:6], 1e-4)
     np.testing.assert_allclose(
-        found.from_corrections_mm, best.x[7 + rank :].reshape(n, 3) - a, atol=1e-5
+        fitted.from_corrections_mm, best.x[7 + rank :].reshape(n, 3) - a, atol=1e-5
     )
-    corrected = found.transformation.places_mm(a + found.from_corrections_mm)
-    np.testing.assert_allclose(corrected, b + found.to_corrections_mm, atol=1e-9)
+    corrected = fitted.transformation.places_mm(a + fitted.from_corrections_mm)
+    np.testing.assert_allclose(corrected, b + fitted.to_corrections_mm, atol=1e-9)
 
 
 @settings(max_examples=20)
@@ -159,14 +159,14 @@ def test_the_result_moves_with_the_systems(seed):
     ca = drawn_covariances(rng, 5)
     cb = drawn_covariances(rng, 5)
     b = inner.places_mm(a) + noise(rng, ca)
-    found = adjusted_helmert(a, b, ca, cb)
+    fitted = adjusted_helmert(a, b, ca, cb)
     turn = outer.rotation
     moved = adjusted_helmert(a, outer.places_mm(b), ca, turn @ cb @ turn.T)
-    expected = outer.after(found.transformation)
+    expected = outer.after(fitted.transformation)
     np.testing.assert_allclose(
         moved.transformation.rotation, expected.rotation, atol=1e-10
     )
-    assert moved.sum_of_squares == pytest.approx(found.sum_of_squares, rel=1e-6)
+    assert moved.sum_of_squares == pytest.approx(fitted.sum_of_squares, rel=1e-6)
 
 
 def test_turning_round_swaps_the_sides():
@@ -174,13 +174,13 @@ def test_turning_round_swaps_the_sides():
     a = drawn(rng, 4)
     ca, cb = drawn_covariances(rng, 4), drawn_covariances(rng, 4)
     b = drawn_transformation(rng).places_mm(a) + noise(rng, ca) + noise(rng, cb)
-    there, back = adjusted_helmert(a, b, ca, cb), adjusted_helmert(b, a, cb, ca)
-    inverse = there.transformation.inverse()
+    forward, back = adjusted_helmert(a, b, ca, cb), adjusted_helmert(b, a, cb, ca)
+    inverse = forward.transformation.inverse()
     np.testing.assert_allclose(back.transformation.rotation, inverse.rotation, 1e-9)
     np.testing.assert_allclose(
         back.transformation.translation_mm, inverse.translation_mm, atol=1e-7
     )
-    assert back.sum_of_squares == pytest.approx(there.sum_of_squares, rel=1e-9)
+    assert back.sum_of_squares == pytest.approx(forward.sum_of_squares, rel=1e-9)
 
 
 @pytest.mark.parametrize("n_parameters", [6, 7])
@@ -211,7 +211,7 @@ def test_the_covariance_is_the_scatter_of_many_adjustments(rank):
     scatter, squares = np.empty((n, 6)), np.empty(n)
     for row in range(n):
         shared = rng.normal(size=rank)
-        found = adjusted_helmert(
+        fitted = adjusted_helmert(
             a_true + noise(rng, ca) + fa @ shared,
             b_true + noise(rng, cb) + fb @ shared,
             with_shared(ca, fa),
@@ -219,14 +219,14 @@ def test_the_covariance_is_the_scatter_of_many_adjustments(rank):
             from_shared_mm=fa,
             to_shared_mm=fb,
         )
-        off = found.transformation.rotation @ true.rotation.T
-        centre = found.centre_mm
-        at = true.inverse().places_mm(centre[None])
-        scatter[row, :3] = found.transformation.places_mm(at)[0] - centre
+        off = fitted.transformation.rotation @ true.rotation.T
+        centre = fitted.centre_mm
+        middle_mm = true.inverse().places_mm(centre[None])
+        scatter[row, :3] = fitted.transformation.places_mm(middle_mm)[0] - centre
         scatter[row, 3:] = Rotation.from_matrix(off).as_rotvec()
-        squares[row] = found.sum_of_squares
+        squares[row] = fitted.sum_of_squares
     normalised = np.einsum(
-        "ni,ij,nj->n", scatter, np.linalg.inv(found.cofactors), scatter
+        "ni,ij,nj->n", scatter, np.linalg.inv(fitted.cofactors), scatter
     )
     assert np.mean(normalised) == pytest.approx(6.0, rel=0.15)
     assert np.mean(squares) == pytest.approx(6.0, rel=0.15)
@@ -252,7 +252,7 @@ def test_redundancy_numbers_add_up_to_the_redundancy(rank):
     ca, cb = drawn_covariances(rng, 6), drawn_covariances(rng, 6)
     b = drawn_transformation(rng).places_mm(a) + noise(rng, cb)
     for with_scale, redundancy in ((False, 12), (True, 11)):
-        found = adjusted_helmert(
+        fitted = adjusted_helmert(
             a,
             b,
             with_shared(ca, shared),
@@ -260,8 +260,8 @@ def test_redundancy_numbers_add_up_to_the_redundancy(rank):
             from_shared_mm=shared,
             with_scale=with_scale,
         )
-        assert found.redundancy == redundancy
-        shares = reliability_of(found).shares
+        assert fitted.redundancy == redundancy
+        shares = reliability_of(fitted).shares
         assert shares.sum() == pytest.approx(redundancy)
 
 
@@ -272,8 +272,8 @@ def test_what_is_seen_of_an_error_is_how_the_sum_of_squares_grows(rank):
     b, c = true.places_mm(a), drawn_covariances(rng, 5)
     shared = rng.normal(0.0, 0.05, (5, 3, rank))
     given = (with_shared(c, shared), c)
-    found = adjusted_helmert(a, b, *given, from_shared_mm=shared)
-    seen = reliability_of(found)
+    fitted = adjusted_helmert(a, b, *given, from_shared_mm=shared)
+    seen = reliability_of(fitted)
     way = rng.normal(size=3)
     way /= np.linalg.norm(way)
     wrong = b.copy()
@@ -286,20 +286,20 @@ def test_what_is_seen_of_an_error_is_how_the_sum_of_squares_grows(rank):
     assert statistic == pytest.approx(moved.sum_of_squares, rel=1e-3)
     assert moved.sum_of_squares == pytest.approx(expected, rel=1e-3)
     # and it moves as it says
-    shift = moved.transformation.places_mm(a) - found.transformation.places_mm(a)
+    shift = moved.transformation.places_mm(a) - fitted.transformation.places_mm(a)
     xi = seen.moves[2] @ way * 1e-3
-    np.testing.assert_allclose(shift, motions(b - found.centre_mm, 6) @ xi, atol=1e-8)
+    np.testing.assert_allclose(shift, motions(b - fitted.centre_mm, 6) @ xi, atol=1e-8)
 
 
 def test_three_points_reveal_nothing_across_their_plane():
     a = np.array([[0.0, 0, 0], [500, 0, 0], [0, 300, 0]])
     unit = 1e-4 * np.tile(np.eye(3), (3, 1, 1))
-    found = reliability_of(adjusted_helmert(a, a, 0.0 * unit, unit))
-    assert np.all(found.seen_per_mm2[:, 0] == 0.0)
+    reliability = reliability_of(adjusted_helmert(a, a, 0.0 * unit, unit))
+    assert np.all(reliability.seen_per_mm2[:, 0] == 0.0)
     # The null space of each point holds the normal; and within the plane one way more
     # is not seen, as three sides are all that is checked.
-    np.testing.assert_allclose(found.shares[:, 2], 0.0, atol=1e-9)
-    assert np.all(found.seen_per_mm2[:, 2] > 0.0)
+    np.testing.assert_allclose(reliability.shares[:, 2], 0.0, atol=1e-9)
+    assert np.all(reliability.seen_per_mm2[:, 2] > 0.0)
 
 
 def test_a_gross_error_stands_out_at_its_point():
@@ -308,8 +308,8 @@ def test_a_gross_error_stands_out_at_its_point():
     c = 4e-4 * np.tile(np.eye(3), (6, 1, 1))
     b = true.places_mm(a) + noise(rng, c)
     b[4] += [0.3, -0.2, 0.1]
-    found = adjusted_helmert(a, b, 0.0 * c, c)
-    statistics = point_statistics(found, reliability_of(found))
+    fitted = adjusted_helmert(a, b, 0.0 * c, c)
+    statistics = point_statistics(fitted, reliability_of(fitted))
     assert np.argmax(statistics) == 4
     assert statistics[4] > 100.0
 
@@ -372,7 +372,7 @@ def test_whatever_the_points_are_they_are_adjusted_or_refused(seed):
     a += rng.normal(0.0, size_mm, a.shape)
     c = np.tile(size_mm**2 * np.eye(3), (n, 1, 1))
     with suppress(HelmertError):
-        found = adjusted_helmert(a, b, c, c, with_scale=bool(rng.integers(2)))
-        assert np.all(np.isfinite(found.cofactors))
-        rotation = found.transformation.rotation
+        fitted = adjusted_helmert(a, b, c, c, with_scale=bool(rng.integers(2)))
+        assert np.all(np.isfinite(fitted.cofactors))
+        rotation = fitted.transformation.rotation
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)

@@ -35,11 +35,11 @@ def test_the_mean_over_a_box_is_that_of_gauss_points(seed, n_parameters):
     cov, centre = covariance(rng, n_parameters), rng.uniform(-300, 300, 3)
     # Two Gauss points a side integrate quadratic functions exactly.
     places = box.mean_mm + (box.corners_mm - box.mean_mm) / np.sqrt(3.0)
-    found = volume_error(box, centre, cov)
-    assert found.rms_mm**2 == pytest.approx(np.mean(traces(places, centre, cov)))
+    error = volume_error(box, centre, cov)
+    assert error.rms_mm**2 == pytest.approx(np.mean(traces(places, centre, cov)))
     inside = rng.uniform(box.low_mm, box.high_mm, (300, 3))
-    assert found.max_mm**2 >= traces(inside, centre, cov).max()
-    assert found.max_mm**2 == pytest.approx(traces(box.corners_mm, centre, cov).max())
+    assert error.max_mm**2 >= traces(inside, centre, cov).max()
+    assert error.max_mm**2 == pytest.approx(traces(box.corners_mm, centre, cov).max())
 
 
 @settings(max_examples=15)
@@ -48,13 +48,13 @@ def test_nowhere_in_a_ball_is_the_error_larger_than_the_largest(seed, n_paramete
     rng = np.random.default_rng(seed)
     ball = Ball(rng.uniform(-500, 500, 3), 400.0)
     cov, centre = covariance(rng, n_parameters), rng.uniform(-300, 300, 3)
-    found = volume_error(ball, centre, cov)
+    error = volume_error(ball, centre, cov)
     ways = rng.normal(size=(4000, 3))
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     around = traces(ball.mean_mm + 400.0 * ways, centre, cov)
-    assert around.max() <= found.max_mm**2 * (1.0 + 1e-9)
-    assert around.max() == pytest.approx(found.max_mm**2, rel=0.05)
-    away = np.linalg.norm(found.max_at_mm - ball.mean_mm)
+    assert around.max() <= error.max_mm**2 * (1.0 + 1e-9)
+    assert around.max() == pytest.approx(error.max_mm**2, rel=0.05)
+    away = np.linalg.norm(error.max_at_mm - ball.mean_mm)
     assert away == pytest.approx(400.0)
     # A ball's mean: shells of radius r have the weight r^2.
     radii = 400.0 * ((np.arange(200) + 0.5) / 200)
@@ -65,24 +65,24 @@ def test_nowhere_in_a_ball_is_the_error_larger_than_the_largest(seed, n_paramete
     ]
     weights = np.repeat(radii**2, 2)
     mean = np.sum(weights * np.array(about)) / weights.sum()
-    assert found.rms_mm**2 == pytest.approx(mean, rel=0.25)
+    assert error.rms_mm**2 == pytest.approx(mean, rel=0.25)
 
 
 def test_a_ball_about_the_centre_of_equal_turns_is_as_bad_everywhere():
     cov = np.diag([1.0, 1, 1, 1e-4, 1e-4, 1e-4])
-    found = volume_error(Ball(np.zeros(3), 100.0), np.zeros(3), cov)
+    error = volume_error(Ball(np.zeros(3), 100.0), np.zeros(3), cov)
     # 3 of the shift, and 2 r^2 of turns
-    assert found.max_mm == pytest.approx(np.sqrt(3.0 + 2.0 * 1e4 * 1e-4))
-    assert found.rms_mm == pytest.approx(np.sqrt(3.0 + 2.0 * 1e4 * 1e-4 * 3.0 / 5.0))
+    assert error.max_mm == pytest.approx(np.sqrt(3.0 + 2.0 * 1e4 * 1e-4))
+    assert error.rms_mm == pytest.approx(np.sqrt(3.0 + 2.0 * 1e4 * 1e-4 * 3.0 / 5.0))
 
 
 def test_the_index_of_corners_of_a_cube_is_that_of_the_hand():
     cube = Box(np.full(3, -1.0), np.full(3, 1.0))
     # Eight corners: shift 1/8 a coordinate; a turn 1 / (8 * 2); in the mean 2 a turn
     # weighs 2/3, at a corner 2: 3/8 + 3 * 2/3 / 16 = 1/2, and 3/8 + 3 * 2 / 16 = 3/4.
-    found = disposition_index(cube.corners_mm, cube)
-    assert found.rms_mm == pytest.approx(np.sqrt(0.5 / 3.0))
-    assert found.max_mm == pytest.approx(np.sqrt(0.75 / 3.0))
+    index = disposition_index(cube.corners_mm, cube)
+    assert index.rms_mm == pytest.approx(np.sqrt(0.5 / 3.0))
+    assert index.max_mm == pytest.approx(np.sqrt(0.75 / 3.0))
     # A scale: variance 1 / (8 * 3), weighs 1 in the mean.
     scaled = disposition_index(cube.corners_mm, cube, with_scale=True)
     assert scaled.rms_mm == pytest.approx(np.sqrt((0.5 + 1.0 / 24.0) / 3.0))
@@ -95,14 +95,14 @@ def test_the_index_grows_as_points_come_near_to_a_line():
         points = np.array(
             [[0.0, 0, 0], [300, beside_mm, 0], [600, 0, beside_mm], [1000, 0, 0]]
         )
-        found = disposition_index(points, box).rms_mm
-        assert found > last
-        last = found
+        index_rms = disposition_index(points, box).rms_mm
+        assert index_rms > last
+        last = index_rms
     assert last > 30.0
 
 
 def test_where_nothing_turns_all_places_are_alike():
     cov = np.diag([1.0, 1, 1, 0, 0, 0])
     for volume in (Ball(np.zeros(3), 10.0), Box(np.zeros(3), np.ones(3))):
-        found = volume_error(volume, np.zeros(3), cov)
-        assert found.rms_mm == found.max_mm == pytest.approx(np.sqrt(3.0))
+        error = volume_error(volume, np.zeros(3), cov)
+        assert error.rms_mm == error.max_mm == pytest.approx(np.sqrt(3.0))

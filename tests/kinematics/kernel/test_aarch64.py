@@ -81,7 +81,7 @@ def test_aarch64_gives_the_bits_of_this_machine(program, n_joints):
             np.full((1, n_joints), np.nan),
         ]
     )
-    centres, directions, by_angles, by_axes, by_links, one, *deflected = computed(
+    centres, directions, by_angles, by_axes, by_links, single, *deflected = computed(
         program, geometry, angles_rad
     )
 
@@ -89,14 +89,16 @@ def test_aarch64_gives_the_bits_of_this_machine(program, n_joints):
     np.testing.assert_array_equal(centres, chain.centres(angles_rad))
     np.testing.assert_array_equal(directions, chain.poses(angles_rad)[1])
     expected = chain.derivatives(angles_rad)
-    for found, wanted in zip((by_angles, by_axes, by_links), expected[1:], strict=True):
-        np.testing.assert_array_equal(found, wanted)
-    np.testing.assert_array_equal(one, chain.pose(angles_rad[0].tolist()))
+    for derivative, wanted in zip(
+        (by_angles, by_axes, by_links), expected[1:], strict=True
+    ):
+        np.testing.assert_array_equal(derivative, wanted)
+    np.testing.assert_array_equal(single, chain.pose(angles_rad[0].tolist()))
     # The links of this arm go without the probe vector, as the program takes them.
     links_mm = geometry.links_mm.copy()
     links_mm[-1] += geometry.probe_vector_mm
     bare = replace(geometry, links_mm=links_mm, probe_vector_mm=np.zeros(3))
     chain = compiled.DeflectedChain(bare, "portable", TERMS, links_mm)
     expected = chain.poses(Block(angles_rad), [0.5, 1.0, -9.5])
-    for found, wanted in zip(deflected, expected, strict=True):
-        np.testing.assert_array_equal(found, wanted)
+    for derivative, wanted in zip(deflected, expected, strict=True):
+        np.testing.assert_array_equal(derivative, wanted)

@@ -68,10 +68,12 @@ def test_is_within_four_units_in_the_last_place_of_the_reach(n_joints, largest_r
     unit = np.spacing(size_mm(geometry))
     for sample, centre, direction in zip(angles, centres, directions, strict=True):
         exact_centre, exact_direction = exact_pose(geometry, sample)
-        for found, exact in zip(centre, exact_centre, strict=True):
-            assert abs(Decimal(float(found)) - exact) <= 4 * Decimal(float(unit))
-        for found, exact in zip(direction, exact_direction, strict=True):
-            assert abs(Decimal(float(found)) - exact) <= Decimal(n_joints + 2) / 2**53
+        for computed, exact in zip(centre, exact_centre, strict=True):
+            assert abs(Decimal(float(computed)) - exact) <= 4 * Decimal(float(unit))
+        for computed, exact in zip(direction, exact_direction, strict=True):
+            assert (
+                abs(Decimal(float(computed)) - exact) <= Decimal(n_joints + 2) / 2**53
+            )
 
 
 @pytest.mark.parametrize("turns", [0, 1, 2, 3, -5, 4096, -6300])
@@ -80,9 +82,9 @@ def test_multiples_of_a_quarter_turn_are_as_exact_as_any_angle(variant, turns):
     near = np.nextafter(turns * np.pi / 2, np.inf)
     angles = geometry.zeros_rad + np.array([[near, -near, turns * np.pi / 2]])
     centre = compiled.Chain(geometry, variant).centres(angles)[0]
-    for found, exact in zip(centre, exact_pose(geometry, angles[0])[0], strict=True):
+    for computed, exact in zip(centre, exact_pose(geometry, angles[0])[0], strict=True):
         unit = Decimal(float(np.spacing(size_mm(geometry))))
-        assert abs(Decimal(float(found)) - exact) <= 4 * unit
+        assert abs(Decimal(float(computed)) - exact) <= 4 * unit
 
 
 @pytest.mark.parametrize("n_joints", N_JOINTS)
@@ -91,11 +93,11 @@ def test_all_variants_give_the_same_bits(n_joints):
     angles = readings(geometry, 4, 333)
     angles[200:] *= 1e4
     angles[7, 0], angles[11, -1] = np.inf, np.nan
-    found = [
+    by_variant = [
         (*chain.poses(angles), *chain.joint_poses(angles), *chain.derivatives(angles))
         for chain in (compiled.Chain(geometry, name) for name in VARIANTS)
     ]
-    assert {bits(*arrays) for arrays in found} == {bits(*found[0])}
+    assert {bits(*arrays) for arrays in by_variant} == {bits(*by_variant[0])}
 
 
 @pytest.mark.parametrize("n_samples", [1, 2, 7, 8, 9, 31, 32, 33, 64, 100])
@@ -140,9 +142,9 @@ def test_strided_readings_are_read_and_strided_places_are_filled(variant):
     assert bits(*chain.poses(angles[::-1])) == bits(*(e[::-1] for e in expected))
     into = np.zeros((90, 8))
     centres, directions = into[:, 1:4], into[:, 5:8]
-    found = chain.poses(angles, centres, directions)
-    assert found[0] is centres
-    assert found[1] is directions
+    poses = chain.poses(angles, centres, directions)
+    assert poses[0] is centres
+    assert poses[1] is directions
     assert bits(centres, directions) == bits(*expected)
     assert not into[:, [0, 4]].any()
     places = np.empty((90, 8, 3))
@@ -158,11 +160,11 @@ def test_readings_that_are_no_numbers_spoil_their_sample_alone(variant):
     spoilt = angles.copy()
     spoilt[3, 0], spoilt[17, 2], spoilt[40, 3] = np.nan, np.inf, -np.inf
     rows = [3, 17, 40]
-    found = chain.poses(spoilt)
-    assert np.isnan(found[0][rows]).all()
-    assert np.isnan(found[1][rows]).all()
+    poses = chain.poses(spoilt)
+    assert np.isnan(poses[0][rows]).all()
+    assert np.isnan(poses[1][rows]).all()
     whole = np.delete(np.arange(50), rows)
-    assert bits(found[0][whole], found[1][whole]) == bits(
+    assert bits(poses[0][whole], poses[1][whole]) == bits(
         centres[whole], directions[whole]
     )
     # Joints before the invalid one still have values.
@@ -178,8 +180,8 @@ def test_base_posture_is_exact(variant):
     assert direction == tuple(geometry.probe_direction)
     links = [*geometry.links_mm, geometry.probe_vector_mm]
     exact = [sum(map(Decimal, map(float, c))) for c in np.transpose(links)]
-    for found, link, origin in zip(centre, exact, geometry.origin_mm, strict=True):
-        assert abs(Decimal(found) - link - Decimal(float(origin))) < Decimal("5e-13")
+    for computed, link, origin in zip(centre, exact, geometry.origin_mm, strict=True):
+        assert abs(Decimal(computed) - link - Decimal(float(origin))) < Decimal("5e-13")
 
 
 def test_empty_block_gives_empty_results(variant):
@@ -217,13 +219,13 @@ def by_complex_step(geometry, angles, name):
     values = {n: getattr(geometry, n).astype(complex) for n in names}
     values["angles"] = angles.astype(complex)
     place = values[name]
-    found = np.empty((3, *place.shape))
+    rates = np.empty((3, *place.shape))
     for index in np.ndindex(place.shape):
         place[index] += 1j * STEP
         moved = complex_centre(values, values["angles"])
-        found[(slice(None), *index)] = moved.imag / STEP
+        rates[(slice(None), *index)] = moved.imag / STEP
         place[index] -= 1j * STEP
-    return found
+    return rates
 
 
 @settings(max_examples=30)
@@ -231,16 +233,16 @@ def by_complex_step(geometry, angles, name):
 def test_every_derivative_agrees_with_complex_steps(n_joints, seed):
     geometry = random_geometry(seed, n_joints)
     angles = np.random.default_rng(seed).uniform(-7, 7, (2, n_joints))
-    found = derivatives(geometry, angles)
+    computed = derivatives(geometry, angles)
     tolerance = 1e-14 * n_joints * size_mm(geometry)
     for n, sample in enumerate(angles):
         for name, columns, scale in (
-            ("angles", found.by_angles, tolerance),
-            ("zeros_rad", found.by_zeros, tolerance),
-            ("axes", found.by_axes, tolerance),
-            ("links_mm", found.by_links, 1e-14 * n_joints),
-            ("probe_vector_mm", found.by_probe_vector, 1e-14 * n_joints),
-            ("origin_mm", found.by_origin, 1e-14),
+            ("angles", computed.by_angles, tolerance),
+            ("zeros_rad", computed.by_zeros, tolerance),
+            ("axes", computed.by_axes, tolerance),
+            ("links_mm", computed.by_links, 1e-14 * n_joints),
+            ("probe_vector_mm", computed.by_probe_vector, 1e-14 * n_joints),
+            ("origin_mm", computed.by_origin, 1e-14),
         ):
             expected = by_complex_step(geometry, sample, name)
             np.testing.assert_allclose(columns[n], expected, rtol=0, atol=scale)
@@ -251,12 +253,12 @@ def test_every_derivative_agrees_with_complex_steps(n_joints, seed):
 def test_derivatives_agree_with_numpy(variant, n_joints):
     geometry = random_geometry(n_joints, n_joints)
     angles = np.random.default_rng(2).uniform(-7, 7, (77, n_joints))
-    found = derivatives(geometry, angles, variant)
+    computed = derivatives(geometry, angles, variant)
     expected = numpy_derivatives(geometry, angles)
     for name in ("centres_mm", "by_angles", "by_axes", "by_links"):
         size = 1.0 if name == "by_links" else size_mm(geometry)
         np.testing.assert_allclose(
-            getattr(found, name),
+            getattr(computed, name),
             getattr(expected, name),
             rtol=0,
             atol=1e-14 * n_joints * size,
@@ -268,10 +270,10 @@ def test_centres_and_rotations_have_the_bits_of_the_forward_kinematics(variant):
     geometry = random_geometry(3, 7)
     angles = np.random.default_rng(2).uniform(-7, 7, (77, 7))
     chain = compiled.Chain(geometry, variant)
-    found = derivatives(geometry, angles, variant)
-    assert found.centres_mm.tobytes() == chain.centres(angles).tobytes()
+    computed = derivatives(geometry, angles, variant)
+    assert computed.centres_mm.tobytes() == chain.centres(angles).tobytes()
     rotations = chain.joint_poses(angles)[1]
-    assert np.array_equal(found.by_links.transpose(0, 2, 1, 3), rotations)
+    assert np.array_equal(computed.by_links.transpose(0, 2, 1, 3), rotations)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -283,8 +285,8 @@ def test_block_and_place_in_it_leave_every_bit_of_derivatives(variant, n_samples
     whole = chain.derivatives(angles)
     for first in (0, 5, 40):
         part = slice(first, first + n_samples)
-        for found, expected in zip(chain.derivatives(angles[part]), whole, strict=True):
-            assert found.tobytes() == expected[part].tobytes()
+        for array, expected in zip(chain.derivatives(angles[part]), whole, strict=True):
+            assert array.tobytes() == expected[part].tobytes()
 
 
 def test_given_places_are_filled_and_returned():
@@ -294,8 +296,8 @@ def test_given_places_are_filled_and_returned():
     expected = chain.derivatives(angles)
     places = tuple(np.full_like(array, np.nan) for array in expected)
     assert chain.derivatives(np.asfortranarray(angles), out=places) is places
-    for found, wanted in zip(places, expected, strict=True):
-        assert np.array_equal(found, wanted)
+    for returned, wanted in zip(places, expected, strict=True):
+        assert np.array_equal(returned, wanted)
 
 
 GEOMETRY = random_geometry(1, 3)

@@ -47,7 +47,7 @@ def test_every_derivative_agrees_with_central_differences(geometry, seed, is_cou
         couplings = (Coupling(last, last - 1, -1.0), Coupling(0, last, 0.7))
         geometry = replace(geometry, couplings=couplings)
     angles_rad = _angles(seed, geometry)
-    found = probe_derivatives(geometry, angles_rad)
+    derivatives = probe_derivatives(geometry, angles_rad)
     tolerance = RELATIVE * size_mm(geometry)
     for k in range(geometry.n_joints):
         moved = np.zeros(geometry.n_joints)
@@ -55,46 +55,56 @@ def test_every_derivative_agrees_with_central_differences(geometry, seed, is_cou
         plus = probe_centre(geometry, angles_rad + moved)
         minus = probe_centre(geometry, angles_rad - moved)
         by_angle = (plus - minus) / (2 * STEP)
-        assert np.allclose(found.by_angles[:, :, k], by_angle, rtol=0, atol=tolerance)
+        assert np.allclose(
+            derivatives.by_angles[:, :, k], by_angle, rtol=0, atol=tolerance
+        )
         by_zero = _difference(geometry, angles_rad, "zeros_rad", (k,), STEP)
-        assert np.allclose(found.by_zeros[:, :, k], by_zero, rtol=0, atol=tolerance)
+        assert np.allclose(
+            derivatives.by_zeros[:, :, k], by_zero, rtol=0, atol=tolerance
+        )
         for c in range(3):
             axis = _difference(geometry, angles_rad, "axes", (k, c), STEP)
-            assert np.allclose(found.by_axes[:, :, k, c], axis, rtol=0, atol=tolerance)
+            assert np.allclose(
+                derivatives.by_axes[:, :, k, c], axis, rtol=0, atol=tolerance
+            )
             link = _difference(geometry, angles_rad, "links_mm", (k, c), 1.0)
-            assert np.allclose(found.by_links[:, :, k, c], link, rtol=0, atol=1e-9)
+            assert np.allclose(
+                derivatives.by_links[:, :, k, c], link, rtol=0, atol=1e-9
+            )
     for c in range(3):
         probe = _difference(geometry, angles_rad, "probe_vector_mm", (c,), 1.0)
-        assert np.allclose(found.by_probe_vector[:, :, c], probe, rtol=0, atol=1e-9)
+        assert np.allclose(
+            derivatives.by_probe_vector[:, :, c], probe, rtol=0, atol=1e-9
+        )
         origin = _difference(geometry, angles_rad, "origin_mm", (c,), 1.0)
-        assert np.allclose(found.by_origin[:, :, c], origin, rtol=0, atol=1e-9)
+        assert np.allclose(derivatives.by_origin[:, :, c], origin, rtol=0, atol=1e-9)
 
 
 @settings(max_examples=50)
 @given(geometries, seeds)
 def test_centres_are_those_of_the_forward_kinematics(geometry, seed):
     angles_rad = _angles(seed, geometry)
-    found = probe_derivatives(geometry, angles_rad).centres_mm
+    centres_mm = probe_derivatives(geometry, angles_rad).centres_mm
     expected = probe_centre(geometry, angles_rad)
-    assert np.allclose(found, expected, rtol=0, atol=1e-12 * size_mm(geometry))
+    assert np.allclose(centres_mm, expected, rtol=0, atol=1e-12 * size_mm(geometry))
 
 
 @settings(max_examples=50)
 @given(geometries, seeds)
 def test_moving_a_hinge_along_its_axis_is_an_exact_null_direction(geometry, seed):
-    found = probe_derivatives(geometry, _angles(seed, geometry))
+    derivatives = probe_derivatives(geometry, _angles(seed, geometry))
     for k in range(geometry.n_joints):
         axis = geometry.axes[k]
-        inner = found.by_origin if k == 0 else found.by_links[:, :, k - 1]
-        change = found.by_links[:, :, k] @ axis - inner @ axis
+        inner = derivatives.by_origin if k == 0 else derivatives.by_links[:, :, k - 1]
+        change = derivatives.by_links[:, :, k] @ axis - inner @ axis
         assert np.allclose(change, 0.0, rtol=0, atol=1e-13)
 
 
 @settings(max_examples=50)
 @given(geometries, seeds)
 def test_an_axis_has_no_derivative_along_itself(geometry, seed):
-    found = probe_derivatives(geometry, _angles(seed, geometry))
-    along = np.einsum("nikc,kc->nik", found.by_axes, geometry.axes)
+    derivatives = probe_derivatives(geometry, _angles(seed, geometry))
+    along = np.einsum("nikc,kc->nik", derivatives.by_axes, geometry.axes)
     assert np.allclose(along, 0.0, rtol=0, atol=1e-12 * size_mm(geometry))
 
 
@@ -122,13 +132,13 @@ def test_a_planar_arm_moves_as_computed_by_hand():
         probe_vector_mm=np.zeros(3),
         probe_direction=np.array([1.0, 0.0, 0.0]),
     )
-    found = probe_derivatives(arm, np.array([[0.0, np.pi / 2]]))
-    assert found.centres_mm == pytest.approx(np.array([[100.0, 50.0, 0.0]]))
-    assert found.by_angles[0, :, 0] == pytest.approx([-50.0, 100.0, 0.0])
-    assert found.by_angles[0, :, 1] == pytest.approx([-50.0, 0.0, 0.0])
+    derivatives = probe_derivatives(arm, np.array([[0.0, np.pi / 2]]))
+    assert derivatives.centres_mm == pytest.approx(np.array([[100.0, 50.0, 0.0]]))
+    assert derivatives.by_angles[0, :, 0] == pytest.approx([-50.0, 100.0, 0.0])
+    assert derivatives.by_angles[0, :, 1] == pytest.approx([-50.0, 0.0, 0.0])
     # The second axis tilts towards x by e; with s = (50, 0, 0) only
     # (1 - cos 90 degrees) u (e . s) = 50 e is left, upwards.
-    assert found.by_axes[0, :, 1, 0] == pytest.approx([0.0, 0.0, 50.0])
+    assert derivatives.by_axes[0, :, 1, 0] == pytest.approx([0.0, 0.0, 50.0])
 
 
 def test_a_wrong_number_of_columns_is_refused():

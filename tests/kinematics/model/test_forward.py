@@ -226,8 +226,8 @@ def test_each_sample_alone_gives_the_bits_of_its_block():
     geometry = random_geometry(seed=8, n_joints=7)
     angles = postures(geometry, seed=9, n_samples=67)
     block = probe_centre(geometry, angles)
-    alone = [probe_centre(geometry, sample[np.newaxis]) for sample in angles]
-    assert np.concatenate(alone).tobytes() == block.tobytes()
+    one_by_one = [probe_centre(geometry, sample[np.newaxis]) for sample in angles]
+    assert np.concatenate(one_by_one).tobytes() == block.tobytes()
 
 
 def test_empty_block_gives_empty_results():

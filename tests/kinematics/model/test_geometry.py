@@ -30,14 +30,14 @@ def test_quarter_turns_by_hand():
 
 
 def test_units_multiply_as_hamilton_wrote():
-    one, i, j, k = np.eye(4)
+    unit, i, j, k = np.eye(4)
     for left, right, product in [
         (i, j, k),
         (j, k, i),
         (k, i, j),
         (j, i, -k),
-        (i, i, -one),
-        (one, k, k),
+        (i, i, -unit),
+        (unit, k, k),
     ]:
         np.testing.assert_array_equal(multiply(left, right), product)
 
@@ -83,11 +83,11 @@ def test_chains_go_outwards_and_conjugates_back(seed):
     turns = turn(axes, rng.normal(scale=2.0, size=(7, 30)))
     rotations = chain_rotations(turns)
     vectors = rng.normal(size=(3, 7, 1))
-    there = vectors[:, 0]
+    turned = vectors[:, 0]
     for k in reversed(range(7)):
-        there = rotate(turns[:, k], there)
+        turned = rotate(turns[:, k], turned)
     at_once = rotate(rotations[:, -1], vectors[:, 0])
-    np.testing.assert_allclose(at_once, there, atol=1e-12)
+    np.testing.assert_allclose(at_once, turned, atol=1e-12)
     back = rotate(conjugate(rotations), rotate(rotations, vectors))
     np.testing.assert_allclose(back, np.broadcast_to(vectors, back.shape), atol=1e-12)
 

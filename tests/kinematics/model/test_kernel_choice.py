@@ -144,12 +144,12 @@ def test_plain_floats_agree_with_numpy(geometry, seed):
     for sample, centre, direction in zip(
         angles, *numpy_pose(geometry, angles), strict=True
     ):
-        found = chain.pose(sample.tolist())
-        assert found == chain.pose(sample)
+        pose_of_sample = chain.pose(sample.tolist())
+        assert pose_of_sample == chain.pose(sample)
         atol = 1e-14 * geometry.n_joints
-        np.testing.assert_allclose(found[1], direction, rtol=0, atol=atol)
+        np.testing.assert_allclose(pose_of_sample[1], direction, rtol=0, atol=atol)
         atol *= size_mm(geometry)
-        np.testing.assert_allclose(found[0], centre, rtol=0, atol=atol)
+        np.testing.assert_allclose(pose_of_sample[0], centre, rtol=0, atol=atol)
 
 
 def test_plain_floats_pass_on_what_is_no_number():
@@ -171,9 +171,9 @@ def test_one_pose_is_that_of_the_block(couplings):
     for sample, centre, direction in zip(
         angles, *probe_pose(geometry, angles), strict=True
     ):
-        found = pose(sample.tolist())
-        np.testing.assert_allclose(found[0], centre, rtol=0, atol=1e-11)
-        np.testing.assert_allclose(found[1], direction, rtol=0, atol=1e-14)
+        pose_of_sample = pose(sample.tolist())
+        np.testing.assert_allclose(pose_of_sample[0], centre, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(pose_of_sample[1], direction, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("n_samples", [1, 2, 40])
@@ -184,18 +184,18 @@ def test_readings_are_taken_however_they_lie(n_samples):
     packed["angles"] = angles
     for other in (packed["angles"], angles.astype(">f8"), np.asfortranarray(angles)):
         for of in (probe_pose, joint_positions, probe_derivatives):
-            found, expected = of(geometry, other), of(geometry, angles)
+            computed, expected = of(geometry, other), of(geometry, angles)
             if of is probe_derivatives:
-                found, expected = found.by_axes, expected.by_axes
-            assert np.array_equal(found, expected)
+                computed, expected = computed.by_axes, expected.by_axes
+            assert np.array_equal(computed, expected)
     whole = np.round(angles)
-    found = probe_centre(geometry, whole.astype(np.int64))
-    assert np.array_equal(found, probe_centre(geometry, whole))
+    computed = probe_centre(geometry, whole.astype(np.int64))
+    assert np.array_equal(computed, probe_centre(geometry, whole))
 
 
 def test_arm_with_more_joints_than_the_kernel_takes_is_computed_by_numpy():
     geometry = random_geometry(1, 33)
     assert compiled_chain(geometry) is None
     angles = np.random.default_rng(1).uniform(-3, 3, (4, 33))
-    found, expected = probe_pose(geometry, angles), numpy_pose(geometry, angles)
-    assert found[0].tobytes() == expected[0].tobytes()
+    computed, expected = probe_pose(geometry, angles), numpy_pose(geometry, angles)
+    assert computed[0].tobytes() == expected[0].tobytes()

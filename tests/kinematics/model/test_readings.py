@@ -53,9 +53,9 @@ def test_unwrapping_follows_the_true_counts_whatever_the_blocks(walk, cuts):
 
 def test_unwrapping_goes_over_the_wrap_both_ways():
     unwrapper = Unwrapper(one_encoder(1000))
-    there = [10, 400, 800, 990, 5, 300, 700, 20]
+    counts = [10, 400, 800, 990, 5, 300, 700, 20]
     np.testing.assert_array_equal(
-        unwrapper.unwrap(column(*there))[:, 0],
+        unwrapper.unwrap(column(*counts))[:, 0],
         [10, 400, 800, 990, 1005, 1300, 1700, 2020],
     )
     np.testing.assert_array_equal(
@@ -186,10 +186,10 @@ def test_counts_of_another_number_of_joints_are_refused():
 
 def test_turns_of_some_encoders_are_forgotten_and_those_of_others_kept():
     unwrapper = Unwrapper(Encoders(np.array([1000, 1000]), np.ones(2), np.zeros(2)))
-    there = np.array([[0, 0], [400, 400], [800, 800], [200, 200]])
-    assert unwrapper.unwrap(there)[-1].tolist() == [1200, 1200]
+    counts = np.array([[0, 0], [400, 400], [800, 800], [200, 200]])
+    assert unwrapper.unwrap(counts)[-1].tolist() == [1200, 1200]
     unwrapper.reset(np.array([False, True]))
-    assert unwrapper.near(there[-1]).tolist() == [1200, 200]
-    assert unwrapper.unwrap(there[-1:]).tolist() == [[1200, 200]]
+    assert unwrapper.near(counts[-1]).tolist() == [1200, 200]
+    assert unwrapper.unwrap(counts[-1:]).tolist() == [[1200, 200]]
     unwrapper.reset()
-    assert unwrapper.unwrap(there[-1:]).tolist() == [[200, 200]]
+    assert unwrapper.unwrap(counts[-1:]).tolist() == [[200, 200]]

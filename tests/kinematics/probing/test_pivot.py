@@ -47,17 +47,17 @@ def seated(n):
         centres_mm, _ = probe_pose(wrist(TRUE_VECTOR_MM), angles_rad)
         angles_rad = moved(angles_rad, np.clip(seat - centres_mm, -50, 50))
     centres_mm, _ = probe_pose(wrist(TRUE_VECTOR_MM), angles_rad)
-    there = np.linalg.norm(centres_mm - seat, axis=1) < 1e-9
-    return angles_rad[there][:n], seat
+    is_seated = np.linalg.norm(centres_mm - seat, axis=1) < 1e-9
+    return angles_rad[is_seated][:n], seat
 
 
 def test_the_vector_is_found_exactly_without_noise():
     angles_rad, seat = seated(8)
-    found = pivoted(angles_rad)
-    np.testing.assert_allclose(found.vector_mm, TRUE_VECTOR_MM, atol=1e-6)
-    np.testing.assert_allclose(found.seat_mm, seat, atol=1e-6)
-    assert found.rms_mm < 1e-6
-    assert found.redundancy == 18
+    pivot = pivoted(angles_rad)
+    np.testing.assert_allclose(pivot.vector_mm, TRUE_VECTOR_MM, atol=1e-6)
+    np.testing.assert_allclose(pivot.seat_mm, seat, atol=1e-6)
+    assert pivot.rms_mm < 1e-6
+    assert pivot.redundancy == 18
 
 
 def test_its_covariance_says_how_far_noise_leads_it_astray():
@@ -66,9 +66,9 @@ def test_its_covariance_says_how_far_noise_leads_it_astray():
     normalised = []
     for _ in range(300):
         noisy_rad = moved(angles_rad, 0.02 * rng.normal(size=(10, 3)))
-        found = pivoted(noisy_rad)
-        off = found.vector_mm - TRUE_VECTOR_MM
-        normalised.append(off @ np.linalg.solve(found.covariance_mm2, off) / 3)
+        pivot = pivoted(noisy_rad)
+        off = pivot.vector_mm - TRUE_VECTOR_MM
+        normalised.append(off @ np.linalg.solve(pivot.covariance_mm2, off) / 3)
     # Mean of F(3, 24) is 24 / 22, its standard deviation 1.0: of 300 draws 0.06.
     assert np.mean(normalised) == pytest.approx(24 / 22, abs=0.2)
 

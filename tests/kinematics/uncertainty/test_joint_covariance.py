@@ -59,11 +59,13 @@ class Bench:
 
     def stated(self, angles_rad) -> JointCovariance:
         block = Block(angles_rad)
-        found = point_uncertainties(
+        uncertainties = point_uncertainties(
             self.geometry, self.effects, block, self.noise, self.arm
         )
         places_mm = self.measured(angles_rad, None)
-        return JointCovariance(places_mm, found.covariances_mm2, found.shared_mm)
+        return JointCovariance(
+            places_mm, uncertainties.covariances_mm2, uncertainties.shared_mm
+        )
 
     def measured(self, angles_rad, rng):
         """Where an arm of this kind finds the points; without chance the stated one."""
@@ -80,8 +82,8 @@ class Bench:
             read_rad += ENCODER_RAD * rng.normal(size=read_rad.shape)
             noise_mm = CONTACT_MM * rng.normal(size=(n_draws, n, 3))
         parameters = np.repeat(values, n, axis=0)
-        found = centres_mm(self.geometry, self.effects, read_rad, parameters)
-        return found.reshape(n_draws, n, 3) + noise_mm
+        places_mm = centres_mm(self.geometry, self.effects, read_rad, parameters)
+        return places_mm.reshape(n_draws, n, 3) + noise_mm
 
 
 @pytest.fixture(scope="module")
@@ -145,12 +147,12 @@ def test_a_sphere_and_a_plane_of_touches(bench):
     on_sphere = np.array([reaching(bench, start, centre_mm + 20.0 * n) for n in wanted])
     stated, covariance = bench.stated(on_sphere).sphere()
     assert abs(stated.radius_mm - 20.0) < 1e-6
-    found = []
+    errors = []
     for _ in range(N_FITS):
         sphere = fit_sphere(bench.measured(on_sphere, rng))
-        found.append([*(sphere.centre_mm - centre_mm), sphere.radius_mm - 20.0])
+        errors.append([*(sphere.centre_mm - centre_mm), sphere.radius_mm - 20.0])
     stds = np.sqrt(np.diag(covariance))
-    inside = np.mean(np.abs(found) <= 2.0 * stds, axis=0)
+    inside = np.mean(np.abs(errors) <= 2.0 * stds, axis=0)
     assert np.all((inside > LEAST_FITS) & (inside < MOST_FITS)), inside
     flat = wanted.copy()
     flat[:, 2] = 0.0
@@ -185,7 +187,7 @@ def reaching(bench, start, place_mm):
 def test_blocks_are_those_of_the_points_and_of_their_differences(bench):
     angles_rad = postures(bench.geometry, 3, 12)
     stated = bench.stated(angles_rad)
-    alone = point_uncertainties(
+    alone_cov = point_uncertainties(
         bench.geometry, bench.effects, Block(angles_rad), bench.noise, bench.arm
     ).covariances_mm2
     columns, _ = parameter_columns(bench.geometry, bench.effects, Block(angles_rad))
@@ -193,18 +195,20 @@ def test_blocks_are_those_of_the_points_and_of_their_differences(bench):
     for i in range(3):
         for j in range(3):
             block = stated.covariance_mm2[3 * i : 3 * i + 3, 3 * j : 3 * j + 3]
-            expected = alone[i] if i == j else columns[i] @ known @ columns[j].T
+            expected = alone_cov[i] if i == j else columns[i] @ known @ columns[j].T
             np.testing.assert_allclose(block, expected, atol=1e-15)
     np.testing.assert_allclose(stated.covariance_mm2, stated.covariance_mm2.T)
 
 
 def test_without_an_arm_it_is_said_and_one_place_is_no_length(bench):
     angles_rad = postures(bench.geometry, 2, 12)
-    found = point_uncertainties(
+    uncertainties = point_uncertainties(
         bench.geometry, bench.effects, Block(angles_rad), bench.noise
     )
     places_mm = bench.measured(angles_rad, None)
-    joint = JointCovariance(places_mm, found.covariances_mm2, found.shared_mm)
+    joint = JointCovariance(
+        places_mm, uncertainties.covariances_mm2, uncertainties.shared_mm
+    )
     assert not joint.length(0, 1).with_arm
     assert joint.length(0, 1).length_mm == pytest.approx(
         np.linalg.norm(np.diff(places_mm, axis=0))

@@ -70,8 +70,11 @@ def centres_mm(geometry, effects, angles_rad, parameters):
     axes = parameters[:, : 3 * n_joints].reshape(n, n_joints, 3)
     axes = axes / np.linalg.norm(axes, axis=2, keepdims=True)
     links = parameters[:, 3 * n_joints : 6 * n_joints].reshape(n, n_joints, 3)
-    at = 6 * n_joints
-    vectors, amplitudes = parameters[:, at : at + 3], parameters[:, at + 3 : -3]
+    start = 6 * n_joints
+    vectors, amplitudes = (
+        parameters[:, start : start + 3],
+        parameters[:, start + 3 : -3],
+    )
     corrected = angles_rad.copy()
     cosine, sine = amplitudes.T
     second = angles_rad[:, 1]
@@ -104,8 +107,8 @@ def postures(geometry, n, seed):
 def test_columns_are_the_differences_of_an_independent_arm(geometry, effects):
     angles_rad = postures(geometry, 4, 1)
     values = stated_values(geometry, effects)
-    found, _ = parameter_columns(geometry, effects, Block(angles_rad))
-    assert found.shape == (4, 3, len(values))
+    derivatives, _ = parameter_columns(geometry, effects, Block(angles_rad))
+    assert derivatives.shape == (4, 3, len(values))
     start, _, _ = corrected_pose(geometry, effects, Block(angles_rad))
     here = np.tile(values, (4, 1))
     np.testing.assert_allclose(
@@ -120,7 +123,7 @@ def test_columns_are_the_differences_of_an_independent_arm(geometry, effects):
             centres_mm(geometry, effects, angles_rad, up)
             - centres_mm(geometry, effects, angles_rad, down)
         ) / (2 * step)
-        np.testing.assert_allclose(found[:, :, number], slope, atol=2e-4)
+        np.testing.assert_allclose(derivatives[:, :, number], slope, atol=2e-4)
 
 
 @pytest.mark.parametrize("samples", [1, 25])
@@ -181,12 +184,12 @@ def test_parts_add_up_and_only_noise_becomes_less_with_more_samples(geometry, ef
     n = geometry.n_joints
     fine, coarse = np.full(n, 1e-9), np.full(n, 1e-3)
     noise = PointNoise(np.full(n, 1e-5), fine, 0.0, 0.0)
-    one = point_uncertainties(geometry, effects, block, noise).covariances_mm2
+    single = point_uncertainties(geometry, effects, block, noise).covariances_mm2
     many = point_uncertainties(
         geometry, effects, block, noise, samples=100
     ).covariances_mm2
-    np.testing.assert_allclose(many, one / 100, rtol=1e-4)
-    np.testing.assert_array_equal(one, one.transpose(0, 2, 1))
+    np.testing.assert_allclose(many, single / 100, rtol=1e-4)
+    np.testing.assert_array_equal(single, single.transpose(0, 2, 1))
     steps = PointNoise(np.full(n, 1e-5), coarse, 0.0, 0.0)
     rounded = point_uncertainties(
         geometry, effects, block, steps, samples=100
@@ -231,10 +234,10 @@ class TestFile:
         path = tmp_path / "arm.cov.npz"
         digest = self.write(path, [names[i] for i in chosen], factor @ factor.T)
         for stated in (digest, f"sha256:{digest}", None):
-            found = read_arm_covariance(path, names, stated).covariance
+            covariance = read_arm_covariance(path, names, stated).covariance
             expected = np.zeros((len(names), len(names)))
             expected[np.ix_(chosen, chosen)] = factor @ factor.T
-            np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-18)
+            np.testing.assert_allclose(covariance, expected, rtol=1e-6, atol=1e-18)
 
     @pytest.mark.parametrize(
         ("spoil", "reason"),

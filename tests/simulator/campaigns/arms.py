@@ -33,7 +33,7 @@ def ball_centres_mm(arm: Arm, readings_rad: np.ndarray) -> np.ndarray:
     """x = x0 + sum P_k r_k, P_k = R_1 ... R_k: vectors only, one pose at a time."""
     centres = []
     for readings in readings_rad:
-        at = np.array(arm.origin_mm)
+        place_mm = np.array(arm.origin_mm)
         turned = Rotation.identity()
         for joint, reading in zip(arm.joints, readings, strict=True):
             axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
@@ -42,6 +42,6 @@ def ball_centres_mm(arm: Arm, readings_rad: np.ndarray) -> np.ndarray:
                 if other.name == joint.coupled_to:
                     turn += joint.ratio * (shown - other.zero_rad)
             turned *= Rotation.from_rotvec(turn * axis)
-            at = at + turned.apply(joint.link_mm)
-        centres.append(at + turned.apply(arm.probe.vector_mm))
+            place_mm = place_mm + turned.apply(joint.link_mm)
+        centres.append(place_mm + turned.apply(arm.probe.vector_mm))
     return np.array(centres)

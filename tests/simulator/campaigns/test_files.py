@@ -142,7 +142,7 @@ def test_artefacts_have_the_contract_s_keys(written):
     by_id = {entry["id"]: entry for entry in table["artefacts"]}
     assert by_id["bar"]["radius_mm"] == 12.7
     assert by_id["uneven"]["radius_mm"] == [12.7, 10.0]
-    assert [one["between"] for one in by_id["seats"]["distances"]] == [
+    assert [distance["between"] for distance in by_id["seats"]["distances"]] == [
         ["1", "2"],
         ["1", "3"],
     ]
@@ -158,8 +158,8 @@ def test_many_points_get_a_file_of_their_own(tmp_path):
     with (tmp_path / "grid.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == ["feature", "x_mm", "y_mm", "z_mm"]
-    found = {r["feature"]: [float(r[f"{a}_mm"]) for a in "xyz"] for r in rows}
-    assert found == simulated.campaign.artefacts[0].table["points_mm"]
+    by_feature = {r["feature"]: [float(r[f"{a}_mm"]) for a in "xyz"] for r in rows}
+    assert by_feature == simulated.campaign.artefacts[0].table["points_mm"]
 
 
 def test_columns_that_are_not_requested_are_not_written(tmp_path):

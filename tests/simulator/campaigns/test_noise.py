@@ -135,8 +135,8 @@ def test_serial_noise_is_correlated_as_configured(poses):
     errors = errors / noise.encoder_rad
     assert np.mean(errors**2) == pytest.approx(1.0, abs=0.02)
     for lag in (1, 2, 5):
-        found = np.mean(errors[:, lag:] * errors[:, :-lag])
-        assert found == pytest.approx(0.5 * 0.9**lag, abs=0.02)
+        correlation = np.mean(errors[:, lag:] * errors[:, :-lag])
+        assert correlation == pytest.approx(0.5 * 0.9**lag, abs=0.02)
 
 
 def test_blunders_spoil_the_share_that_was_requested_and_nothing_else(poses):

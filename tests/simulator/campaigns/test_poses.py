@@ -51,8 +51,8 @@ def true_centres_mm(poses: PoseSet) -> np.ndarray:
     return ball_centres_mm(true_arm_file(poses.arm, poses.truth), readings_rad)
 
 
-def assert_equal_mm(found, expected):
-    np.testing.assert_allclose(found, expected, atol=1e-9, rtol=0)
+def assert_equal_mm(actual, expected):
+    np.testing.assert_allclose(actual, expected, atol=1e-9, rtol=0)
 
 
 def test_a_cone_holds_the_ball_in_one_point():
@@ -178,13 +178,13 @@ def test_a_warm_standard_is_longer_by_its_expansion():
     )
     poses = touched(bar, conditions=ConditionTable(temperature_c=30.0))
     centres_mm = true_centres_mm(poses)
-    found = []
+    centres = []
     for feature in (0, 1):
         at_mm = centres_mm[poses.feature_index == feature]
         # |x|^2 = 2 x.c + (R^2 - |c|^2) is linear in the centre c.
         design = np.column_stack([2.0 * at_mm, np.ones(len(at_mm))])
-        found.append(np.linalg.lstsq(design, np.sum(at_mm**2, axis=1))[0][:3])
-    distance_mm = np.linalg.norm(found[1] - found[0])
+        centres.append(np.linalg.lstsq(design, np.sum(at_mm**2, axis=1))[0][:3])
+    distance_mm = np.linalg.norm(centres[1] - centres[0])
     np.testing.assert_allclose(distance_mm, 300.0 * (1 + 12e-6 * 10.0), atol=1e-7)
 
 
@@ -364,8 +364,8 @@ def test_latency_and_play_are_in_the_readings(plain):
     ]
     effects = tuple(effect_from_table(table) for table in tables)
     arm = seven_joint_arm().model_copy(update={"effects": effects})
-    found = simulate_scan(arm, spec_file(), 3)
-    errors = found.readings_rad - plain.readings_rad
+    scan = simulate_scan(arm, spec_file(), 3)
+    errors = scan.readings_rad - plain.readings_rad
     speeds = np.gradient(plain.readings_rad, plain.around.time_s, axis=0)
     assert np.allclose(errors[:, 1], -1e-3 * speeds[:, 1], atol=1e-9)
     moving = np.abs(speeds[:, 3]) > 1e-3
@@ -381,24 +381,30 @@ def test_noise_is_correlated_as_asked():
     errors = noisy.readings_rad - still.readings_rad
     assert np.std(errors) == pytest.approx(1e-4, rel=0.1)
     for lag in (1, 3):
-        found = np.mean(errors[lag:] * errors[:-lag]) / np.mean(errors**2)
-        assert found == pytest.approx(0.5 * 0.8**lag, abs=0.08)
+        correlation = np.mean(errors[lag:] * errors[:-lag]) / np.mean(errors**2)
+        assert correlation == pytest.approx(0.5 * 0.8**lag, abs=0.08)
 
 
 def test_the_file_holds_the_counts(plain, tmp_path):
     write_scan(tmp_path, plain, 3)
-    found = read_recording(tmp_path / "scan.mcap")
-    assert np.array_equal(found.samples.counts, plain.counts)
+    recording = read_recording(tmp_path / "scan.mcap")
+    assert np.array_equal(recording.samples.counts, plain.counts)
     for joint, part in enumerate(plain.arm.joints):
         step_rad = part.encoder.sign * 2.0 * np.pi / part.encoder.counts_per_turn
         off_rad = (
-            plain.readings_rad[:, joint] - step_rad * found.samples.counts[:, joint]
+            plain.readings_rad[:, joint] - step_rad * recording.samples.counts[:, joint]
         )
         turns = off_rad / (2.0 * np.pi)
         assert np.max(np.abs(turns - np.round(turns))) * 2.0 * np.pi < abs(step_rad)
-    assert [t.artefact for t in found.touching] == ["seat", None, "ball", None, "ball"]
-    assert np.all(found.samples.received_ns > found.samples.sample_time_ns)
-    assert (found.campaign_text or "").count("[[artefacts]]") == 2
+    assert [t.artefact for t in recording.touching] == [
+        "seat",
+        None,
+        "ball",
+        None,
+        "ball",
+    ]
+    assert np.all(recording.samples.received_ns > recording.samples.sample_time_ns)
+    assert (recording.campaign_text or "").count("[[artefacts]]") == 2
 
 
 def test_the_command_makes_a_folder(tmp_path, capsys):

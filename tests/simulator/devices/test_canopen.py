@@ -64,8 +64,8 @@ def bench(tmp_path):
         return made[-1]
 
     yield make
-    for one in made:
-        one.close()
+    for opened in made:
+        opened.close()
 
 
 PORTABLE = [  # what a host writes to have the position at every SYNC
@@ -79,21 +79,23 @@ PORTABLE = [  # what a host writes to have the position at every SYNC
 
 
 def started(bench, *faults, **keys):
-    one = bench(*faults, **keys)
+    nodes = bench(*faults, **keys)
     for request in PORTABLE:
-        (answer,) = one.tell(0x605, request)
+        (answer,) = nodes.tell(0x605, request)
         assert answer == "585 60 " + request[3:11] + " 00 00 00 00"
-    one.tell(0x000, "01 05")
-    return one
+    nodes.tell(0x000, "01 05")
+    return nodes
 
 
 def test_they_boot_answer_and_count_at_syncs(bench):
-    one = started(bench)
-    assert one.tell(0x605, "40 00 10 00 00 00 00 00") == ["585 43 00 10 00 96 01 01 00"]
-    one.now_s = 2.5
-    first = one.tell(0x080)
+    nodes = started(bench)
+    assert nodes.tell(0x605, "40 00 10 00 00 00 00 00") == [
+        "585 43 00 10 00 96 01 01 00"
+    ]
+    nodes.now_s = 2.5
+    first = nodes.tell(0x080)
     assert first == ["185 C4 09 00 00"]  # 2500; the other was not started
-    assert one.mounting.notes.readings == [("can", 0, 2.5, 2500, 0)]
+    assert nodes.mounting.notes.readings == [("can", 0, 2.5, 2500, 0)]
 
 
 def test_boot_up_is_said_at_power_up(tmp_path):
@@ -113,70 +115,84 @@ def test_boot_up_is_said_at_power_up(tmp_path):
 
 
 def test_refusals_have_their_codes(bench):
-    one = bench()
+    nodes = bench()
     # read only; no such object; no such sub-index; wrong length
-    assert one.tell(0x605, "23 04 60 00 01 00 00 00") == ["585 80 04 60 00 02 00 01 06"]
-    assert one.tell(0x605, "40 99 60 00 00 00 00 00") == ["585 80 99 60 00 00 00 02 06"]
-    assert one.tell(0x605, "40 18 10 09 00 00 00 00") == ["585 80 18 10 09 11 00 09 06"]
-    assert one.tell(0x605, "2F 17 10 00 64 00 00 00") == ["585 80 17 10 00 10 00 07 06"]
+    assert nodes.tell(0x605, "23 04 60 00 01 00 00 00") == [
+        "585 80 04 60 00 02 00 01 06"
+    ]
+    assert nodes.tell(0x605, "40 99 60 00 00 00 00 00") == [
+        "585 80 99 60 00 00 00 02 06"
+    ]
+    assert nodes.tell(0x605, "40 18 10 09 00 00 00 00") == [
+        "585 80 18 10 09 11 00 09 06"
+    ]
+    assert nodes.tell(0x605, "2F 17 10 00 64 00 00 00") == [
+        "585 80 17 10 00 10 00 07 06"
+    ]
 
 
 def test_network_management_and_heartbeat(bench):
-    one = bench()
-    one.tell(0x605, "2B 17 10 00 64 00 00 00")  # 100 ms
-    assert one.at(0.09) == []
-    assert one.at(0.11) == ["705 7F"]
-    one.tell(0x000, "01 05")
-    assert one.at(0.21) == ["705 05"]
-    one.tell(0x000, "02 00")
-    assert one.at(0.31) == ["705 04"]
-    assert one.tell(0x605, "40 00 10 00 00 00 00 00") == []  # stopped: NMT only
-    assert one.tell(0x000, "81 05") == ["705 00"]
-    assert one.at(1.0) == []  # its heartbeat time was not stored
+    nodes = bench()
+    nodes.tell(0x605, "2B 17 10 00 64 00 00 00")  # 100 ms
+    assert nodes.at(0.09) == []
+    assert nodes.at(0.11) == ["705 7F"]
+    nodes.tell(0x000, "01 05")
+    assert nodes.at(0.21) == ["705 05"]
+    nodes.tell(0x000, "02 00")
+    assert nodes.at(0.31) == ["705 04"]
+    assert nodes.tell(0x605, "40 00 10 00 00 00 00 00") == []  # stopped: NMT only
+    assert nodes.tell(0x000, "81 05") == ["705 00"]
+    assert nodes.at(1.0) == []  # its heartbeat time was not stored
 
 
 def test_what_is_stored_outlives_a_reset(bench):
-    one = bench()
-    one.tell(0x605, "2B 17 10 00 64 00 00 00")
-    assert one.tell(0x605, "23 10 10 01 73 61 76 65") == ["585 60 10 10 01 00 00 00 00"]
-    one.tell(0x000, "81 05")
-    assert one.tell(0x605, "40 17 10 00 00 00 00 00") == ["585 4B 17 10 00 64 00 00 00"]
-    refused = one.tell(0x605, "23 10 10 01 00 00 00 00")
+    nodes = bench()
+    nodes.tell(0x605, "2B 17 10 00 64 00 00 00")
+    assert nodes.tell(0x605, "23 10 10 01 73 61 76 65") == [
+        "585 60 10 10 01 00 00 00 00"
+    ]
+    nodes.tell(0x000, "81 05")
+    assert nodes.tell(0x605, "40 17 10 00 00 00 00 00") == [
+        "585 4B 17 10 00 64 00 00 00"
+    ]
+    refused = nodes.tell(0x605, "23 10 10 01 00 00 00 00")
     assert refused == ["585 80 10 10 01 30 00 09 06"]
 
 
 def test_a_preset_makes_the_position_what_it_says(bench):
-    one = bench()
-    one.tell(0x605, "23 03 60 00 40 02 00 00")
-    assert one.tell(0x605, "40 04 60 00 00 00 00 00") == ["585 43 04 60 00 40 02 00 00"]
+    nodes = bench()
+    nodes.tell(0x605, "23 03 60 00 40 02 00 00")
+    assert nodes.tell(0x605, "40 04 60 00 00 00 00 00") == [
+        "585 43 04 60 00 40 02 00 00"
+    ]
 
 
 def test_the_event_timer_sends_by_itself(bench):
-    one = bench()
-    one.tell(0x605, "2B 00 62 00 0A 00 00 00")  # 10 ms; type 254 as delivered
-    one.tell(0x000, "01 05")
-    assert one.device.next_due_s(0.0) <= 0.01
-    n = sum(len(one.at(0.005 * k)) for k in range(1, 21))
+    nodes = bench()
+    nodes.tell(0x605, "2B 00 62 00 0A 00 00 00")  # 10 ms; type 254 as delivered
+    nodes.tell(0x000, "01 05")
+    assert nodes.device.next_due_s(0.0) <= 0.01
+    n = sum(len(nodes.at(0.005 * k)) for k in range(1, 21))
     assert n == 10
 
 
 def test_layer_setting_in_bytes(bench):
-    one = bench()
-    assert one.tell(0x7E5, "5E 00 00 00 00 00 00 00") == []
+    nodes = bench()
+    assert nodes.tell(0x7E5, "5E 00 00 00 00 00 00 00") == []
     # selected by vendor, product, revision and serial number of the second
-    one.tell(0x7E5, "40 53 00 00 00 00 00 00")
-    one.tell(0x7E5, "41 01 00 96 01 00 00 00")
-    one.tell(0x7E5, "42 00 00 01 00 00 00 00")
-    assert one.tell(0x7E5, "43 E9 03 00 00 00 00 00") == ["7E4 44" + " 00" * 7]
-    assert one.tell(0x7E5, "5E" + " 00" * 7) == ["7E4 5E 09" + " 00" * 6]
-    assert one.tell(0x7E5, "5D" + " 00" * 7) == ["7E4 5D E9 03 00 00 00 00 00"]
-    assert one.tell(0x7E5, "11 14" + " 00" * 6) == ["7E4 11" + " 00" * 7]
-    assert one.tell(0x7E5, "11 80" + " 00" * 6) == ["7E4 11 01" + " 00" * 6]
-    assert one.tell(0x7E5, "13 00 03" + " 00" * 5) == ["7E4 13" + " 00" * 7]
-    assert one.tell(0x7E5, "13 00 05" + " 00" * 5) == ["7E4 13 01" + " 00" * 6]
-    assert one.tell(0x7E5, "17" + " 00" * 7) == ["7E4 17" + " 00" * 7]
-    one.tell(0x7E5, "04 00" + " 00" * 6)
-    assert one.tell(0x7E5, "5E" + " 00" * 7) == []
+    nodes.tell(0x7E5, "40 53 00 00 00 00 00 00")
+    nodes.tell(0x7E5, "41 01 00 96 01 00 00 00")
+    nodes.tell(0x7E5, "42 00 00 01 00 00 00 00")
+    assert nodes.tell(0x7E5, "43 E9 03 00 00 00 00 00") == ["7E4 44" + " 00" * 7]
+    assert nodes.tell(0x7E5, "5E" + " 00" * 7) == ["7E4 5E 09" + " 00" * 6]
+    assert nodes.tell(0x7E5, "5D" + " 00" * 7) == ["7E4 5D E9 03 00 00 00 00 00"]
+    assert nodes.tell(0x7E5, "11 14" + " 00" * 6) == ["7E4 11" + " 00" * 7]
+    assert nodes.tell(0x7E5, "11 80" + " 00" * 6) == ["7E4 11 01" + " 00" * 6]
+    assert nodes.tell(0x7E5, "13 00 03" + " 00" * 5) == ["7E4 13" + " 00" * 7]
+    assert nodes.tell(0x7E5, "13 00 05" + " 00" * 5) == ["7E4 13 01" + " 00" * 6]
+    assert nodes.tell(0x7E5, "17" + " 00" * 7) == ["7E4 17" + " 00" * 7]
+    nodes.tell(0x7E5, "04 00" + " 00" * 6)
+    assert nodes.tell(0x7E5, "5E" + " 00" * 7) == []
 
 
 def fault(kind, **keys):
@@ -184,62 +200,70 @@ def fault(kind, **keys):
 
 
 def test_an_emergency_begins_and_ends_with_its_alarm(bench):
-    one = started(bench, fault("emcy", channel=0))
-    one.tell(0x080)
-    assert one.at(0.9) == []
-    assert one.at(1.1) == ["085 00 10 01 01 00 00 00 00"]
-    assert one.tell(0x605, "40 03 65 00 00 00 00 00") == ["585 4B 03 65 00 01 00 00 00"]
-    assert one.at(2.1) == ["085" + " 00" * 8]
-    assert one.tell(0x605, "40 03 65 00 00 00 00 00") == ["585 4B 03 65 00 00 00 00 00"]
+    nodes = started(bench, fault("emcy", channel=0))
+    nodes.tell(0x080)
+    assert nodes.at(0.9) == []
+    assert nodes.at(1.1) == ["085 00 10 01 01 00 00 00 00"]
+    assert nodes.tell(0x605, "40 03 65 00 00 00 00 00") == [
+        "585 4B 03 65 00 01 00 00 00"
+    ]
+    assert nodes.at(2.1) == ["085" + " 00" * 8]
+    assert nodes.tell(0x605, "40 03 65 00 00 00 00 00") == [
+        "585 4B 03 65 00 00 00 00 00"
+    ]
 
 
 def test_a_reset_forgets_and_boots(bench):
-    one = started(bench, fault("reset", channel=0))
-    one.tell(0x080)
-    one.at(1.1)
-    assert one.tell(0x080) == []
-    assert one.at(2.1) == ["705 00"]
-    assert one.tell(0x605, "40 00 18 02 00 00 00 00") == ["585 4F 00 18 02 FE 00 00 00"]
+    nodes = started(bench, fault("reset", channel=0))
+    nodes.tell(0x080)
+    nodes.at(1.1)
+    assert nodes.tell(0x080) == []
+    assert nodes.at(2.1) == ["705 00"]
+    assert nodes.tell(0x605, "40 00 18 02 00 00 00 00") == [
+        "585 4F 00 18 02 FE 00 00 00"
+    ]
 
 
 def test_silence_duplicates_and_delays(bench):
-    one = started(
+    nodes = started(
         bench,
         fault("silent", channel=0),
         fault("duplicate", channel=0, at_s=3.0),
         fault("late", channel=0, at_s=5.0, probability=1.0, delay_s=0.01),
     )
-    assert len(one.tell(0x080)) == 1
-    one.now_s = 1.5
-    assert one.tell(0x080) == []
-    one.now_s = 3.5
-    first, second = one.tell(0x080)
+    assert len(nodes.tell(0x080)) == 1
+    nodes.now_s = 1.5
+    assert nodes.tell(0x080) == []
+    nodes.now_s = 3.5
+    first, second = nodes.tell(0x080)
     assert first == second
-    one.now_s = 5.5
-    assert one.tell(0x080) == []
-    assert len(one.at(5.511)) == 1
+    nodes.now_s = 5.5
+    assert nodes.tell(0x080) == []
+    assert len(nodes.at(5.511)) == 1
 
 
 def test_a_bus_that_is_off_says_so_and_is_silent(bench):
-    one = started(bench, fault("bus_off"))
-    one.tell(0x080)
-    assert one.at(1.1)[0].startswith("040 ")
-    assert one.tell(0x605, "40 00 10 00 00 00 00 00") == []
-    assert one.at(2.1)[0].startswith("100 ")
-    assert len(one.tell(0x605, "40 00 10 00 00 00 00 00")) == 1
+    nodes = started(bench, fault("bus_off"))
+    nodes.tell(0x080)
+    assert nodes.at(1.1)[0].startswith("040 ")
+    assert nodes.tell(0x605, "40 00 10 00 00 00 00 00") == []
+    assert nodes.at(2.1)[0].startswith("100 ")
+    assert len(nodes.tell(0x605, "40 00 10 00 00 00 00 00")) == 1
 
 
 def test_an_encoder_that_says_another_resolution(bench):
-    one = bench(told_counts_per_turn=(4096, 8192))
-    assert one.tell(0x605, "40 01 65 00 00 00 00 00") == ["585 43 01 65 00 00 10 00 00"]
+    nodes = bench(told_counts_per_turn=(4096, 8192))
+    assert nodes.tell(0x605, "40 01 65 00 00 00 00 00") == [
+        "585 43 01 65 00 00 10 00 00"
+    ]
 
 
 def test_the_library_can_ask_them(bench):
-    one = bench()
+    nodes = bench()
 
     class Asked(canopen.Network):
         def send_message(self, can_id, data, remote=False):
-            for frame in one.tell(can_id, bytes(data).hex()):
+            for frame in nodes.tell(can_id, bytes(data).hex()):
                 answer = bytes.fromhex(frame[4:])
                 self.notify(int(frame[:3], 16), bytearray(answer), 0.0)
 

@@ -63,11 +63,11 @@ class Talk:
     def _read(frames, kinds):
         bodies = []
         for frame in frames:
-            body, at, data = bytearray(), 0, frame.data[:-1]
-            while at < len(data):
-                body += data[at + 1 : at + data[at]]
-                at += data[at]
-                body += b"\0" if at < len(data) else b""
+            body, offset, data = bytearray(), 0, frame.data[:-1]
+            while offset < len(data):
+                body += data[offset + 1 : offset + data[offset]]
+                offset += data[offset]
+                body += b"\0" if offset < len(data) else b""
             bodies.append(bytes(body[:-2]))
         return [b for b in bodies if kinds == "all" or b[0] == kinds]
 

@@ -116,12 +116,12 @@ def test_requests_are_read_in_any_chunks(on_the_wire, body):
     data = b"\0" + bytes.fromhex(on_the_wire) + b"\0"
     for size in (1, 3, len(data)):
         segments = wire.Segments()
-        found = [
+        bodies = [
             wire.body_of(segment)
-            for at in range(0, len(data), size)
-            for segment in segments.feed(data[at : at + size])
+            for start in range(0, len(data), size)
+            for segment in segments.feed(data[start : start + size])
         ]
-        assert found == [bytes.fromhex(body)]
+        assert bodies == [bytes.fromhex(body)]
 
 
 @pytest.mark.parametrize("flipped", range(8 * 7))

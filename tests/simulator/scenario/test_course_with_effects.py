@@ -196,11 +196,11 @@ def test_without_effects_readings_are_turns_and_zeros(played):
 
 
 def test_speeds_and_senses_follow_the_course():
-    there, back = np.array([1.0, 0.0]), np.array([0.5, 0.0])
+    forward, back = np.array([1.0, 0.0]), np.array([0.5, 0.0])
     pieces = [
-        move_pieces(np.zeros(2), there),
-        rest_pieces(there),
-        move_pieces(there, back),
+        move_pieces(np.zeros(2), forward),
+        rest_pieces(forward),
+        move_pieces(forward, back),
     ]
     trajectory = Trajectory(np.array([0.0, 1.0, 2.0, 4.0]), np.concatenate(pieces))
     times_s = np.linspace(0.05, 3.95, 40)

@@ -111,12 +111,12 @@ def test_a_switching_probe_closes_at_contact_while_it_moves(stage):
     assert len(closed) == 12
     times_s = np.array([e.time_s for e in closed])
     middle = np.array([500.0, 100.0, 50.0])
-    at, later = (
+    at_contact_mm, later = (
         np.linalg.norm(centres_at(arm, script, times_s + t) - middle, axis=1)
         for t in (0.0, 1e-3)
     )
-    np.testing.assert_allclose(at, 53.8, atol=1e-9, rtol=0)
-    np.testing.assert_allclose((at - later) / 1e-3, 10.0, atol=0.05)
+    np.testing.assert_allclose(at_contact_mm, 53.8, atol=1e-9, rtol=0)
+    np.testing.assert_allclose((at_contact_mm - later) / 1e-3, 10.0, atol=0.05)
 
 
 def test_a_switching_probe_opens_at_contact_on_the_way_back(stage):

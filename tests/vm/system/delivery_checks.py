@@ -147,5 +147,5 @@ class Delivery:
 
 def _waiting() -> int:
     """Points that the broker does not have, by the unit's status."""
-    found = re.search(r"(\d+) points? waits?", unit.shown("StatusText"))
-    return int(found[1]) if found else 0
+    match = re.search(r"(\d+) points? waits?", unit.shown("StatusText"))
+    return int(match[1]) if match else 0

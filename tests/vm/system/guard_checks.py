@@ -12,9 +12,9 @@ MOST_EXPOSURE = 2.0
 
 def be_nobody() -> str:
     """No process of the unit is root's or has a capability."""
-    found = [unit.status_of(process) for process in unit.processes()]
-    assert found, "no process"
-    for status in found:
+    users = [unit.status_of(process) for process in unit.processes()]
+    assert users, "no process"
+    for status in users:
         assert set(status["Uid"].split()) != {"0"}, status["Name"]
         assert "0" not in status["Uid"].split(), status["Name"]
         sets = {status[name] for name in ("CapPrm", "CapEff", "CapBnd", "CapAmb")}
@@ -22,7 +22,7 @@ def be_nobody() -> str:
         assert status["NoNewPrivs"] == "1"
         assert status["Seccomp"] == "2"
     user = unit.run("ps", "-o", "user=", "-p", str(unit.main_pid()))
-    return f"{len(found)} process of {user}, no capability, seccomp"
+    return f"{len(users)} process of {user}, no capability, seccomp"
 
 
 def be_shut(name: str = unit.NAME) -> str:
@@ -73,13 +73,13 @@ def keep_secret() -> str:
     for name in ("cmdline", "environ"):
         assert password.encode() not in (process / name).read_bytes(), name
     assert password not in unit.journal(), "journal"
-    found = subprocess.run(
+    matches = subprocess.run(
         ["grep", "-rl", password, "/var/lib/traverse", "/run/systemd/journal"],
         capture_output=True,
         text=True,
         check=False,
     )
-    assert not found.stdout, found.stdout
+    assert not matches.stdout, matches.stdout
     return "not in journal, command line, environment, state; handed over by systemd"
 
 

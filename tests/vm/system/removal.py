@@ -60,8 +60,8 @@ def purge() -> str:
     gone = sorted(p for p in before - after if not p.startswith(OTHERS))
     assert not gone, f"{len(gone)} files are gone, such as {gone[:5]}"
     for kind in ("passwd", "group"):
-        found = subprocess.run(["getent", kind, "traverse"], check=False)
-        assert found.returncode == 2, f"{kind} has traverse"
+        answer = subprocess.run(["getent", kind, "traverse"], check=False)
+        assert answer.returncode == 2, f"{kind} has traverse"
     units = done("systemctl", "list-units", "--all", "--no-legend", "traverse*")
     assert not units.strip(), units
     return f"of {len(before)} files none more and none less; no user, no unit"

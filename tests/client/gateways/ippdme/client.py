@@ -61,8 +61,8 @@ class IppClient:
 
     async def ask(self, method: str, *, fast: bool = False) -> list[str]:
         """Send a command and wait for its end; its data and errors."""
-        tag, found = self.send(method, fast=fast), []
+        tag, lines = self.send(method, fast=fast), []
         while (line := await self.until(tag)) != f"{tag} %":
             if line != f"{tag} &":
-                found.append(line.split(" ", 2)[2])
-        return found
+                lines.append(line.split(" ", 2)[2])
+        return lines

@@ -95,17 +95,19 @@ def test_what_is_written_is_read_back(
     name: str, args: list[str | float | Word], space: str
 ) -> None:
     shown = [
-        one.name if isinstance(one, Word) else property_text("", one)[1:-1]
-        for one in args
+        argument.name
+        if isinstance(argument, Word)
+        else property_text("", argument)[1:-1]
+        for argument in args
     ]
     line = f"00001 {name}{space}({space}{f'{space},{space}'.join(shown)}{space})"
-    found = parse(line.encode() + b"\r\n")
-    assert found.name == name
-    for one, back in zip(args, found.args, strict=True):
-        if isinstance(one, float):
-            assert back == pytest.approx(one, rel=1e-8, abs=1e-6)
+    command = parse(line.encode() + b"\r\n")
+    assert command.name == name
+    for argument, back in zip(args, command.args, strict=True):
+        if isinstance(argument, float):
+            assert back == pytest.approx(argument, rel=1e-8, abs=1e-6)
         else:
-            assert back == one
+            assert back == argument
 
 
 @given(NUMBERS)
