@@ -34,9 +34,9 @@ def streams(seconds: float, n_rounds: int = ROUNDS) -> Iterator[Streamed]:
                 yield stream(Path(folder), rate_hz, seconds)
 
 
-def idles(seconds: float, n_rounds: int = ROUNDS) -> Iterator[Idle]:
+def idles(seconds: float) -> Iterator[Idle]:
     """An idle daemon, whose arm rests and moves, round after round."""
-    for _ in range(n_rounds):
+    for _ in range(ROUNDS):
         for moves in (False, True):
             with tempfile.TemporaryDirectory() as folder:
                 yield idle(Path(folder), seconds, moves=moves)

@@ -12,6 +12,9 @@ from traverse.protocol.latch_board.messages import Decoder, SampleBlock
 from traverse.simulator.devices.latch_board import wire
 
 READ = 4096
+SECONDS = sized(600, 10)
+RATE_HZ = 1000
+SHARE = 0.01  # of the bytes that are changed
 
 
 def noise(n_bytes: int = sized(10_000_000, 100_000)) -> str:
@@ -33,19 +36,17 @@ def noise(n_bytes: int = sized(10_000_000, 100_000)) -> str:
     )
 
 
-def corrupted(
-    seconds: int = sized(600, 10), rate_hz: int = 1000, share: float = 0.01
-) -> str:
+def corrupted() -> str:
     """A valid stream with a share of its bytes changed: only touched frames go."""
     rng = np.random.default_rng(2)
     decoder = Decoder()
     touched = untouched_lost = invented = wrong = kept = 0
     ended_before = True
     begun_s = time.perf_counter()
-    for second in range(seconds):
-        first = second * rate_hz
-        seqs = np.arange(first, first + rate_hz, dtype=np.uint32)
-        counts = rng.integers(0, 2**23, (rate_hz, 7), dtype=np.uint32)
+    for second in range(SECONDS):
+        first = second * RATE_HZ
+        seqs = np.arange(first, first + RATE_HZ, dtype=np.uint32)
+        counts = rng.integers(0, 2**23, (RATE_HZ, 7), dtype=np.uint32)
         frames = wire.samples(
             0,
             1,
@@ -53,10 +54,10 @@ def corrupted(
             seqs=seqs,
             ticks=seqs * 1000,
             counts=counts,
-            status=np.zeros((rate_hz, 7), np.uint8),
+            status=np.zeros((RATE_HZ, 7), np.uint8),
         )
         data = np.frombuffer(b"".join(frames), np.uint8).copy()
-        hit = rng.random(len(data)) < share
+        hit = rng.random(len(data)) < SHARE
         data[hit] ^= rng.integers(1, 256, int(hit.sum()), dtype=np.uint8)
         clean = []
         place = 0
@@ -83,7 +84,7 @@ def corrupted(
         invented += len(received)
     taken_s = time.perf_counter() - begun_s
     return (
-        f"{seconds // 60} min of {rate_hz} Hz with {share:.0%} of the bytes changed: "
+        f"{SECONDS // 60} min of {RATE_HZ} Hz with {SHARE:.0%} of the bytes changed: "
         f"{touched} frames touched, {kept} read, {untouched_lost} untouched frames "
         f"lost, {wrong} read with wrong counts and {invented} invented (a CRC of 16 "
         f"bits lets one broken frame in 65536 pass), {taken_s:.0f} s"

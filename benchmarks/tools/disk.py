@@ -8,12 +8,12 @@ BAR_BYTES = 4096
 N_SYNCS = 200
 
 
-def syncs_ns(folder: Path, rate_hz: float, n: int = N_SYNCS) -> list[int]:
+def syncs_ns(folder: Path, rate_hz: float) -> list[int]:
     """Write 4 KiB and sync them, so many times a second; how long each took."""
     path, times_ns = folder / "disk-bar", []
     with path.open("wb", buffering=0) as file:
         due_s = time.monotonic()
-        for _ in range(n):
+        for _ in range(N_SYNCS):
             due_s += 1.0 / rate_hz
             time.sleep(max(0.0, due_s - time.monotonic()))
             begun_ns = time.monotonic_ns()

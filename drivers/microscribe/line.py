@@ -78,9 +78,9 @@ class MicroscribeLine:
     def __exit__(self, *raised: object) -> None:
         self.port.close()
 
-    def sign_on(self, patience_s: float = SIGN_ON_S) -> str | None:
+    def sign_on(self) -> str | None:
         """Begin a session; return the kind of interface box, None without an answer."""
-        until_ns = self._now_ns() + int(patience_s * 1e9)
+        until_ns = self._now_ns() + int(SIGN_ON_S * 1e9)
         heard = b""
         while wire.CALL not in heard:
             if self._now_ns() >= until_ns:

@@ -34,7 +34,6 @@ def acceptance_poses(
     seed: int,
     *,
     noise: NoiseTable | None = None,
-    conditions: ConditionTable | None = None,
     std_mm: float = 0.0005,
 ) -> PoseSet:
     """Place the artefacts of a standard, and touch them with the arm of the file.
@@ -57,7 +56,7 @@ def acceptance_poses(
         standings.append(standing)
         turns.append(turns_rad)
     turns_rad = np.concatenate(turns)
-    table = conditions or ConditionTable()
+    table = ConditionTable()
     around = drawn_conditions(
         table, len(turns_rad), truth.mechanism.n_joints, stream(seed, "conditions")
     )

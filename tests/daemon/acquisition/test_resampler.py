@@ -128,15 +128,15 @@ def test_stamps_that_may_be_off_count_by_the_speed(tmp_path):
     assembly.add(base().samples(range(100)), AT_ONCE)
     made = assembly.resampled()
     _, times_ns, _, _, _ = joined(made)
-    instants_counts = np.concatenate([bounds[:, :, 1] for _, bounds in made])
+    bounds_counts = np.concatenate([bounds[:, :, 1] for _, bounds in made])
     before, after = true_counts(times_ns - 100_000), true_counts(times_ns + 100_000)
     expected = np.abs(after - before)[:, 2]
-    inside = instants_counts[:, 2] > 0.0  # not where a reading fell on the very instant
-    assert instants_counts[inside, 2] == pytest.approx(
+    inside = bounds_counts[:, 2] > 0.0  # not where a reading fell on the very instant
+    assert bounds_counts[inside, 2] == pytest.approx(
         expected[inside], abs=0.02 * expected.max()
     )
     assert inside.sum() > 70
-    assert (instants_counts[:, :2] == 0).all()
+    assert (bounds_counts[:, :2] == 0).all()
 
 
 def latched(reader, time_ns):
