@@ -1,4 +1,4 @@
-"""`python -m benchmarks [FOLDER]`: what the daemon costs, and what it bears.
+"""`python -m benchmarks [FOLDER]`: cost and robustness of the daemon.
 
 Streams at two rates in turn and an idle daemon, three rounds; then noise and a
 corrupted line for the decoder. Latency, kernel and path have programs of their own, see
@@ -27,7 +27,6 @@ RATES_HZ = (1000.0, 10_000.0)
 
 
 def streams(seconds: float, n_rounds: int = ROUNDS) -> Iterator[Streamed]:
-    """Streams at all rates, round after round."""
     for _ in range(n_rounds):
         for rate_hz in RATES_HZ:
             with tempfile.TemporaryDirectory() as folder:
@@ -35,7 +34,6 @@ def streams(seconds: float, n_rounds: int = ROUNDS) -> Iterator[Streamed]:
 
 
 def idles(seconds: float) -> Iterator[Idle]:
-    """An idle daemon, whose arm rests and moves, round after round."""
     for _ in range(ROUNDS):
         for moves in (False, True):
             with tempfile.TemporaryDirectory() as folder:
@@ -43,7 +41,7 @@ def idles(seconds: float) -> Iterator[Idle]:
 
 
 def bare_start_s(statement: str) -> float:
-    """How long a bare interpreter takes for a statement, the quickest of five."""
+    """Return the shortest of five durations of a statement in a bare interpreter."""
     taken_s = []
     for _ in range(5):
         begun_s = time.monotonic()
@@ -53,14 +51,13 @@ def bare_start_s(statement: str) -> float:
 
 
 def bare_memory_mb(statement: str) -> float:
-    """The largest memory of a bare interpreter that runs a statement."""
+    """Return the largest memory of a bare interpreter that runs a statement."""
     pid = os.spawnv(os.P_NOWAIT, sys.executable, [sys.executable, "-c", statement])
     _, _, used = os.wait4(pid, 0)
     return used.ru_maxrss * 1024 / 1e6
 
 
 def main(folder: Path | None = None, seconds: float = SECONDS) -> None:
-    """Print every figure, and how busy the machine was meanwhile."""
     before, begun_s = load(), time.monotonic()
     print(before)
     rounds = []

@@ -1,8 +1,8 @@
 """`python -m benchmarks.daily_check [YEARS]`: simulated years of daily checks.
 
 Arms with errors of their own are checked each working day, the cone and the sphere in
-other postures each time. Some stay as they are: how often is a warning false? Others
-drift from day 51 on, or are knocked that day: after how many checks is it found?
+other postures each time. Arms without change show the rate of false warnings; arms that
+drift from day 51 on, or are knocked that day, show after how many checks it is found.
 """
 
 from collections.abc import Callable, Iterator
@@ -40,12 +40,12 @@ SEAT_MM = np.array([500.0, 0.0, 100.0])
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """What is wrong on a day.
+    """A fault on a day.
 
     Attributes:
-        eccentricity_rad: Of the third joint's encoder.
-        tip_mm: Added to the radius of the tip.
-        scatter: Factor on contact and encoder noise.
+        eccentricity_rad: of the third joint's encoder.
+        tip_mm: added to the radius of the tip.
+        scatter: factor on contact and encoder noise.
     """
 
     eccentricity_rad: float = 0.0
@@ -78,8 +78,8 @@ SCENARIOS: dict[str, Callable[[int], Fault]] = {
 class CheckedArm:
     """An arm with errors of its own, and postures in which it reaches the cone.
 
-    What is measured of a place is the place, and what the errors of the readings do to
-    it in the posture of the touch.
+    A measured place is the place plus the errors of the readings in the posture of the
+    touch.
     """
 
     def __init__(self, seed: int) -> None:
@@ -98,7 +98,6 @@ class CheckedArm:
         }
 
     def check(self, fault: Fault) -> DailyCheckFigures:
-        """Touch both, on a day with a fault."""
         ways = self._ways()
         outwards = (RADIUS_MM + TIP_MM + fault.tip_mm) * ways
         places = np.vstack([np.tile(SEAT_MM, (10, 1)), SEAT_MM + outwards])
@@ -151,11 +150,11 @@ class Year:
     spat_2s_mm: tuple[float, float]
 
     def warned(self) -> list[int]:
-        """Checks with any alarm."""
+        """Return checks with any alarm."""
         return sorted({day for days in self.alarms.values() for day in days})
 
     def beginnings(self) -> int:
-        """Warnings that people meet with: the check before raised none."""
+        """Return the number of warnings whose preceding check raised none."""
         return _beginnings(self.warned())
 
 
@@ -191,7 +190,7 @@ def lines(years: int) -> Iterator[str]:
 
 
 def _false(years: list[Year]) -> Iterator[str]:
-    """False alarms: checks with any, and by rule beside what was computed."""
+    """Yield false alarms: checks with any, and by rule beside the computed rate."""
     yield f"  {np.mean([a_year.beginnings() for a_year in years]):.2f} warnings a year"
     for kind in KINDS:
         for rule in rules("above" if kind.positive else "both"):
@@ -205,7 +204,7 @@ def _false(years: list[Year]) -> Iterator[str]:
 
 
 def _found(years: list[Year]) -> Iterator[str]:
-    """After how many checks a fault is found, and by what."""
+    """Yield after how many checks a fault is found, and by which figure."""
     after = [
         next((day - BEGINS + 1 for day in a_year.warned() if day >= BEGINS), CHECKS)
         for a_year in years
@@ -219,7 +218,6 @@ def _found(years: list[Year]) -> Iterator[str]:
 
 
 def main(years: int = YEARS) -> None:
-    """Print all."""
     for line in lines(years):
         print(line, flush=True)
 

@@ -29,7 +29,7 @@ ARITHMETIC = {
 
 
 def counted(name: str, folder: Path) -> tuple[Counter[str], str, int]:
-    """Instructions a pose by kind, the sums that were printed, and vectorised loops."""
+    """Return instructions a pose by kind, the printed sums, and vectorised loops."""
     prefix, emulator = TARGETS[name]
     made = folder / f"rows-{name}"
     sources = (str(KERNEL / "variants.c"), str(ROOT / "benchmarks/tools/kernel_rows.c"))
@@ -81,7 +81,6 @@ def kind(target: str, text: str) -> str:
 
 
 def main() -> int:
-    """Print the counts; status 1 where the bits differ."""
     with tempfile.TemporaryDirectory() as folder:
         by_target = {name: counted(name, Path(folder)) for name in TARGETS}
     for name, (counts, _, n_loops) in by_target.items():

@@ -48,7 +48,6 @@ def arm(n_joints: int = 7) -> Geometry:
 
 
 def single(geometry: Geometry, angles_rad: Floats, peers: list[Peer]) -> list[Task]:
-    """One pose, from Python."""
     one_rad = angles_rad[0].tolist()
     turns_rad = angles_rad[0] - geometry.zeros_rad
     tasks = [
@@ -68,7 +67,6 @@ def single(geometry: Geometry, angles_rad: Floats, peers: list[Peer]) -> list[Ta
 
 
 def batch(geometry: Geometry, angles_rad: Floats, peers: list[Peer]) -> list[Task]:
-    """Many poses."""
     n = len(angles_rad)
     centres_mm, directions = np.empty((n, 3)), np.empty((n, 3))
     turns_rad = angles_rad - geometry.zeros_rad
@@ -136,7 +134,7 @@ class Differences:
 
 
 def _changed(geometry: Geometry) -> Iterator[Geometry]:
-    """The arm with every component of an axis and then of a link a little larger."""
+    """Yield the arm with each component of an axis or link a little larger."""
     fields = {name: getattr(geometry, name) for name in Geometry.__dataclass_fields__}
     for name in ("axes", "links_mm"):
         for place in np.ndindex(geometry.n_joints, 3):
@@ -150,7 +148,7 @@ def _changed(geometry: Geometry) -> Iterator[Geometry]:
 def tables(
     n_samples: int = N_SAMPLES, n_derived: int = N_DERIVED, rounds: int = ROUNDS
 ) -> Iterator[Table]:
-    """Compare with the peers that there are, then time everything."""
+    """Compare with the installed peers, then time everything."""
     geometry = arm()
     angles_rad = np.random.default_rng(2).uniform(-3, 3, (n_samples, 7))
     peers, missing = installed_peers(geometry)
@@ -167,7 +165,7 @@ def tables(
 
 
 def main(path: Path | None = None) -> None:
-    """Print the tables, and keep them in a file where one is named."""
+    """Print the tables; write them to a file if one is named."""
     if not COMPILED:
         sys.exit("the kernel in C is not built, so there is nothing to compare")
     report(tables(), path)

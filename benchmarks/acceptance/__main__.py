@@ -1,10 +1,10 @@
-"""`make prove-acceptance`: how often acceptance is wrong, with guard bands or without.
+"""`make prove-acceptance`: rates of wrong acceptance, with and without guard bands.
 
 A thousand simulated arms are tested by ISO 10360-12. The true value of each figure is
-the one that exact standards at an exactly known temperature would give with the same
-touches. The certificates and the thermometer used have errors; the
-stated uncertainty is computed as in every certificate of acceptance. All arms are near
-their limit: it is drawn within three standard uncertainties of the true figure.
+that of exact standards at an exactly known temperature, with the same touches.
+Certificates and thermometer have errors; the stated uncertainty is that of every
+certificate of acceptance. Limits are drawn within three standard uncertainties of the
+true figure, so that all arms are near them.
 """
 
 import argparse
@@ -34,7 +34,6 @@ MOST_FALSE = 0.05
 
 
 def series(_asked: argparse.Namespace) -> list[Series[Any]]:
-    """Make the trials: of many arms, and of one and the same."""
     return [
         Series(ARMS, drawn_arm, tested, N_ARMS, BATCH, first=1),
         Series(AGAIN, drawn_again, tested_again, N_AGAIN, BATCH, first=10_000),

@@ -1,4 +1,4 @@
-"""Simulated arms that are tested by ISO 10360-12, and what is true of them."""
+"""Simulated arms that are tested by ISO 10360-12, and their true figures."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -146,7 +146,7 @@ def _procedure(
     rule: str,
     limit_mm: dict[str, float],
 ) -> Verdict:
-    """Decide on E_UNI, with ten repeats of single errors outside if they may cure."""
+    """Decide on E_UNI, with ten repeats of outliers if the rule allows them."""
     limits = limits_of(rule, e_uni_mm=limit_mm["e_uni"])
     verdict, lengths = _e_uni(measured, limits)
     bad = {
@@ -191,7 +191,7 @@ _PREPARED: list[tuple[Arm, PoseSet, tuple[StatedArtefact, ...]]] = []
 
 
 def _prepared() -> tuple[Arm, PoseSet, tuple[StatedArtefact, ...]]:
-    """Find places and postures once a process."""
+    """Find places and postures once per process."""
     if not _PREPARED:
         arm = read_arm(ARM)
         poses = acceptance_poses(arm, STANDARD, 1, noise=NOISE, std_mm=STD_MM)

@@ -1,4 +1,4 @@
-"""The pictures of docs/acceptance.md, of what `benchmarks.acceptance` found."""
+"""The pictures of docs/acceptance.md, from results of `benchmarks.acceptance`."""
 
 import tempfile
 from collections.abc import Sequence
@@ -44,7 +44,6 @@ _LABELS = {"p_size": "P_SIZE", "e_uni": "E_UNI"}
 
 
 def paint(tested: Sequence[arms.Tested], folder: Path) -> None:
-    """Write acceptance-truth.png and acceptance-decisions.png."""
     folder.mkdir(parents=True, exist_ok=True)
     truth = picture(165.0, 75.0, lambda figure: _truth(tested, figure))
     (folder / "acceptance-truth.png").write_bytes(truth)
@@ -55,7 +54,6 @@ def paint(tested: Sequence[arms.Tested], folder: Path) -> None:
 
 
 def example() -> dict[str, Any]:
-    """The certificate of the worked example."""
     with tempfile.TemporaryDirectory() as name:
         folder, arm = Path(name), read_arm(arms.ARM)
         poses = acceptance_poses(arm, arms.STANDARD, seed=1)

@@ -1,4 +1,4 @@
-"""How often decisions on the simulated arms are wrong, and figures are off."""
+"""Rates of wrong decisions on the simulated arms, and errors of figures."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -36,7 +36,7 @@ def rates(tested: Sequence[Tested], key: str) -> Iterator[dict[str, Any]]:
 
 
 def procedure_rates(tested: Sequence[Tested]) -> Iterator[dict[str, Any]]:
-    """Count the same of E_UNI with the rule for repeats."""
+    """Count wrong decisions on E_UNI with the rule for repeats."""
     for rule in RULES:
         verdict = np.array([arm.procedure[rule] for arm in tested])
         row = _rates(tested, "e_uni", rule, verdict)

@@ -30,7 +30,6 @@ _WEAK = ("two points", "one point", "on a line", "on a line within the errors")
 
 
 def series(_asked: argparse.Namespace) -> list[Series[Any]]:
-    """Make the trials: one kind."""
     return [Series(DISPOSITIONS, drawn_measurement, run, N_DISPOSITIONS, BATCH)]
 
 
@@ -46,7 +45,6 @@ def judge(lines: Sequence[Line]) -> Verdict:
 
 
 def _outcomes(lines: Sequence[Line]) -> list[Outcome]:
-    """Read outcomes; JSON has no NaN."""
     values: list[dict[str, Any]] = [
         {key: float("nan") if value is None else value for key, value in each.items()}
         for each in outcomes(lines, DISPOSITIONS)
@@ -55,7 +53,7 @@ def _outcomes(lines: Sequence[Line]) -> list[Outcome]:
 
 
 def ratios(outcomes_of_trials: Sequence[Outcome]) -> dict[str, dict[str, float]]:
-    """Compare observed errors with predicted ones, over classes."""
+    """Compare observed with predicted errors, by class."""
     usable = [outcome for outcome in outcomes_of_trials if not outcome.refused]
     classes = {
         "all": usable,
@@ -74,7 +72,7 @@ def _flagged(outcomes_of_trials: Sequence[Outcome], code: str) -> list[Outcome]:
 
 
 def ratio(outcomes_of_trials: Sequence[Outcome]) -> dict[str, float]:
-    """Say how observed errors are to predicted ones: root mean square of the ratio."""
+    """Return the root mean square ratio of observed to predicted errors."""
     squares = np.array(
         [
             (outcome.observed_mm / outcome.predicted_mm) ** 2

@@ -1,4 +1,4 @@
-"""Common points that determine nothing, or hardly: what is said of each kind."""
+"""Messages about common points that determine nothing, or hardly."""
 
 from collections import Counter
 from typing import Any
@@ -30,7 +30,6 @@ REFUSED = "refused"
 
 
 def degenerate(n_each: int) -> dict[str, dict[str, Any]]:
-    """Count what is said of every kind."""
     rng = np.random.default_rng(7)
     by_kind = {}
     for kind, (n, widths_mm) in KINDS.items():

@@ -39,10 +39,10 @@ class Example:
     """One of both nets.
 
     Attributes:
-        title: What to call it.
-        values: As in alignment.json.
-        residual_mm: Root mean square length of the residuals.
-        true_mm: Root mean square error in the volume over many measurements of it.
+        title: name.
+        values: as in alignment.json.
+        residual_mm: root mean square length of the residuals.
+        true_mm: root mean square error in the volume over many measurements.
     """
 
     title: str
@@ -60,7 +60,7 @@ def examples() -> tuple[Example, Example]:
 
 
 def _example(title: str, to_mm: Floats, residual_mm: float) -> Example:
-    """Scale drawn errors so that the residuals have the requested size."""
+    """Scale drawn errors to the requested size of residuals."""
     rng = np.random.default_rng(3)
     true = Helmert(drawn_rotation(rng), rng.uniform(-500.0, 500.0, 3))
     errors = rng.normal(size=to_mm.shape)

@@ -1,4 +1,4 @@
-"""Random common points, volumes and errors, and what an alignment makes of them."""
+"""Random common points, volumes and errors, and their alignment."""
 
 from dataclasses import asdict, dataclass
 
@@ -21,13 +21,13 @@ NARROWEST = 0.005  # of the length
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disposition:
-    """Where common points are, and for what.
+    """Common points and their purpose.
 
     Attributes:
-        to_mm: In the part's system, (n, 3).
-        volume: In which the alignment is used.
-        true: From the arm's system to the part's.
-        with_scale: Whether a scale is adjusted.
+        to_mm: in the part's system, (n, 3).
+        volume: of use.
+        true: from the arm's system to the part's.
+        with_scale: a scale is adjusted.
     """
 
     to_mm: Floats
@@ -41,15 +41,15 @@ class Outcome:
     """Result for one distribution of points.
 
     Attributes:
-        refused: Why, or nothing.
-        flags: Their codes.
-        predicted_mm: Root mean square error in the volume as predicted.
-        observed_mm: As it was.
-        residual_mm: Root mean square length of the residuals.
-        index: Of the disposition.
-        true_mm: Root mean square error in the volume over many drawn measurements with
+        refused: reason, or empty.
+        flags: codes.
+        predicted_mm: root mean square error in the volume as predicted.
+        observed_mm: the actual one.
+        residual_mm: root mean square length of the residuals.
+        index: of the disposition.
+        true_mm: root mean square error in the volume over many drawn measurements with
             equal errors, fitted by singular values.
-        fit_mm: Root mean square residual of one of these.
+        fit_mm: root mean square residual of one of these.
     """
 
     refused: str
@@ -78,7 +78,7 @@ def drawn_disposition(rng: np.random.Generator) -> Disposition:
 
 
 def drawn_rotation(rng: np.random.Generator) -> Floats:
-    """Draw a rotation, all alike probable."""
+    """Draw a rotation, evenly."""
     quaternion = rng.normal(size=4)
     return rotation_matrix(quaternion / np.linalg.norm(quaternion))
 
@@ -167,7 +167,7 @@ def gauss_places_mm(volume: Box) -> Floats:
 
 
 def error_in_volume(alignment: Helmert, drawn: Disposition) -> float:
-    """Compute the root mean square error of position that an alignment has."""
+    """Compute the root mean square error of position of an alignment."""
     places_mm = gauss_places_mm(drawn.volume)
     there_mm = alignment.places_mm(drawn.true.inverse().places_mm(places_mm))
     return float(np.sqrt(np.mean(np.sum((there_mm - places_mm) ** 2, axis=1))))

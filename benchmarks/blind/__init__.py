@@ -1,1 +1,1 @@
-"""The blind test: hundreds of hidden effects, and how many of them are found."""
+"""The blind test: hundreds of hidden effects, and the share that is found."""

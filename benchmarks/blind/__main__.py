@@ -1,4 +1,4 @@
-"""`make blind`: hide effects by the hundred, let diagnosis find them, score it."""
+"""`make blind`: hide effects by the hundred, diagnose, score."""
 
 import argparse
 import sys
@@ -27,7 +27,6 @@ def judge(lines: Sequence[Line]) -> Verdict:
 
 
 def _not_named(lines: Sequence[Line]) -> list[str]:
-    """Count by kind what was not found, so that it can be made again from its seed."""
     missed: Counter[str] = Counter()
     hidden: Counter[str] = Counter()
     for line in unbroken(lines):

@@ -1,6 +1,6 @@
-"""Rivals of the diagnosis: what else one might do with the same equations.
+"""Rivals of the diagnosis on the same equations.
 
-Four usual ways, each as good as it gets on the rows of a fit: the overall test, the
+Four usual ways, each at its best on the rows of a fit: the overall test, the
 correlation of raw residuals with regressors, forward selection by BIC, and sparse
 regression. All use the rows without contradicting poses.
 """
@@ -32,11 +32,11 @@ _LEAST = 0.016
 
 @dataclass(frozen=True, slots=True)
 class BaselineResult:
-    """What a rival says.
+    """Answer of a rival.
 
     Attributes:
-        detected: Something is missing.
-        names: What, the strongest first; a rival that only detects has none.
+        detected: something is missing.
+        names: the strongest first; a rival that only detects has none.
     """
 
     detected: bool
@@ -44,13 +44,13 @@ class BaselineResult:
 
 
 def overall_test(rows: ObservationEquations, _bank: Bank) -> BaselineResult:
-    """Test the sum of squares against its expectation, the noise taken as stated."""
+    """Test the sum of squares against its expectation under the stated noise."""
     tail = float(chi2.sf(rows.sum_of_squares, rows.redundancy))
     return BaselineResult(tail < _LEVEL, ())
 
 
 def raw_correlation(rows: ObservationEquations, bank: Bank) -> BaselineResult:
-    """Correlate the residuals with columns as they are, unknowns not projected out."""
+    """Correlate the residuals with columns without projecting unknowns out."""
     residuals = rows.residuals
     total = float(residuals @ residuals)
     n_rows = len(residuals)
@@ -67,7 +67,7 @@ def raw_correlation(rows: ObservationEquations, bank: Bank) -> BaselineResult:
 
 
 def forward_bic(rows: ObservationEquations, bank: Bank) -> BaselineResult:
-    """Add the candidate that lowers BIC most, as long as any does."""
+    """Add the candidate that lowers BIC most, while one does."""
     columns = rows.project(bank.columns)
     residuals = rows.residuals
     n = rows.redundancy

@@ -1,9 +1,9 @@
-"""How large an effect is for a campaign: sqrt(lambda), everything re-estimated.
+"""Size of an effect for a campaign: sqrt(lambda), everything re-estimated.
 
-The effect is played without noise, at a set of poses where the arm without it is
-fitted. What its readings change in the rows of that fit, whitened and free of what the
-unknowns absorb, has the length sqrt(lambda): the mean of the best possible test in
-standard deviations. No code of the effect itself takes part in that.
+The effect is played without noise, at poses where the arm without it is fitted. The
+change of the rows of that fit by its readings, whitened and free of absorbed parts, has
+the length sqrt(lambda): the mean of the best possible test in standard deviations. No
+code of the effect itself takes part.
 """
 
 from dataclasses import dataclass, replace
@@ -66,8 +66,7 @@ class SizeScale:
         """Scale an effect to a size in sqrt(lambda).
 
         Returns:
-            The effect, or None where the campaign does not see it at a size that
-            anybody would believe.
+            The effect, or None if the campaign does not see it at a plausible size.
         """
         factor = 1.0
         for _ in range(2):
@@ -80,9 +79,9 @@ class SizeScale:
         return hidden.scaled(factor)
 
     def names_like(self, hidden: Hidden) -> frozenset[Identity]:
-        """Find the library effects whose columns span an effect's signal.
+        """Return library effects whose columns span an effect's signal.
 
-        Measurements at poses like these cannot distinguish them.
+        Measurements at such poses cannot distinguish them.
         """
         return frozenset(
             identity for identity, part in self._explained(hidden) if part > ALIAS
@@ -131,7 +130,7 @@ def ruler(
 
 
 def noise_free_campaign(poses: PoseSet) -> Campaign:
-    """Make a campaign without noise, which states the noise that there could be."""
+    """Make a campaign without noise, which states the assumed noise."""
     stated = poses.spec.noise
     exact = campaign_from_simulation(exact_columns(poses))
     return replace(exact, encoder_rad=stated.encoder_rad, contact_mm=stated.contact_mm)

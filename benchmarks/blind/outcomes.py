@@ -72,12 +72,6 @@ FULL: Mapping[str, int] = MappingProxyType(
 
 
 def series(counts: Mapping[str, int], *, knows_masses: bool) -> list[Series[Case]]:
-    """Make the trials of every scenario.
-
-    Args:
-        counts: Number of trials of each.
-        knows_masses: Whether the arm file that is diagnosed states masses.
-    """
     run = partial(find_and_score, knows_masses=knows_masses)
     return [
         Series(name, partial(_hide, SCENARIOS[name]), run, n)
@@ -90,7 +84,7 @@ def _hide(scenario: Scenario, seed: int) -> Case:
 
 
 def find_and_score(case: Case, *, knows_masses: bool = True) -> Line:
-    """Let diagnosis find what was hidden, and score it beside the rivals."""
+    """Diagnose a case, and score it beside the rivals."""
     begun_s = time.process_time()
     diagnosis = find(case, knows_masses=knows_masses)
     # Of a core: how many others there are does not matter.
@@ -139,7 +133,7 @@ def _found(diagnosis: Diagnosis) -> Line:
 
 
 def _rivals(case: Case, diagnosis: Diagnosis) -> Line:
-    """Ask the rivals, on the poses that do not contradict the others."""
+    """Run the rivals, on the poses that do not contradict the others."""
     rows = equations_of(diagnosis.before)
     bank = library_bank(rows, case.arm)
     names = frozenset().union(*(truth.names for truth in case.truths))

@@ -1,4 +1,4 @@
-"""One round of the blind test: hide, let diagnosis find, compare."""
+"""One round of the blind test: hide, diagnose, compare."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -43,17 +43,17 @@ _HARDLY_SEEN = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """How it is hidden.
+    """How effects are hidden.
 
     Attributes:
-        name: Of the scenario.
-        n_effects: How many; 0 on clean data.
-        size: Of each, in sqrt(lambda).
-        outside: They are none that an arm file could name.
-        blunder_share: Part of the poses that are spoilt.
-        serial_share: Part of the noise that is correlated from pose to pose.
-        stated_factor: The noise that the campaign states over the true one.
-        stream: Scenarios of the same one share effects and noise, seed by seed.
+        name: of the scenario.
+        n_effects: number; 0 on clean data.
+        size: of each, in sqrt(lambda).
+        outside: no arm file can name them.
+        blunder_share: of the poses.
+        serial_share: part of the noise that is correlated from pose to pose.
+        stated_factor: stated over true noise.
+        stream: scenarios of the same one share effects and noise, seed by seed.
     """
 
     name: str
@@ -77,19 +77,19 @@ class Scenario:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """What was hidden, and what the diagnosis gets to see.
+    """Hidden effects, and the input of the diagnosis.
 
     Attributes:
-        scenario: How it was hidden.
-        seed: Of everything.
-        pose_seed: Of the poses and of the diagnosis.
-        hidden: The effects.
-        truths: The same, as the score takes them.
-        likeness: How much of each effect's signal the name of the library that is
-            most like it explains, 0 to 1.
-        arm: What the arm file says.
-        simulated: What was measured, and the truth about it.
-        campaign: What was measured, alone.
+        scenario: how it was hidden.
+        seed: of everything.
+        pose_seed: of the poses and of the diagnosis.
+        hidden: the effects.
+        truths: the same, for the score.
+        likeness: share of each effect's signal that the most similar name of the
+            library explains, 0 to 1.
+        arm: the arm file.
+        simulated: the measurements and their truth.
+        campaign: the measurements alone.
     """
 
     scenario: Scenario
@@ -146,13 +146,13 @@ def find(
     details: bool = False,
     knows_masses: bool = True,
 ) -> Diagnosis:
-    """Let diagnosis find what was hidden.
+    """Diagnose a case.
 
     Args:
-        case: Only its campaign and arm file are used.
-        progress: Called with each step that is done.
-        details: Whether to compute everything that a report contains.
-        knows_masses: Whether its arm file states them.
+        case: only its campaign and arm file are used.
+        progress: called with each step.
+        details: compute everything that a report contains.
+        knows_masses: its arm file states them.
     """
     options = DiagnosisOptions(seed=case.pose_seed, details=details)
     arm = case.arm if knows_masses else without_masses(case.arm)
@@ -163,7 +163,7 @@ def gap_of(case: Case, diagnosis: Diagnosis) -> tuple[float, float, float] | Non
     """Return the held-out mean squares before, after, and of the true effects' fit.
 
     Returns:
-        None where no arm file can hold the true effects, or nothing was hidden.
+        None if no arm file can hold the true effects, or nothing was hidden.
     """
     entries = [entry.entry for entry in case.hidden if isinstance(entry, HiddenEffect)]
     if not entries or len(entries) < len(case.hidden):
@@ -213,7 +213,7 @@ def _has_a_name(measure: SizeScale, hidden: Hidden) -> bool:
 
 
 def truth_of(measure: SizeScale, hidden: Hidden) -> TrueTerm:
-    """Say what was hidden as the score takes it."""
+    """Convert a hidden effect for the score."""
     keys = hidden.keys
     return TrueTerm(
         identity=(

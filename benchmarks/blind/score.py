@@ -1,7 +1,7 @@
-"""How good a diagnosis is, where the truth is known.
+"""Score of a diagnosis with known truth.
 
-The truth is passed as plain values, however effects were hidden. A name counts as
-right modulo its aliases: names that the campaign's poses cannot distinguish.
+The truth is passed as plain values, however effects were hidden. A name counts as right
+modulo its aliases: names that the campaign's poses cannot distinguish.
 """
 
 from collections.abc import Mapping
@@ -21,14 +21,14 @@ _LEAST_STD = 0.02
 
 @dataclass(frozen=True, slots=True)
 class TrueTerm:
-    """What was hidden.
+    """A hidden effect.
 
     Attributes:
-        identity: Kind, joint, order, component of a runout, artefact; the kind of what
+        identity: kind, joint, order, component of a runout, artefact; a kind that
             no name of the library fits is none of the arm file's.
-        sizes: Keys of the arm file that are estimated, with their true values.
-        aliases: Other names of the same effect.
-        in_library: Whether a name of the arm file fits at all.
+        sizes: keys of the arm file that are estimated, with their true values.
+        aliases: other names of the same effect.
+        in_library: a name of the arm file fits.
     """
 
     identity: Identity
@@ -38,41 +38,38 @@ class TrueTerm:
 
     @property
     def joint(self) -> str | None:
-        """Where it lives, or None for the whole arm."""
         return self.identity[1]
 
     @property
     def names(self) -> frozenset[Identity]:
-        """Its name and all aliases."""
         return self.aliases | {self.identity}
 
     @property
     def joints(self) -> frozenset[str | None]:
-        """Where it lives by any of its names."""
         return frozenset(name[1] for name in self.names)
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """What a diagnosis made of what was hidden.
+    """Comparison of a diagnosis with the hidden effects.
 
     Attributes:
-        verdict: Of the diagnosis.
-        detected: It found anything.
-        n_terms: How many.
-        exact: The strongest term bears a name of a true one.
-        right_joint: The strongest term is at the joint of a true one.
-        in_set: A true name is among the strongest term's name and alternatives.
-        set_size: How many names the strongest term leaves, aliases counted as one.
-        single: It leaves one name.
-        unknown: Any term is unknown.
-        unknown_right_joint: An unknown term is at the joint of a true one.
-        confident_wrong: A term is called named, and its name is wrong.
-        n_matched: True terms whose names were found.
-        all_exact: Every true term found, and nothing else.
-        n_spurious: Terms beyond those that match.
-        deviations: Of estimated keys from the truth, in stated standard deviations,
-            where the name is exactly right.
+        verdict: of the diagnosis.
+        detected: it found anything.
+        n_terms: number of terms.
+        exact: the strongest term bears a name of a true one.
+        right_joint: the strongest term is at the joint of a true one.
+        in_set: a true name is among the strongest term's name and alternatives.
+        set_size: number of names of the strongest term, aliases counted as one.
+        single: it has one name.
+        unknown: a term is unknown.
+        unknown_right_joint: an unknown term is at the joint of a true one.
+        confident_wrong: a term is called named, and its name is wrong.
+        n_matched: true terms whose names were found.
+        all_exact: every true term found, and nothing else.
+        n_spurious: terms beyond those that match.
+        deviations: of estimated keys from the truth, in stated standard deviations,
+            if the name is exactly right.
     """
 
     verdict: Verdict
@@ -93,11 +90,11 @@ class Score:
 
 
 def scored(truths: tuple[TrueTerm, ...], diagnosis: Diagnosis) -> Score:
-    """Compare what was found with what was hidden.
+    """Compare found with hidden effects.
 
     Args:
-        truths: What was hidden; none on clean data.
-        diagnosis: What was found.
+        truths: hidden; none on clean data.
+        diagnosis: result.
     """
     return scored_terms(truths, diagnosis.terms, diagnosis.verdict)
 
@@ -160,14 +157,14 @@ def deviations(truth: TrueTerm, term: Term) -> tuple[float, ...]:
 
 
 def pooled_gap(gaps: list[tuple[float, float, float]]) -> float | None:
-    """Pool the part of the gap that was closed over many diagnoses.
+    """Pool the closed part of the gap over many diagnoses.
 
     Args:
-        gaps: Held-out mean squares before, after, and of the oracle: the model with
+        gaps: held-out mean squares before, after, and of the oracle: the model with
             the true effects.
 
     Returns:
-        sum(before - after) / sum(before - oracle), None where there was no gap.
+        sum(before - after) / sum(before - oracle), None without a gap.
     """
     closed = sum(before - after for before, after, _ in gaps)
     possible = sum(before - oracle for before, _, oracle in gaps)

@@ -1,4 +1,4 @@
-"""One round of the blind test: hide an effect, diagnose, reveal what was hidden."""
+"""One round of the blind test: hide an effect, diagnose, reveal it."""
 
 import json
 import sys
@@ -21,7 +21,6 @@ from traverse.strict_toml.writing import write_atomically
 
 
 def round_lines(case: Case, diagnosis: Diagnosis, score: Score) -> list[str]:
-    """Tell what was found, what was hidden, and how they compare."""
     lines = summary_lines(diagnosis)
     for hidden in hidden_table(case):
         keys = ", ".join(f"{key} = {value}" for key, value in hidden["keys"].items())
@@ -32,7 +31,7 @@ def round_lines(case: Case, diagnosis: Diagnosis, score: Score) -> list[str]:
 
 
 def round_json(case: Case, diagnosis: Diagnosis, score: Score) -> dict[str, Any]:
-    """Put the same into plain values."""
+    """Return the same as plain values."""
     return {
         "seed": case.seed,
         "size": case.scenario.size,
@@ -52,7 +51,7 @@ def round_json(case: Case, diagnosis: Diagnosis, score: Score) -> dict[str, Any]
 
 
 def hidden_table(case: Case) -> list[dict[str, Any]]:
-    """Return what was hidden, in the keys of an arm file."""
+    """Return the hidden effects, in the keys of an arm file."""
     return [
         {
             "name": " ".join(str(p) for p in truth.identity if p is not None),
@@ -63,7 +62,7 @@ def hidden_table(case: Case) -> list[dict[str, Any]]:
 
 
 def score_in_words(case: Case, score: Score) -> str:
-    """Put the score into a sentence."""
+    """Return the score as a sentence."""
     if not case.hidden:
         return "a false alarm" if score.detected else "right: nothing was hidden"
     if not score.detected:

@@ -1,4 +1,4 @@
-"""The score table: what was found of what was hidden, beside the rivals."""
+"""The score table: found and hidden effects, beside the rivals."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ class Row:
     """A line of the table.
 
     Attributes:
-        what: What is counted.
-        figure: Required by the issue, in words.
-        n: Number of runs, or of what is counted in them.
-        found: The rate or ratio.
-        interval: Of 95 %.
-        holds: The interval contains the figure, or is better.
-        rivals: Their rates, None where the question makes no sense for them.
+        what: counted property.
+        figure: required, in words.
+        n: number of runs, or of counted objects in them.
+        found: the rate or ratio.
+        interval: of 95 %.
+        holds: the interval contains the figure, or is better.
+        rivals: their rates, None for a question without meaning for them.
     """
 
     what: str
@@ -40,7 +40,6 @@ class Row:
 
     @property
     def text(self) -> str:
-        """As a line of a table."""
         low, high = self.interval
         theirs = " | ".join("" if r is None else f"{r:.0%}" for r in self.baselines)
         return (
@@ -59,11 +58,9 @@ class Runs:
 
     @property
     def names(self) -> list[str]:
-        """Of the scenarios."""
         return list(self._lines)
 
     def of(self, scenario: str) -> list[Line]:
-        """Lines of a scenario."""
         return self._lines.get(scenario, [])
 
     def asked(self, scenarios: Sequence[str], question: Question) -> list[bool]:
@@ -115,10 +112,10 @@ HEADER = (
 
 
 def rows(lines: Sequence[Line]) -> Iterator[Row]:
-    """Go through the table; rows without runs are left out.
+    """Yield the rows of the table; rows without runs are left out.
 
     Args:
-        lines: Of all runs; broken ones count as nothing found.
+        lines: of all runs; broken ones count as nothing found.
     """
     runs = Runs(lines)
 

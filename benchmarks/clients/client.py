@@ -71,12 +71,12 @@ async def _take_and_cut(virtual: VirtualDaemon, network: Network, arm: Arm) -> N
 
 
 async def bare(port: int, arm: str, n: int, ready: asyncio.Event) -> float:
-    """A bare subscriber that looks at no byte; CPU seconds for n points."""
+    """Receive n points without decoding; return CPU seconds."""
     return await _subscribed(port, arm, n, ready, len)
 
 
 async def decoding(port: int, arm: str, n: int, ready: asyncio.Event) -> float:
-    """A bare subscriber that decodes."""
+    """Receive n points with decoding; return CPU seconds."""
     return await _subscribed(port, arm, n, ready, lambda data: decode(Point, data))
 
 
@@ -102,7 +102,6 @@ async def _subscribed(
 
 
 async def client(port: int, arm: str, n: int, ready: asyncio.Event) -> float:
-    """The Python client."""
     async with Arm(arm, f"127.0.0.1:{port}", max_waiting=100_000) as following:
         ready.set()
         points = following.points()
@@ -114,7 +113,7 @@ async def client(port: int, arm: str, n: int, ready: asyncio.Event) -> float:
 
 
 async def rate(port: int, arm: str, reader: Reader) -> float:
-    """Points per CPU second of a reader, the sender being another program."""
+    """Return points per CPU second of a reader, the sender being another program."""
     ready = asyncio.Event()
     async with VirtualDaemon(arm, "127.0.0.1", port).running() as virtual:
         reading = asyncio.ensure_future(reader(port, arm, N_BURST, ready))
@@ -139,7 +138,6 @@ async def send(port: int, arm: str, session: str) -> None:
 
 
 async def main(port: int) -> None:
-    """Print the figures."""
     print(load())
     cut = await cut_often(port)
     print(", ".join(f"{name} {value:g}" for name, value in cut.items()))

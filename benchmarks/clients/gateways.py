@@ -34,7 +34,7 @@ POINTS, MAGNIFIED, LONGEST_S = 8, 500, 120.0
 
 
 async def confirmed(broker: str) -> None:
-    """Confirm the arm's device and positions, as its operator does."""
+    """Confirm the arm's device and positions."""
     async with Arm("demo-7", broker) as arm:
         await arm.confirm_reference()
 
@@ -70,7 +70,7 @@ async def live(folder: Path, broker: str, options: tuple[str, ...], out: Path) -
 
 
 def draw(messages: dict[str, list[Any]], path: Path) -> None:
-    """Draw the primitives that were received: all of them, and some points near by."""
+    """Draw the received primitives: all of them, and some points near by."""
     entities = [drawn for up in messages["points"] for drawn in up.get("entities", ())]
     entities.append(messages["arm"][-1]["entities"][0])
     clouds = [
@@ -102,7 +102,7 @@ def draw_entity(
     centre: list[float],
     half_m: float | None,
 ) -> None:
-    """Draw lines and spheres, those that are near enough."""
+    """Draw near lines and spheres."""
     for line in entity.get("lines", ()):
         ends = np.array([xyz(end) for end in line["points"]])
         if half_m is not None and np.abs(ends - centre).max() > half_m:
@@ -115,12 +115,12 @@ def draw_entity(
 
 
 def xyz(table: dict[str, float]) -> list[float]:
-    """Of a vector; what is left out is 0."""
+    """Read a vector; absent components are 0."""
     return [table.get(axis, 0.0) for axis in "xyz"]
 
 
 def rgba(table: dict[str, float]) -> tuple[float, ...]:
-    """Of a colour."""
+    """Read a colour."""
     return tuple(table.get(channel, 0.0) for channel in "rgba")
 
 

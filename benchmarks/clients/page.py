@@ -73,7 +73,7 @@ async def heap_mb(page: Page) -> float:
 
 
 async def latency(page: Page, port: int, n: int) -> None:
-    """Points by command, and when each was on the screen."""
+    """Take points by command, and time their appearance on the screen."""
     waited_ms = []
     async with Arm(ARM, f"127.0.0.1:{port}") as arm:
         for _ in range(n):
@@ -124,7 +124,7 @@ def blocks(n: int, scan: str) -> list[bytes]:
 
 
 async def million(page: Page, port: int) -> None:
-    """More points than are drawn, at 50 000 a second."""
+    """Send more points than are drawn, at 50 000 a second."""
     before_mb = await heap_mb(page)
     print(f"page memory before {before_mb:.0f} MB")
     n = N_SCANNED
@@ -158,7 +158,7 @@ async def _print_state(page: Page) -> None:
 
 
 async def stream(page: Page, port: int, minutes: float) -> None:
-    """A long scan at 1 kHz, and the memory at each minute."""
+    """Scan long at 1 kHz, and read the memory every minute."""
     async with Arm(ARM, f"127.0.0.1:{port}") as arm:
         await arm.start_scan(rate_hz=1000.0)
         begun_s = time.monotonic()
@@ -172,7 +172,6 @@ async def stream(page: Page, port: int, minutes: float) -> None:
 
 
 async def main(what: str, amount: float | None) -> None:
-    """One of the three, or all."""
     with tempfile.TemporaryDirectory() as name:
         folder, port = Path(name), rig.free_port()
         with (

@@ -48,7 +48,7 @@ COLOURS = 256
 
 
 def traverse(*arguments: str) -> None:
-    """Run a command; a verdict that is no is no mistake here."""
+    """Run a command; exit status 1 is a verdict."""
     command = [sys.executable, "-m", "traverse", *arguments, "--operator", "M. Example"]
     if subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode > 1:
         raise SystemExit(f"{command} failed")
@@ -95,7 +95,6 @@ def identification(out: Path) -> None:
 
 
 def small(picture: Image.Image, file: Path) -> None:
-    """Write a picture with few colours."""
     picture.quantize(COLOURS).save(file, optimize=True)
 
 

@@ -56,7 +56,7 @@ def simulated(folder: Path, *, loses_power: bool = False) -> Iterator[None]:
 
 
 async def pictures(page: Page, out: Path, word: str, state: str) -> None:
-    """One state in all sizes, dark and light, as soon as the banner says the word."""
+    """Picture one state in all sizes, dark and light, when the banner says the word."""
     said = page.locator(".word").get_by_text(word, exact=True)
     await said.wait_for(timeout=LONGEST_MS)
     for theme in ("dark", "light"):
@@ -74,7 +74,7 @@ async def pictures(page: Page, out: Path, word: str, state: str) -> None:
 async def stale_picture(
     page: Page, out: Path, server: "subprocess.Popen[bytes]"
 ) -> None:
-    """The page whose server has been stopped, as the browser marks it by itself."""
+    """Picture the page whose server was stopped, as the browser marks it."""
     server.send_signal(signal.SIGSTOP)
     try:
         await page.wait_for_selector("body.silent")

@@ -1,10 +1,10 @@
-"""One ball bar, read by every driver: the same length?
+"""Length of one ball bar by every driver.
 
-A simulated arm touches the two spheres of a bar of 500 mm. It is the same motion for
-all makes of encoders; each rounds to its own counts, at its own instants, over its own
-line. The daemon's assembler and pipeline make points of what the drivers deliver; two
-spheres of the known radius are fitted to them. The deviation of the length is
-printed with the deviation expected from rounding to counts alone.
+A simulated arm touches the two spheres of a bar of 500 mm, in the same motion for all
+makes of encoders; each rounds to its own counts, at its own instants, over its own
+line. The daemon's assembler and pipeline make points of the deliveries; two spheres of
+the known radius are fitted to them. The deviation of the length is printed with the
+deviation expected from rounding alone.
 """
 
 import argparse
@@ -63,7 +63,7 @@ class Taker:
 
     Attributes:
         up: the device was found.
-        driver: whose deliveries they are.
+        driver: source of the deliveries.
     """
 
     dropped_samples = dropped_others = 0
@@ -79,7 +79,7 @@ class Taker:
         self._over = over
 
     def put(self, delivery: Delivery) -> bool:
-        """Keep it, as long as the motion is not over."""
+        """Keep a delivery until the motion is over."""
         if self._over.is_set():
             return True
         self.all.append(delivery)
@@ -94,11 +94,11 @@ class Taker:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What a driver made of the bar.
+    """Result of a driver.
 
     Attributes:
-        off_mm: of the length, from the true one.
-        rounding_mm: standard deviation of the length that rounding makes.
+        off_mm: error of the length.
+        rounding_mm: standard deviation of the length by rounding.
         noise_mm: the same of a point, all directions together.
         rate_hz: samples received per second.
         skew_us: from the first to the last reading of a sample, median.
@@ -260,7 +260,6 @@ def rounding(
 
 
 def main() -> None:
-    """Print the table of docs/performance.md."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.drivers.bar")
     parser.add_argument("names", nargs="*", help="of drivers; all if none is given")
     parser.add_argument(

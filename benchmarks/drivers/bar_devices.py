@@ -1,4 +1,4 @@
-"""The simulated arm of `bar`, once for each driver: encoders of that make on it."""
+"""The simulated arm of `bar` with the encoders of each driver."""
 
 import multiprocessing
 import os
@@ -66,11 +66,9 @@ class Make:
 
     @property
     def is_polled(self) -> bool:
-        """Device whose encoders are polled one after the other."""
         return issubclass(driver_class(self.name), PolledDriver)
 
     def arm_text(self) -> str:
-        """The arm file with these encoders on it."""
         text = ARM.read_text("utf-8")
         for counts in ("8388608", "4194304"):
             text = text.replace(counts, str(1 << self.bits))
@@ -78,19 +76,17 @@ class Make:
 
     @property
     def is_on_a_bus(self) -> bool:
-        """It has no port; its bus is in the memory of one process."""
+        """Whether it has no port but a bus in the memory of one process."""
         return "channel" in self.table
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """Ports of its serial lines."""
         ports: tuple[str, ...] = self.table.get("ports", (self.table.get("port"),))
         return ports
 
     def driver(
         self, delivery_queue: DeliveryQueue, folder: Path, **more: object
     ) -> Driver:
-        """Create a driver that reads them, with `more` options."""
         options = dict(self.options)
         if "port" in options:
             options["port"] = str(folder / options["port"])
@@ -176,7 +172,7 @@ OPERATOR = {"move_s": 1.0, "approach_s": 0.2, "dwell_s": 0.4, "press_s": 0.1}
 
 
 class Begun:
-    """A `ScriptClock` that begins when another process says so, and not before."""
+    """A `ScriptClock` that another process starts."""
 
     def __init__(self) -> None:
         fork = multiprocessing.get_context("fork")
@@ -197,25 +193,23 @@ class Begun:
         self._ended.set()
 
     def is_over(self) -> bool:
-        """Whether the devices are to end, or the parent process is gone."""
+        """Return whether the devices are to end, or the parent process is gone."""
         return self._ended.is_set() or os.getppid() == 1
 
     def begin(self, time_s: float) -> None:
-        """A reading does not begin the script here."""
         del time_s
 
     def script_s(self, time_s: float) -> float:
-        """Time of the script."""
         begin_s = self.begin_s
         return 0.0 if begin_s is None else max(0.0, time_s - begin_s)
 
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """The arm, its motion, and what reads it.
+    """The arm, its motion, and its devices.
 
     Attributes:
-        touched_mm: the ball's centre is so far from that of the sphere it touches.
+        touched_mm: distance of the ball's centre from that of the touched sphere.
     """
 
     make: Make
@@ -229,16 +223,15 @@ class Stage:
 
     @property
     def presses_s(self) -> Floats:
-        """Presses of the button, from the begin of the script."""
         return np.array([e.time_s for e in self.script.events if e.level])
 
     def presses_ns(self, origin_ns: int) -> list[int]:
-        """The same on the host's clock, which showed ``origin_ns`` at time 0."""
+        """Return presses on the host's clock, which showed ``origin_ns`` at time 0."""
         begun_s = self.begun.begin_s + self.presses_s
         return [origin_ns + round(1e9 * at_s) for at_s in begun_s.tolist()]
 
     def jacobians_mm(self) -> Floats:
-        """By how much the ball moves with each joint at the presses, (n, 3, n_joints).
+        """Return the ball's motion by each joint at the presses, (n, 3, n_joints).
 
         By differences of the simulator's own physics.
         """
@@ -252,7 +245,6 @@ class Stage:
         return np.stack(columns, axis=-1)
 
     def device(self) -> SimulatedDevice:
-        """The device on its ports."""
         encoders = self.arm.encoders[0]
         mounting = DeviceContext(
             self.folder,
@@ -268,7 +260,7 @@ class Stage:
         return make_device(self.table, mounting)
 
     def live(self, clock: MonotonicClock) -> None:
-        """Be the device until the motion is over; for a process of its own."""
+        """Run the device until the motion is over, in a process of its own."""
         device = self.device()
         end_s = self.script.duration_s
         live_real([device], clock, self.begun, end_s, self.begun.is_over)
@@ -276,7 +268,6 @@ class Stage:
 
 
 def staged(make: Make, points: int, folder: Path) -> Stage:
-    """Build the arm with one make of encoders; the motion is the same for all."""
     (folder / "arm.toml").write_text(make.arm_text(), "utf-8")
     bar = {
         "kind": "ball_bar",

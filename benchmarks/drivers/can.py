@@ -46,7 +46,6 @@ class CheapNodes(FakeNodes):
     """Encoders that put one frame into all queues of the bus, without copies."""
 
     def latch(self, lost: bool = False) -> None:
-        """Answer a SYNC."""
         del lost
         self.put([(0x180 + n.number, u32(n.count)) for n in self.nodes.values()])
         for node in self.nodes.values():
@@ -72,7 +71,6 @@ class Master(threading.Thread):
         self.stopped = False
 
     def run(self) -> None:
-        """Follow the schedule until stopped."""
         begun_s, n = time.monotonic(), 0
         while not self.stopped:
             n += 1
@@ -82,7 +80,7 @@ class Master(threading.Thread):
 
 
 def dictionary() -> canopen.ObjectDictionary:
-    """As much of an encoder as the library needs to take its position."""
+    """Return the part of an object dictionary that the library needs."""
     objects = canopen.ObjectDictionary()
     for index, names in (
         (0x1800, [("cob", 1, datatypes.UNSIGNED32), ("type", 2, datatypes.UNSIGNED8)]),
@@ -101,7 +99,7 @@ def dictionary() -> canopen.ObjectDictionary:
 
 
 class LibraryReader:
-    """Positions as the library's PDO callbacks give them."""
+    """Positions by the library's PDO callbacks."""
 
     def __init__(self) -> None:
         self.latest = dict.fromkeys(NODES, 0)
@@ -118,7 +116,7 @@ class LibraryReader:
         self.network.connect()
 
     def taker(self, number: int) -> Callable[[Any], None]:
-        """A callback that keeps the position of a node."""
+        """Return a callback that keeps the position of a node."""
 
         def take(pdo: Any) -> None:  # noqa: ANN401 - the library's map of a PDO
             self.latest[number] = pdo[0].raw
@@ -185,7 +183,6 @@ async def measure(seconds: float, sync: Literal["host", "external"]) -> list[str
 
 
 def stream_line(taken: list[object]) -> str:
-    """Result of a stream."""
     blocks = [d for d in taken if isinstance(d, CountSamples)]
     faults = Counter[str]()
     for fault in (d for d in taken if isinstance(d, DeviceFault)):
@@ -236,7 +233,6 @@ def dispatch(n_syncs: int = 20_000) -> str:
 
 
 def main(seconds: float = SECONDS) -> None:
-    """Print the figures."""
     logging.getLogger("canopen").setLevel(logging.CRITICAL)
     print(dispatch(), flush=True)
     for sync in ("external", "host"):

@@ -1,9 +1,9 @@
-"""`python -m benchmarks.drivers.clock`: how well a device's clock is tied to ours.
+"""`python -m benchmarks.drivers.clock`: error of a device's clock tied to ours.
 
-A device latches 100 times a second by a clock of its own that is some ppm off; every
-latch reaches the host later, by a delay that is never the same. Printed is how far the
-mapped time is from the true one. The smallest delay is always present and
-cannot be told from an offset: it is 0.1 ms here and subtracted. Virtual time, seeded.
+A device latches 100 times a second by a clock that is some ppm off; every latch reaches
+the host after a varying delay. Printed is the error of the mapped time. The smallest
+delay is indistinguishable from an offset: it is 0.1 ms here and subtracted. Virtual
+time, seeded.
 """
 
 from collections.abc import Callable
@@ -24,17 +24,17 @@ Delays = Callable[[np.random.Generator, int], Floats]
 
 
 def even(most_ms: float) -> Delays:
-    """Any delay up to a largest is as likely as any other."""
+    """Return evenly distributed delays."""
     return lambda rng, n: rng.uniform(0.0, most_ms * 1e6, n)
 
 
 def tailed(mean_ms: float) -> Delays:
-    """Small delays are likely, large ones happen."""
+    """Return exponential delays."""
     return lambda rng, n: rng.exponential(mean_ms * 1e6, n)
 
 
 def stalled(most_ms: float, stall_ms: float) -> Delays:
-    """As `even`, and for a second in ten the host is busy for much longer."""
+    """Return delays as `even`, with a long stall for a second in ten."""
 
     def delays(rng: np.random.Generator, n: int) -> Floats:
         drawn = rng.uniform(0.0, most_ms * 1e6, n)
@@ -55,7 +55,7 @@ CASES: dict[str, Delays] = {
 
 
 def errors_ns(ppm: float, delays: Delays, seed: int = 1) -> Floats:
-    """How far each latch is mapped from its true time, as it arrives, (n,)."""
+    """Return the error of each latch's time, as it arrives, (n,)."""
     rng = np.random.default_rng(seed)
     clock = DeviceClock(TICK_RATE_HZ)
     n = int(RATE_HZ * SECONDS)
@@ -76,7 +76,6 @@ def errors_ns(ppm: float, delays: Delays, seed: int = 1) -> Floats:
 
 
 def main() -> None:
-    """Print the table."""
     print(f"error of the mapped time in microseconds, {SECONDS:g} s at {RATE_HZ:g} Hz")
     print(f"{'jitter':24} {'ppm':>5} {'first s':>9} | after {SETTLED_S:g} s: bias")
     print(f"{'':24} {'':>5} {'largest':>9} | {'median':>9} {'95 %':>9} {'largest':>9}")

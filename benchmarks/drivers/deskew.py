@@ -1,10 +1,9 @@
 """An arm that moves while its AMT21 encoders are polled one after the other.
 
 The daemon's assembler interpolates readings to common instants, its pipeline makes
-points of them; the truth is the simulator's own physics at that instant. The output
-compares the error as read, that after interpolation, that of an arm whose encoders are
-all latched at the instant (their 14 bits alone), and the daemon's published
-estimate.
+points of them; the truth is the simulator's own physics at that instant. Printed are
+the error as read, that after interpolation, that of an arm whose encoders are all
+latched at the instant (their 14 bits alone), and the daemon's published estimate.
 """
 
 import argparse
@@ -124,7 +123,6 @@ def measured(case: Case, seconds: float, *, real_time: bool = False) -> Errors:
 
 
 def main() -> None:
-    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=sized(4.0, 1.0))
     parser.add_argument("--real-time", action="store_true", help="over a pty, one case")

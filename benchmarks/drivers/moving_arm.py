@@ -72,7 +72,7 @@ def postures(at_s: Floats, sway_hz: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Moving:
-    """The arm on its way, seven encoders on it, and the daemon's picture of it."""
+    """The moving arm, its seven encoders, and the daemon's model of it."""
 
     course: Course
     model: ArmModel
@@ -132,7 +132,7 @@ def moving(
 def read_virtually(
     arm: Moving, case: Case, seconds: float
 ) -> tuple[list[Delivery], int]:
-    """What the driver delivers, and monotonic time 0 of the simulation."""
+    """Return the driver's deliveries, and monotonic time 0 of the simulation."""
     now = VirtualTime(seconds)
     cable = Cable(now)
     with lines_through([cable]):
@@ -151,7 +151,7 @@ def read_virtually(
 
 
 def read_really(arm: Moving, case: Case, seconds: float) -> tuple[list[Delivery], int]:
-    """The same through a pty, the encoders in a process of their own."""
+    """Return the same through a pty, with the encoders in a process of their own."""
     clock = MonotonicClock()
     line = SimulatedAmt21Line(arm.table, arm.mounting)
     fork = multiprocessing.get_context("fork")

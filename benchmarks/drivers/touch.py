@@ -75,7 +75,6 @@ class Followed:
         self.xyz_mm: list[Floats] = []
 
     def add(self, message: object) -> None:
-        """Keep one message."""
         if isinstance(message, Point) and self.times_ns:
             self.points.append(message)
             self.came_ns.append(time.time_ns())
@@ -85,7 +84,7 @@ class Followed:
             self.xyz_mm.append(message.xyz_mm)
 
     def reaches(self) -> bool:
-        """Whether the stream has reached the time of the last message."""
+        """Return whether the stream has reached the time of the last message."""
         return bool(self.times_ns) and self.times_ns[-1][-1] > self.came_ns[-1]
 
 
@@ -174,7 +173,6 @@ def figures(folder: Path, followed_messages: Followed) -> Iterator[str]:
 
 
 def run(folder: Path, rate_hz: float) -> list[str]:
-    """The figures of one run."""
     port = rig.free_port()
     arm = rig.ARM.read_text("utf-8").replace('kind = "hard"', 'kind = "switching"')
     (folder / "arm.toml").write_text(arm, "utf-8")
@@ -201,7 +199,6 @@ def run(folder: Path, rate_hz: float) -> list[str]:
 
 
 def main() -> None:
-    """Print every figure."""
     for rate_hz in (100.0, 1000.0):
         with tempfile.TemporaryDirectory() as folder:
             print(f"contact at {SPEED_MM_S:g} mm/s, stream of {rate_hz:g} Hz")

@@ -1,8 +1,8 @@
 """`python -m benchmarks.fleet`: many arms, one mosquitto, a group of three consumers.
 
 First arms without daemons (one process with a connection for each), then real daemons
-on simulated boards, as many as requested. Every point and every point of a scan
-has to reach exactly one consumer. Shares are of one core.
+on simulated boards. Every point and every point of a scan has to reach exactly one
+consumer. Shares are of one core.
 """
 
 import argparse
@@ -81,7 +81,6 @@ def run_publishers(folder: Path, n: int, rate_hz: float, seconds: float) -> Flee
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run and print; 1 where anything was lost or duplicated."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.fleet")
     parser.add_argument(
         "--arms", type=int, default=sized(50, 2), help="without daemons"

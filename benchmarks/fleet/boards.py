@@ -1,7 +1,7 @@
 """Many boards in one process: `python -m benchmarks.fleet.boards FOLDER N`.
 
-Each is on a pty of its own, FOLDER/<number>/board.pty, and streams counts that turn
-slowly, at the rate that its daemon requests.
+Each is on a pty of its own, FOLDER/<number>/board.pty, and streams slowly turning
+counts at the rate that its daemon requests.
 """
 
 import os
@@ -27,18 +27,17 @@ class Board(EdgeBoard):
 
     @property
     def line(self) -> int:
-        """What to wait for."""
         return self._port
 
     def due_ns(self) -> int:
-        """When it has something to send next."""
+        """Return when it has something to send."""
         request, period_ns, begun_ns = self._stream
         if not request:
             return self._beat_ns
         return min(self._beat_ns, begun_ns + self._sample_seq * period_ns)
 
     def serve(self, now_ns: int) -> None:
-        """Send what is due; late samples are sent together."""
+        """Send due data; late samples are sent together."""
         request, period_ns, begun_ns = self._stream
         if request:
             n = (now_ns - begun_ns) // period_ns + 1 - self._sample_seq

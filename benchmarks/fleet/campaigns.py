@@ -28,7 +28,6 @@ N_CAMPAIGNS, N_POSES = 8, 240
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.fleet.campaigns")
     parser.add_argument("--rounds", type=int, default=3)
     given = parser.parse_args(arguments)

@@ -1,7 +1,7 @@
 """One consumer of a group: `python -m benchmarks.fleet.consumer PORT NAME FILE`.
 
-Reads its share of all arms' points and scans, decodes all, and at SIGTERM writes down
-what it had: arm, kind, series (session or scan), first number, how many.
+Reads its share of all arms' points and scans, decodes all, and at SIGTERM writes a
+summary: arm, kind, series (session or scan), first number, count.
 """
 
 import asyncio

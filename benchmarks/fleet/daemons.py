@@ -44,12 +44,11 @@ def write_arm(folder: Path, number: int, port: int) -> Path:
 
 
 def name_of(number: int) -> str:
-    """The arm's name."""
     return f"arm-{number:03d}"
 
 
 def own_mb(process: Process) -> float:
-    """Memory of a program that is not shared with others, and its part of the rest."""
+    """Return a program's private memory, and its part of shared memory."""
     text = Path(f"/proc/{process.pid}/smaps_rollup").read_text("ascii")
     line = next(entry for entry in text.splitlines() if entry.startswith("Pss:"))
     return int(line.split()[1]) * 1024 / 1e6
@@ -67,7 +66,7 @@ async def order(port: int, n: int, args: ScanArgs) -> None:
 def run_daemons(
     folder: Path, n: int, rate_hz: float, seconds: float, group: MakeGroup
 ) -> Fleet:
-    """So many daemons scan for so long."""
+    """Let daemons scan for a time."""
     port = rig.free_port()
     with contextlib.ExitStack() as stack:
         broker = stack.enter_context(rig.mosquitto(folder, port))
@@ -130,6 +129,6 @@ def start(stack: contextlib.ExitStack, places: list[Path], number: int) -> Proce
 
 
 def measures(place: Path) -> bool:
-    """Whether the daemon in a folder has said that it does."""
+    """Return whether the daemon in a folder measures."""
     log = place / "daemon.log"
     return log.exists() and b"arm arm-" in log.read_bytes()

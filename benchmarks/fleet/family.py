@@ -1,11 +1,11 @@
-"""What a family teaches about one more of its arms, by hidden effects.
+"""Gain of a family's prior for one more of its arms, by hidden effects.
 
 python -m benchmarks.fleet.family [--seeds N] [--poses N] [--scheduler ADDRESS]
 
 Forty simulated arms of a design are identified. New arms of the family have short
 campaigns with one hidden effect, or none; each is diagnosed by its poses alone and with
-the family. Strangers are arms that differ from the family ten times as much as its own.
-Sizes are sqrt(lambda): of the best test of the effect, in standard deviations, with the
+the family. Strangers differ from the family ten times as much as its own arms. Sizes
+are sqrt(lambda): of the best test of the effect, in standard deviations, with the
 family.
 """
 
@@ -88,7 +88,7 @@ class NewArm:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """What was hidden in an arm, and measured with it."""
+    """Hidden effect of an arm, and its measurements."""
 
     seed: int
     truths: tuple[TrueTerm, ...]
@@ -102,7 +102,7 @@ def design_of() -> Arm:
 
 
 def poses_of(seed: int, n_poses: int, deviations: Deviations) -> PoseSet:
-    """Make contacts of an arm that differs so much from what its family has."""
+    """Make contacts of an arm with given deviations from its family."""
     design = design_of()
     typical = true_arm_file(design, true_arm(design, _OFFSETS, _FAMILY_SEED))
     spec = CampaignSpec(
@@ -199,7 +199,7 @@ def _hidden(
 
 
 def _judged(campaign: Campaign, case: Case) -> Line:
-    """Score a diagnosis, and count in how many parameters the arm left its family."""
+    """Score a diagnosis, and count parameters in which the arm left its family."""
     options = DiagnosisOptions(seed=case.seed, details=False)
     try:
         diagnosis = diagnose(campaign, design_of(), options)

@@ -1,7 +1,7 @@
 """Arms without a daemon, as seen by a broker: `... PORT N RATE_HZ SECONDS FILE`.
 
 Each has a connection of its own, sends a block of a scan every 50 ms (as the daemon
-does) and two points a second. At the end it writes down how many of each it has sent.
+does) and two points a second. At the end it writes how many of each it has sent.
 """
 
 import json
@@ -93,7 +93,6 @@ class Publisher:
 
 
 def main(port: int, n_arms: int, rate_hz: float, seconds: float, file: Path) -> None:
-    """Publish for so long."""
     arms = [Publisher(port, f"arm-{k:03d}", rate_hz) for k in range(n_arms)]
     end_s = time.monotonic() + seconds
     latest_s = 0.0

@@ -1,10 +1,10 @@
-"""Points into a database: what a member of a store writes, beside the bare database.
+"""Points into a database: a member of a store beside the bare database.
 
 python -m benchmarks.fleet.store [--rounds N] [--points N]
 
 In turns, in batches of 1000: `COPY` of rows, `executemany` of the same inserts, and a
-member's whole way, which decodes each message, keeps the series and commits. PostgreSQL
-and SQLite, both with every commit on the disk.
+member's whole path, which decodes each message, keeps the series and commits.
+PostgreSQL and SQLite, both with every commit on the disk.
 """
 
 import argparse
@@ -52,7 +52,7 @@ def messages(n: int, start: int) -> list[IncomingMessage]:
 
 
 def rows_of(given: Sequence[IncomingMessage]) -> list[Sequence[object]]:
-    """As the store writes them."""
+    """Return rows as the store writes them."""
     rows = Rows()
     for message in given:
         rows.add("point", message.topic.split("/")[1], message.payload)
@@ -92,7 +92,6 @@ made: dict[tuple[str, int], list[Sequence[object]]] = {}
 
 
 def main() -> None:
-    """Print medians and spread of points a second."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--points", type=int, default=10_000)

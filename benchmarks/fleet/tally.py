@@ -1,4 +1,4 @@
-"""What the consumers had, held against what was sent, and what it cost."""
+"""Comparison of received with sent numbers, and costs."""
 
 import json
 import signal
@@ -21,7 +21,7 @@ class Group:
     files: list[Path]
 
     def end(self) -> None:
-        """Have them write down what they had."""
+        """Let them write their summaries."""
         for process in self.processes:
             process.send_signal(signal.SIGTERM)
         for process in self.processes:
@@ -37,7 +37,7 @@ class Cost:
 
     @classmethod
     def of(cls, broker: Process, consumers: Sequence[Process]) -> "Cost":
-        """Now."""
+        """Read the present cost."""
         return cls(
             rig.cpu_s(broker), sum(rig.cpu_s(consumer) for consumer in consumers)
         )
@@ -64,11 +64,11 @@ def cost_of(
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """How many numbers each arm has sent of each kind.
+    """Numbers sent by each arm, by kind.
 
     Attributes:
         expected: by arm and kind; empty: losses are counted from gaps alone.
-        latest_s: how late the publisher itself was at most.
+        latest_s: greatest delay of the publisher itself.
     """
 
     expected: dict[tuple[str, str], int]
@@ -77,7 +77,7 @@ class Sent:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What ran."""
+    """Programs of a run."""
 
     what: str
     arms: int
@@ -122,7 +122,6 @@ class Fleet:
     start_s: float = 0.0
 
     def lines(self) -> str:
-        """It for people."""
         text = (
             f"{self.arms} {self.what} at {self.rate_hz:g} Hz for {self.seconds:g} s: "
             f"{self.messages} messages, {self.numbers} points, "

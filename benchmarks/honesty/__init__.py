@@ -1,5 +1,5 @@
 """Proof of honesty: worlds in virtual time, in which no unmarked number may be wrong.
 
-The drivers, the device clocks and the measuring path are the daemon's; the arm, the
-devices and their bytes are the simulator's; only ports and time are virtual.
+Drivers, device clocks and the measuring path are the daemon's; the arm, the devices and
+their bytes are the simulator's; only ports and time are virtual.
 """

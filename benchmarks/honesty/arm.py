@@ -1,7 +1,7 @@
-"""The arm of a world: its file, the truth beside it, and what is done with it.
+"""The arm of a world: its file, its truth, its motion.
 
-The truth differs from the arm file as the covariance beside the file says, or by
-millimetres where the arm was never identified.
+The truth differs from the arm file by the covariance beside the file, or by millimetres
+if the arm was never identified.
 """
 
 import hashlib
@@ -125,10 +125,10 @@ class Pace:
     """How the arm is led.
 
     Attributes:
-        rest_s: Longest rest between two moves; 0: it never rests.
-        move_s: Shortest move.
-        reach: Of `REACH_RAD` in one move.
-        press_s: Between two presses, on average.
+        rest_s: longest rest between two moves; 0: it never rests.
+        move_s: shortest move.
+        reach: of `REACH_RAD` in one move.
+        press_s: mean interval between presses.
     """
 
     rest_s: float
@@ -206,7 +206,7 @@ class ArmTruth:
     course: Course
 
     def centres_mm(self, true_s: Floats) -> Floats:
-        """Where the ball is at true times (n,), (n, 3)."""
+        """Return ball centres (n, 3) at true times (n,)."""
         return self.course.probe(np.maximum(true_s, 0.0))[0]
 
 

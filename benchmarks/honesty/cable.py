@@ -1,7 +1,6 @@
-"""Cables in memory: bytes on their way between a simulated device and the host.
+"""Cables in memory between a simulated device and the host.
 
-`DeviceEnd` takes the place of the simulator's `PtyPort`, `HostEnd` that of the
-drivers' `SerialPort`.
+`DeviceEnd` replaces the simulator's `PtyPort`, `HostEnd` the drivers' `SerialPort`.
 """
 
 import termios
@@ -21,11 +20,11 @@ NEVER_S = float("inf")
 
 
 class Timekeeper(Protocol):
-    """What ends of a cable know of the world: `Hub` is one.
+    """The world as seen by ends of a cable: `Hub` is one.
 
     Attributes:
-        now_s: True time.
-        ports: What the host finds, by path.
+        now_s: true time.
+        ports: of the host, by path.
     """
 
     now_s: float
@@ -40,12 +39,12 @@ class Timekeeper(Protocol):
 
 @dataclass(slots=True)
 class Delay:
-    """How long bytes take in one direction.
+    """Delay of bytes in one direction.
 
     Attributes:
-        least_s: Always.
-        usual_s: On average, beyond it.
-        bunch_s: Bytes arrive together, in steps of so long; 0: as they come.
+        least_s: minimum.
+        usual_s: mean beyond it.
+        bunch_s: bytes arrive together, in steps of so long; 0: one by one.
     """
 
     least_s: float
@@ -55,7 +54,7 @@ class Delay:
     last_s: float = 0.0
 
     def arrives_s(self, now_s: float) -> float:
-        """When bytes that leave now arrive; never before earlier ones."""
+        """Return when bytes that leave now arrive; never before earlier ones."""
         at_s = now_s + self.least_s
         if self.usual_s:
             at_s += float(self.rng.exponential(self.usual_s))
@@ -96,27 +95,25 @@ class Cable:
         return self.plugged and self.attached
 
     def device_due_s(self) -> float:
-        """When the device has something to read."""
         if self.touched:
             return self.hub.now_s
         return self.to_device[0][0] if self.to_device else NEVER_S
 
     def host_due_s(self) -> float:
-        """When the host has something to read."""
         return self.to_host[0][0] if self.to_host else NEVER_S
 
     def unplug(self) -> None:
-        """The host's end is gone, and with it what is under way."""
+        """Remove the host's end, and bytes under way."""
         self.plugged = self.held = False
         self.generation += 1
         self.clear()
 
     def plug(self) -> None:
-        """The host finds it again."""
+        """Restore the host's end."""
         self.plugged = True
 
     def clear(self) -> None:
-        """Lose what is under way."""
+        """Lose bytes under way."""
         self.to_host.clear()
         self.to_device.clear()
         self.n_waiting = 0
@@ -148,13 +145,12 @@ class DeviceEnd:
         return bool(self._cable.to_host)
 
     def host_changed(self) -> bool:
-        """Whether a host connected or disconnected."""
         self._cable.touched = False
         changed, self._was_held = self._cable.held != self._was_held, self._cable.held
         return changed
 
     def read(self) -> bytes:
-        """What the host has sent, and what has arrived of it."""
+        """Return bytes of the host that have arrived."""
         cable, now_s = self._cable, self._cable.hub.now_s
         parts = []
         while cable.to_device and cable.to_device[0][0] <= now_s:
@@ -162,7 +158,6 @@ class DeviceEnd:
         return b"".join(parts)
 
     def write(self, frames: Sequence[OutgoingFrame]) -> int:
-        """Send whole frames; return how many samples were dropped."""
         cable, n_dropped = self._cable, 0
         data = []
         for frame in frames:
@@ -183,11 +178,9 @@ class DeviceEnd:
         """Nothing waits here."""
 
     def readers(self) -> list[int]:
-        """It has no descriptors."""
         return []
 
     def writers(self) -> list[int]:
-        """It has no descriptors."""
         return []
 
     def close(self) -> None:
@@ -202,9 +195,9 @@ class HostEnd:
     """An open port of the host, a `BytePort`.
 
     Attributes:
-        latency_ns: How long it may hold bytes back, as its kind of port states: an
+        latency_ns: how long it may hold bytes back, as its kind of port states: an
             adapter that bunches them has a timer that the kernel shows.
-        byte_ns: What a byte takes on the line.
+        byte_ns: duration of a byte on the line.
     """
 
     def __init__(self, cable: Cable, path: str, baud_rate: int) -> None:
@@ -218,7 +211,6 @@ class HostEnd:
 
     @property
     def is_gone(self) -> bool:
-        """The port has disappeared since."""
         return self._cable.generation != self._generation
 
     @property
@@ -235,10 +227,10 @@ class HostEnd:
         return self._cable.hub.wait(seconds, lambda: self.ready)
 
     def read(self) -> bytes:
-        """What has arrived.
+        """Return bytes that have arrived.
 
         Raises:
-            DeviceError: The port has disappeared.
+            DeviceError: the port has disappeared.
         """
         self._check()
         cable, now_s, parts = self._cable, self._cable.hub.now_s, []
@@ -248,17 +240,16 @@ class HostEnd:
         return b"".join(parts)
 
     def write(self, data: bytes) -> None:
-        """Send.
+        """Send bytes.
 
         Raises:
-            DeviceError: The port has disappeared.
+            DeviceError: the port has disappeared.
         """
         self._check()
         cable = self._cable
         cable.to_device.append((cable.up.arrives_s(cable.hub.now_s), data))
 
     def close(self) -> None:
-        """Let go."""
         if not self.is_gone:
             self._cable.held, self._cable.touched = False, True
 

@@ -31,7 +31,6 @@ class HostBus:
         cable.to_host.clear()
 
     def receive(self, timeout_s: float) -> Sequence[Frame]:
-        """Received frames; waits for them at most so long."""
         hub, arrived = self._cable.hub, self._cable.to_host
         hub.wait(
             timeout_s,
@@ -45,7 +44,6 @@ class HostBus:
         return frames
 
     def send(self, can_id: int, data: bytes) -> None:
-        """Send a frame."""
         self._check()
         cable = self._cable
         at_s = cable.up.arrives_s(cable.hub.now_s)
@@ -56,7 +54,6 @@ class HostBus:
         raise DeviceError("no kernel sends frames here", "let the program send them")
 
     def close(self) -> None:
-        """Let go."""
         if not self._is_gone:
             self._cable.held = False
 
@@ -78,7 +75,6 @@ class MemoryLine(CanLine):
         cable.attached = True
 
     def receive(self) -> list[tuple[int, bytes]]:
-        """Frames that have arrived."""
         waiting, now_s = self._cable.to_device, self._cable.hub.now_s
         frames: list[tuple[int, bytes]] = []
         while waiting and waiting[0][0] <= now_s:
@@ -86,7 +82,6 @@ class MemoryLine(CanLine):
         return [] if self.bus_off else frames
 
     def send(self, can_id: int, data: bytes) -> None:
-        """Put a frame on the bus."""
         if not self.bus_off:
             self._put(can_id, bytes(data))
 
@@ -95,11 +90,9 @@ class MemoryLine(CanLine):
         self._put(classes | ERROR_FLAG, bytes(8))
 
     def readers(self) -> list[int]:
-        """It has no descriptors."""
         return []
 
     def close(self) -> None:
-        """Leave the bus."""
         self._cable.attached = self._cable.held = False
         self._cable.generation += 1
         self._cable.clear()

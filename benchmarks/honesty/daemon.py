@@ -39,7 +39,7 @@ FLUSH_S = 0.25
 
 
 class AtOnce(Executor):
-    """Carries out what it is given: writing takes no virtual time."""
+    """Executes work at once: writing takes no virtual time."""
 
     def __init__(self, *names: object) -> None:
         del names
@@ -60,15 +60,14 @@ class WorldClock(HostClock):
         self._hub, self._utc_s = hub, utc_s
 
     def monotonic_ns(self) -> int:
-        """The host's monotonic clock."""
         return self._hub.monotonic_ns()
 
     def elapsed_ns(self) -> int:
-        """True time since the start of the world, suspended or not."""
+        """Return true time since the start of the world, suspended or not."""
         return round(1e9 * self._hub.now_s)
 
     def utc_offset_ns(self) -> int:
-        """What the host believes of UTC."""
+        """Return the host's assumed offset to UTC."""
         return round(1e9 * self._utc_s()) - self._hub.monotonic_ns()
 
 
@@ -192,13 +191,12 @@ class DaemonRun:
             await asyncio.sleep(FLUSH_S)
 
     def check(self) -> None:
-        """Raise what a task has failed with."""
         for task in self._tasks:
             if task.done():
                 task.result()
 
     async def end(self) -> None:
-        """End it at once, as a kill does; what it knows is on the disk."""
+        """Kill it; its files stay on the disk."""
         for reader in self._readers:
             self._hub.kill(reader)
         for task in self._tasks:

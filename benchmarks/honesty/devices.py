@@ -1,8 +1,7 @@
-"""The simulator's devices in a world: their cables, their clocks, their power.
+"""The simulator's devices in a world: their cables, clocks and power.
 
-What the simulator's devices cannot do wrong themselves is done around them: a timer
-that loses time, encoders that count from wherever they get power, another device in
-the place of one.
+Faults beyond the simulator's own are added around them: a timer that loses time,
+encoders that count from the place of power-up, an exchanged device.
 """
 
 from collections.abc import Sequence
@@ -41,10 +40,10 @@ from traverse.simulator.virtual_arm import encoders_of
 
 @dataclass(eq=False)
 class MountedCounts:
-    """Counts of encoders that may be mounted, or have begun to count, elsewhere.
+    """Counts of encoders that may be mounted elsewhere, or count from elsewhere.
 
     Attributes:
-        offsets: (n_channels,) counts that are added; 0 where the arm file is right.
+        offsets: (n_channels,) added counts; 0 if the arm file is right.
     """
 
     course: Course
@@ -55,7 +54,6 @@ class MountedCounts:
         self._kept_s, self._kept_rad = -1.0, np.zeros((1, 1))
 
     def counts(self, script_s: Floats, noise: np.random.Generator) -> Integers:
-        """Counts (n, n_channels) at times (n,) of the script."""
         readings_rad = self._kept_rad
         if len(script_s) > 1 or script_s[0] != self._kept_s:
             readings_rad = self.course.readings_rad(script_s)
@@ -65,7 +63,7 @@ class MountedCounts:
         return (counts + self.offsets) % self.encoders.moduli
 
     def count_from_zero(self, true_s: float) -> None:
-        """Incremental encoders get power: they begin at 0 wherever they are."""
+        """Power incremental encoders up: they begin at 0 in any place."""
         counts = self.encoders.counts(
             self.course.readings_rad(np.array([max(true_s, 0.0)])),
             np.random.default_rng(0),
@@ -73,7 +71,7 @@ class MountedCounts:
         self.offsets = -counts[0]
 
     def mount_elsewhere(self, turns: Sequence[float]) -> None:
-        """Other encoders are in their places, with other zeros."""
+        """Replace the encoders, with other zeros."""
         per_turn = self.encoders.counts_per_turn
         self.offsets = np.rint(np.asarray(turns) * per_turn).astype(np.int64)
 
@@ -95,17 +93,14 @@ class WorldTicks(TickCounter):
         object.__setattr__(self, "_begin_s", timeline.at(power_up_s))
 
     def at(self, time_s: float) -> int:
-        """Ticks that have passed at a true time."""
         passed_s = self.timeline.at(time_s) - self._begin_s
         return int(np.floor(passed_s * self.rate_hz + 1e-5))
 
     def time_s(self, ticks: int) -> float:
-        """True time of a tick."""
         begin_s: float = self._begin_s
         return self.timeline.true(begin_s + ticks / self.rate_hz)
 
     def times_s(self, ticks: Integers) -> Floats:
-        """True times (n,) of ticks (n,)."""
         begin_s: float = self._begin_s
         return self.timeline.true_array(begin_s + ticks / self.rate_hz)
 
@@ -116,7 +111,6 @@ class WorldBoard(SimulatedLatchBoard):
     timeline = Timeline()
 
     def switch_on(self, now_s: float) -> None:
-        """Begin as after power-up, with that clock."""
         super().switch_on(now_s)
         self.use_timeline(self.timeline, now_s)
 
@@ -134,7 +128,6 @@ class WorldTextLine(SimulatedTextLine):
     timeline = Timeline()
 
     def power_up(self, now_s: float) -> None:
-        """Begin anew."""
         super().power_up(now_s)
         self._true_power_up_s = now_s
 
@@ -188,7 +181,7 @@ class MountedDevice:
     is_own: bool = True
 
     def exchange(self, number: int, turns: Sequence[float]) -> None:
-        """Another of its kind takes its place, with zeros of its own."""
+        """Replace the device by another of its kind, with zeros of its own."""
         seed = (self.device.mounting.seed[0] + number, self.device.mounting.seed[1])
         self.device.mounting = replace(self.device.mounting, seed=seed)
         self.source.mount_elsewhere(turns)

@@ -56,11 +56,9 @@ class Family:
 
     @property
     def n_devices(self) -> int:
-        """How many devices it has."""
         return len(self.devices)
 
     def sources(self, *, is_incremental: bool) -> list[ArmSource]:
-        """The encoders of the joints, in their order."""
         return [
             ArmSource(
                 f"{device.id}/{channel}",

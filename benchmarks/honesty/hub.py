@@ -1,9 +1,9 @@
 """Virtual time of a world: devices, readers and the event loop take turns in it.
 
-One thread works. The reader of each driver is a greenlet in the place of its thread:
-it runs until it waits for bytes or time. When readers and event loop wait, the time
-advances to whatever is due first: an action of a device, bytes that arrive, the end of
-a wait. Computing takes no time; stalls are drawn.
+One thread works. The reader of each driver is a greenlet in the place of its thread: it
+runs until it waits for bytes or time. When readers and event loop wait, time advances
+to the next action of a device, arrival of bytes or end of a wait. Computing takes no
+time; stalls are drawn.
 """
 
 import heapq
@@ -41,7 +41,7 @@ class Reader:
         self.woken = True
 
     def can_run(self, now_s: float) -> bool:
-        """Whether its wait is over."""
+        """Return whether its wait is over."""
         return self.due_s <= now_s or (self.wakes and self.woken) or self.ready()
 
 
@@ -50,8 +50,7 @@ class Housed:
     """A device in a world.
 
     Attributes:
-        due_s: When it has something to do by itself; what it is changes only while it
-            lives.
+        due_s: next action of its own; changes only while it lives.
     """
 
     device: SimulatedDevice
@@ -59,7 +58,7 @@ class Housed:
     due_s: float = 0.0
 
     def next_s(self) -> float:
-        """When it has something to do or to read."""
+        """Return when it has something to do or to read."""
         next_s = self.due_s
         for cable in self.cables:
             next_s = min(next_s, cable.device_due_s())
@@ -107,11 +106,10 @@ class Hub:
 
     @property
     def loop_s(self) -> float:
-        """The host's clock, not begun anew by a restart."""
+        """The host's clock, not reset by a restart."""
         return self.host.at(self.now_s)
 
     def monotonic_ns(self) -> int:
-        """The host's monotonic clock."""
         return BOOT_NS + round(1e9 * (self.loop_s - self.booted_s))
 
     def true_s(self, monotonic_ns: int) -> float:
@@ -127,7 +125,6 @@ class Hub:
         return reader
 
     def kill(self, reader: Reader) -> None:
-        """End a reader where it waits; what it holds is released."""
         self.readers.remove(reader)
         if not reader.greenlet.dead:
             self._current = reader
@@ -136,7 +133,6 @@ class Hub:
         reader.driver.close()
 
     def wait(self, seconds: float, ready: Callable[[], bool] = bool) -> bool:
-        """Wait within a reader, until something is ready, a wake-up or the end."""
         reader = self._current
         if reader is None:
             raise RuntimeError("only readers wait")
@@ -153,7 +149,6 @@ class Hub:
         return False
 
     def sleep(self, seconds: float) -> None:
-        """Sleep within a reader."""
         if self._current is None:
             raise RuntimeError("the event loop must not sleep")
         self._current.wakes = False
@@ -172,11 +167,11 @@ class Hub:
     # -- time --------------------------------------------------------------------
 
     def at(self, true_s: float, action: Callable[[], object]) -> None:
-        """Do something at a true time, outside of readers and event loop."""
+        """Call an action at a true time, outside of readers and event loop."""
         heapq.heappush(self._actions, (true_s, next(self._numbers), action))
 
     def run(self, seconds: float | None) -> None:
-        """Let time pass until the event loop is woken, at most so long of its time."""
+        """Let time pass until the event loop is woken, at most for a time."""
         end_s = NEVER_S
         if seconds is not None:
             end_s = max(self.now_s, self.host.true(self.loop_s + seconds))

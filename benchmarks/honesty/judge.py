@@ -1,12 +1,11 @@
-"""Judge what the daemon publishes against the simulator's truth.
+"""Judge of the daemon's messages against the simulator's truth.
 
-A number is a lie if it is unmarked and farther off, at the instant that it claims,
-than four times its stated standard deviation plus `SLACK_MM`; or if it is unmarked and
-the computer's UTC is off by more than is stated: a second where the kernel says that a
-program keeps it; else it may be from just before the latest time that was believed here
-until 400 days after it. The stated standard deviation
-of a place is the root of the trace of its covariance. Where none is stated, as in a
-block of a scan, that of the last live pose is taken.
+A number is a lie if it is unmarked and farther off, at the instant that it claims, than
+four times its stated standard deviation plus `SLACK_MM`; or if it is unmarked and the
+computer's UTC is off by more than is stated: a second if the kernel's clock is
+synchronised; else it may be from just before the latest trusted time until 400 days
+after it. The stated standard deviation of a place is the root of the trace of its
+covariance; without one, as in a block of a scan, that of the last live pose.
 """
 
 from collections import Counter
@@ -52,7 +51,7 @@ class Lie:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Claims:
-    """What a message claims of n instants: times [UTC], places (n, 3), and doubt."""
+    """Claims of a message at n instants: times [UTC], places (n, 3), and doubt."""
 
     what: str
     times_ns: Integers
@@ -62,7 +61,7 @@ class Claims:
 
     @classmethod
     def of(cls, what: str, pose: Point | Live) -> "Claims":
-        """Those of one point or pose."""
+        """Read the claims of one point or pose."""
         return cls(
             what,
             np.array([pose.time_ns]),
@@ -74,11 +73,11 @@ class Claims:
 
 @dataclass(eq=False)
 class Tally:
-    """What was judged, by kind of message.
+    """Judged numbers, by kind of message.
 
     Attributes:
-        doubts: Marked numbers after `SETTLED_S`, by their flags.
-        worst: Of unmarked numbers, the largest share of what is allowed.
+        doubts: marked numbers after `SETTLED_S`, by their flags.
+        worst: of unmarked numbers, the largest share of the permitted error.
     """
 
     ok: Counter[str] = field(default_factory=Counter)
@@ -189,7 +188,7 @@ class Judge:
     def _errors(
         self, times_ns: Integers, xyz_mm: Floats, offset_ns: int | None = None
     ) -> tuple[Floats, Floats, Floats]:
-        """How far places (n, 3) are off, when they claim to be, how far UTC is off."""
+        """Return errors of places (n, 3), their true times, and the error of UTC."""
         hub = self._hub
         offset_ns = self._offsets_ns[0] if offset_ns is None else offset_ns
         at_s = np.array([hub.true_s(int(t) - offset_ns) for t in times_ns.tolist()])

@@ -7,7 +7,7 @@ from benchmarks.honesty.hub import Hub
 
 
 class _Selector(selectors.SelectSelector):
-    """Waiting lets the world run; no descriptor is looked at."""
+    """Waiting lets the world run; no descriptor is polled."""
 
     def __init__(self, hub: Hub) -> None:
         super().__init__()
@@ -29,7 +29,6 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         self._hub = hub
 
     def time(self) -> float:
-        """The host's clock."""
         return self._hub.loop_s
 
     def _write_to_self(self) -> None:

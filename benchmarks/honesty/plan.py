@@ -1,4 +1,4 @@
-"""What a world is: drawn from its seed, all of it before it begins."""
+"""Plan of a world, drawn from its seed."""
 
 from dataclasses import dataclass, field, replace
 
@@ -12,14 +12,14 @@ EDGE_S = 7.0  # faults begin so long after the start, and end so long before the
 
 @dataclass(frozen=True, slots=True)
 class PlannedFault:
-    """Something goes wrong.
+    """A planned fault.
 
     Attributes:
-        kind: See `FAULT_KINDS`.
-        at_s: True time.
-        lasts_s: For how long; 0 for an instant.
-        size: What the kind needs: seconds, counts, or a share.
-        device: Number of the device that it strikes.
+        kind: see `FAULT_KINDS`.
+        at_s: true time.
+        lasts_s: duration; 0 for an instant.
+        size: by kind: seconds, counts, or a share.
+        device: number of the device concerned.
     """
 
     kind: str
@@ -31,7 +31,7 @@ class PlannedFault:
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """What the operator does at a true time."""
+    """An action of the operator at a true time."""
 
     at_s: float
     kind: str
@@ -43,12 +43,12 @@ class Plan:
     """A world before it begins.
 
     Attributes:
-        rates_ppm: Of each device's clock.
-        drifts_ppm_s: Change of that in a second.
-        delays_s: Least, usual and bunch of each device's cable.
-        pace: How the arm is led, see `PACES`.
-        is_identified: The arm file states how well the arm is known.
-        is_confirmed: The operator confirms the references in the beginning.
+        rates_ppm: of each device's clock.
+        drifts_ppm_s: change of that in a second.
+        delays_s: least, usual and bunch of each device's cable.
+        pace: how the arm is led, see `PACES`.
+        is_identified: the arm file has a covariance.
+        is_confirmed: the operator confirms the references in the beginning.
     """
 
     seed: int
@@ -66,7 +66,7 @@ class Plan:
 
     @property
     def homes_s(self) -> tuple[float, ...]:
-        """When the arm is put into its home posture, if it has to be."""
+        """When the arm is put into its home posture, if necessary."""
         if not self.is_incremental:
             return ()
         ends_s = [f.at_s + f.lasts_s + 3.0 for f in self.faults if f.kind in OF_POWER]
@@ -218,16 +218,16 @@ def _with_fault(plan: Plan, kind: str, rng: np.random.Generator) -> Plan:
 
 
 def least_delay_s(plan: Plan, fault: PlannedFault) -> float:
-    """The smallest delay that a fault of delays leaves.
+    """Return the smallest delay that a fault of delays leaves.
 
-    Of a device that nobody asks it cannot be known: it is what the port states.
+    Of a device that is never asked it is unknown: the port's statement is taken.
     """
     spec = FAMILIES[plan.family].devices[fault.device]
     return min(fault.size, ONE_WAY_S) if spec.id == "text" else fault.size
 
 
 def _from_start(plan: Plan, fault: PlannedFault, rng: np.random.Generator) -> Plan:
-    """Apply what is so from the beginning."""
+    """Apply faults that are there from the beginning."""
     kind, device = fault.kind, fault.device
     rates, drifts = list(plan.rates_ppm), list(plan.drifts_ppm_s)
     delays = list(plan.delays_s)
@@ -251,7 +251,7 @@ def _from_start(plan: Plan, fault: PlannedFault, rng: np.random.Generator) -> Pl
 
 
 def _actions(plan: Plan, rng: np.random.Generator) -> tuple[Action, ...]:
-    """What the operator does: confirm first, then points, means and scans."""
+    """Draw the operator's actions: confirm first, then points, means and scans."""
     confirm = "home" if plan.is_incremental else "confirm"
     actions = [Action(2.5, confirm)] if plan.is_confirmed else []
     actions += [Action(at_s + 2.5, "home") for at_s in plan.homes_s[1:]]

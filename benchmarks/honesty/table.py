@@ -1,4 +1,4 @@
-"""What came of many worlds, as tables; whether all of it was honest."""
+"""Tables of many worlds, and their verdict."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence

@@ -1,4 +1,4 @@
-"""A clock that goes wrong: what it shows at each true time, and the way back."""
+"""A faulty clock: its reading at each true time, and the inverse."""
 
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ class ClockFault:
     """A clock stands still for a time, or is set.
 
     Attributes:
-        at_s: True time.
-        stands_s: How long it stands.
-        set_s: By how much it is set ahead; negative: back.
+        at_s: true time.
+        stands_s: duration of the standstill.
+        set_s: by how much it is set ahead; negative: back.
     """
 
     at_s: float
@@ -78,7 +78,7 @@ class Timeline:
         return _along(self._true, self._shown, true_s)
 
     def true(self, shown_s: float) -> float:
-        """The last true time at which it shows this; it must never be set back."""
+        """Return the last true time of a reading; the clock must never be set back."""
         if self._even_rate:
             return shown_s / self._even_rate
         return _along(self._shown, self._true, shown_s)

@@ -126,7 +126,7 @@ class World:
 
     @contextlib.contextmanager
     def _in_memory(self) -> Iterator[None]:
-        """Ports, buses and sleeping are those of the world meanwhile."""
+        """Use ports, buses and sleeping of the world within the block."""
         hub = self.hub
 
         def device_end(path: Path, buffer_bytes: int) -> DeviceEnd:
@@ -277,7 +277,6 @@ class World:
             hub.readers_stalled_s = max(hub.readers_stalled_s, end_s)
 
     def _schedule_swap(self, fault: PlannedFault) -> None:
-        """Two ports of one kind change their names after a reset of USB."""
         hub = self.hub
         groups = [spec.ports for spec in self._family.devices if spec.ports]
         if len(groups[0]) > 1:
@@ -295,7 +294,7 @@ class World:
         hub.at(fault.at_s + fault.lasts_s, swap)
 
     def _utc_s(self) -> float:
-        """What the computer believes of UTC."""
+        """Return the computer's assumed UTC."""
         now_s = self.hub.now_s
         believed_s = UTC_S + now_s
         for fault in self.plan.faults:
@@ -319,7 +318,6 @@ class World:
     # -- running -------------------------------------------------------------------
 
     def run(self) -> Outcome:
-        """Let it happen."""
         begun_s = time.process_time()
         with self._in_memory():
             self._build_devices()
@@ -451,7 +449,7 @@ def _each(cables: list[Cable], act: Any) -> None:  # noqa: ANN401 - a method of 
 
 
 def _restarts(plan: Plan) -> list[tuple[float, float, bool]]:
-    """When the daemon ends, begins again, and whether devices lose power meanwhile."""
+    """Return when the daemon ends and begins again, and whether devices lose power."""
     restarts: list[tuple[float, float, bool]] = []
     for fault in sorted(plan.faults, key=lambda fault: fault.at_s):
         if fault.kind in ("daemon_restart", "computer_restart"):
@@ -491,7 +489,6 @@ def run_world(plan: Plan, *, is_verbose: bool = False) -> Outcome:
 
 
 def world_line(seed: int) -> Line:
-    """Run the world of a seed; what came of it."""
     logging.disable(logging.CRITICAL)
     plan = draw_plan(seed)
     outcome = run_world(plan)

@@ -1,12 +1,12 @@
-"""`python -m benchmarks.identification.__main__`: the adjustment's time and memory.
+"""`python -m benchmarks.identification.__main__`: time and memory of the adjustment.
 
-Beside scipy's least squares on the same problem, in one run, each in a process of its
-own with one thread of linear algebra, so that peak memory is its own. Seconds are of
-the processor: what else the machine does meanwhile counts little.
+Beside scipy's least squares on the same problem, each in a process of its own with one
+thread of linear algebra, so that peak memory is its own. Seconds are of the processor,
+hardly affected by other load.
 
 Numerical derivatives are differences of hundreds of forward computations, which our
-kernel speeds up tenfold. So this peer runs twice: with the kernel, as ours does
-and with the vectorised NumPy that one would write without it.
+kernel speeds up tenfold. So this peer runs twice: with the kernel, and with vectorised
+NumPy.
 """
 
 import argparse
@@ -73,7 +73,6 @@ def measured(method: str, campaign: Campaign) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.identification.__main__"
     )

@@ -33,11 +33,11 @@ _SCAN_RADIUS_MM = 40.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """What every method starts from.
+    """Start of every method.
 
     Attributes:
-        network: Observations, free parameters, noise.
-        start: The design, and the artefacts' unknowns that follow from it.
+        network: observations, free parameters, noise.
+        start: the design, and the artefacts' unknowns that follow from it.
     """
 
     network: Network
@@ -94,11 +94,11 @@ def problem(campaign: Campaign, arm: Arm) -> Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PeerResult:
-    """What a peer found.
+    """Result of a peer.
 
     Attributes:
-        state: The estimates.
-        n_jacobians: Iterations.
+        state: the estimates.
+        n_jacobians: iterations.
     """
 
     state: State

@@ -76,7 +76,7 @@ def tables(
 
 
 def main(path: Path | None = None) -> None:
-    """Print the tables, and keep them in a file where one is named."""
+    """Print the tables; write them to a file if one is named."""
     report(tables(), path)
 
 

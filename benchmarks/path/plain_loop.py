@@ -1,7 +1,7 @@
-"""The measurement path as one writes it for a first try: frame by frame.
+"""The measuring path as a first try: frame by frame.
 
-`cobs`, `struct`, numpy on one pose and `json`. What pyserial and paho would add is left
-out, since the path beside it has no port and no broker either.
+`cobs`, `struct`, numpy on one pose and `json`. pyserial and paho are left out, since
+the path beside it has no port and no broker either.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Other libraries on the same arm, each as its own documentation would have it.
+"""Other libraries on the same arm, used as documented.
 
 They are installed into an environment of their own (`benchmarks/peers.txt`), which
 Traverse itself never uses.

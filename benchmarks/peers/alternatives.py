@@ -49,7 +49,6 @@ class LmdbStore:
         self._number = 0
 
     def add(self, entries: Sequence[NewMessage]) -> None:
-        """Store messages, all or none; on return they are synced."""
         messages, ids, places, unsent = self._trees
         with self._environment.begin(write=True) as transaction:
             for entry in entries:
@@ -71,7 +70,6 @@ class LmdbStore:
                 transaction.put(number, b"", db=unsent, append=True)
 
     def close(self) -> None:
-        """Close the file."""
         self._environment.close()
 
 
@@ -136,7 +134,7 @@ FastPoint: Any = msgspec.defstruct(
 
 
 def entries(payload: bytes) -> Iterator[NewMessage]:
-    """Points of one session, without end."""
+    """Yield points of one session, without end."""
     begun_ns, seq = time.time_ns(), 0
     while True:
         yield NewMessage(
@@ -187,7 +185,6 @@ def stores(folder: Path) -> None:
 
 
 def main(folder: Path) -> None:
-    """Print both comparisons."""
     print(load())
     with tempfile.TemporaryDirectory(dir=folder) as name:
         stores(Path(name))

@@ -1,4 +1,4 @@
-"""Which peers are there, and whether they compute the same."""
+"""Installed peers, and comparison of their results."""
 
 from importlib import import_module
 
@@ -16,7 +16,7 @@ AGREEMENT_MM = 1e-9
 
 
 def installed_peers(geometry: Geometry) -> tuple[list[Peer], list[str]]:
-    """Make the peers that are installed ready; also the names of those that are not."""
+    """Return the installed peers, and the names of missing ones."""
     available, missing = [], []
     for name in MODULES:
         try:

@@ -1,4 +1,4 @@
-"""What a peer offers to be compared with, and the arm as all of them take it."""
+"""Interface of a peer, and the arm as all of them take it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

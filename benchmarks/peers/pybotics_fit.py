@@ -44,7 +44,6 @@ def placed(robot: Robot, angles_rad: np.ndarray, places_mm: np.ndarray) -> np.nd
 
 
 def main() -> None:
-    """Fit one set."""
     given = json.load(sys.stdin)
     angles_rad, places_mm = np.array(given["angles_rad"]), np.array(given["places_mm"])
     kept = np.array(given["is_kept"])

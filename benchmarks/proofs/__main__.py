@@ -29,7 +29,6 @@ CONDITION_HEADER = (
 
 
 def series(_asked: argparse.Namespace | None = None) -> list[Series[Any]]:
-    """Make campaigns of every mix, clean and spoilt, and the condition numbers."""
     campaigns = [
         Series(
             _name(mix, share),

@@ -20,7 +20,6 @@ from traverse.simulator.campaigns.spec import NoiseTable
 
 
 def demo_arm() -> Arm:
-    """Read the arm of the demonstration: seven joints, about a metre long."""
     return read_arm(Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml")
 
 

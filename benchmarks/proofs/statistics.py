@@ -22,7 +22,7 @@ _FARTHEST = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A line of a table, and whether what it should show holds."""
+    """A line of a table, and whether its claim holds."""
 
     line: str
     holds: bool
@@ -93,11 +93,10 @@ def blunder_verdict(
 
 
 def _farthest(outcomes: Sequence[Outcome]) -> float:
-    """Largest departure from what was foreseen, in standard deviations of that.
+    """Return the largest departure from the prediction, in its standard deviations.
 
-    Of sums of squares and of the distances' chi-squares.
-
-    Infinite where equations less unknowns were counted wrong.
+    Of sums of squares and of the distances' chi-squares; infinite if equations less
+    unknowns were counted wrong.
     """
     gaps = [0.0]
     for o in outcomes:

@@ -1,11 +1,10 @@
 """One simulated campaign identified and judged by the truth.
 
-What any correct identification must predict, whatever its datum: distances.
-
 The distance of the ball between two postures does not depend on the place of the base
-nor on how parameters share a shift. What was estimated is compared with the
-simulator's own matrices, whitened with the covariance that the identification states;
-derivatives of distances are differences of distances, not the adjustment's own.
+nor on how parameters share a shift; any correct identification must predict it.
+Estimates are compared with the simulator's own matrices, whitened with the covariance
+that the identification states; derivatives of distances are differences of distances,
+not the adjustment's own.
 """
 
 from dataclasses import asdict, dataclass, replace
@@ -280,24 +279,24 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one campaign.
+    """Result of one campaign.
 
     Attributes:
-        converged: Whether the last adjustment converged.
-        passed: The global test of sigma0.
-        sum_of_squares: Weighted, of the last adjustment.
-        redundancy: Of that.
-        foreseen: Sum of squares that the planted errors must leave, for poses that
-            all take part without blunders; else None.
-        foreseen_redundancy: Of that.
-        chi_square: Of invariant distances.
-        foreseen_chi_square: That which follows from the planted errors; else None.
-        degrees: Of that.
-        mean_square_mm2: Of the distances' errors.
-        n_determined: Directions of the arm's parameters.
-        n_blunders: Spoilt poses.
-        n_kept: Spoilt poses that were not removed.
-        n_lost: Good poses that were removed.
+        converged: the last adjustment converged.
+        passed: the global test of sigma0.
+        sum_of_squares: weighted, of the last adjustment.
+        redundancy: of that.
+        foreseen: sum of squares by the planted errors, if all poses take part without
+            blunders; else None.
+        foreseen_redundancy: of that.
+        chi_square: of invariant distances.
+        foreseen_chi_square: by the planted errors; else None.
+        degrees: of that.
+        mean_square_mm2: of the distances' errors.
+        n_determined: directions of the arm's parameters.
+        n_blunders: poses with blunders.
+        n_kept: of these, not removed.
+        n_lost: good poses that were removed.
     """
 
     converged: bool

@@ -1,1 +1,1 @@
-"""What the daemon costs and bears."""
+"""Cost and robustness of the daemon."""

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.service.effects [SECONDS] [FILE]`: what effects cost."""
+"""`python -m benchmarks.service.effects [SECONDS] [FILE]`: cost of effects."""
 
 import asyncio
 import statistics
@@ -165,13 +165,6 @@ def stage(calls_s: dict[str, float]) -> Iterator[str]:
 def streams(
     folder: Path, seconds: float, shares: dict[str, list[float]]
 ) -> Iterator[str]:
-    """Lines on whole daemons, one after the other, several rounds.
-
-    Args:
-        folder: for their files.
-        seconds: of each stream.
-        shares: of a core are put in here, by set of effects.
-    """
     port = rig.free_port()
     n_samples = round(RATE_HZ * seconds)
     with rig.mosquitto(folder, port), rig.simulator(folder):
@@ -192,7 +185,6 @@ def streams(
 
 
 def main(path: Path | None = None, seconds: float = SECONDS) -> None:
-    """Print every figure, and keep them in a file where one is named."""
     before = load()
     print(before)
     blocks_s: dict[str, float] = {}

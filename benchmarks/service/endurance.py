@@ -58,7 +58,6 @@ class Size:
         )
 
     def line(self) -> str:
-        """It for people."""
         return (
             f"{self.after_s:6.0f} s  {self.rss_mb:7.1f} MB, "
             f"{self.own_mb:.1f} of them its own  "
@@ -68,7 +67,7 @@ class Size:
 
 @dataclass
 class Followed:
-    """What was received of the scan.
+    """Received part of the scan.
 
     Attributes:
         lost: by the line, of which ``excused`` because the board's program stood still.
@@ -91,7 +90,7 @@ class Followed:
 async def follow(
     port: int, seconds: float, process: "subprocess.Popen[bytes]"
 ) -> tuple[list[Size], Followed]:
-    """Scan, and look at the daemon ten times and at five minutes."""
+    """Scan, and measure the daemon ten times and at five minutes."""
     followed, sizes = Followed(), []
     early_s = min(EARLY_S, seconds / 2)
     looks = sorted({early_s, *(seconds * i / 10 for i in range(1, 11))})
@@ -118,7 +117,7 @@ def drops(truth: Path) -> list[dict[str, Any]]:
 
 
 def faults(sizes: list[Size], followed: Followed) -> list[str]:
-    """What must not be."""
+    """Return violations."""
     end = sizes[-1]
     early = next(
         size for size in sizes if size.after_s >= min(EARLY_S, end.after_s / 2)

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.service.filters`: what filters of points cost.
+"""`python -m benchmarks.service.filters`: cost of filters of points.
 
 In the daemon: the share of a core with a stream of 10 kHz through all filters at once,
 beside the same stream without any. Off-line: points per second of each filter alone and
@@ -166,7 +166,6 @@ async def _scanned(
 
 
 def main(n_points: int = N_POINTS, seconds: float = SECONDS) -> None:
-    """Print every figure."""
     for name, filters in (("without filters", ""), ("all filters", FILTERS)):
         with tempfile.TemporaryDirectory() as folder:
             figures = asyncio.run(share_of_core(Path(folder), filters, seconds))

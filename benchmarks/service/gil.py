@@ -1,8 +1,8 @@
 """`python -m benchmarks.service.gil [FILE]`: how long a reader waits for the GIL.
 
-A reader thread waits on a pipe, as that of a serial port does, into which a program of
-its own writes the time every 2 ms. What passes from there until the thread has read it
-is the system's wake-up and the wait for the lock that the main thread holds or not.
+A reader thread waits on a pipe, as for a serial port, into which a program of its own
+writes the time every 2 ms. The delay until the thread has read it is the system's
+wake-up and the wait for the lock that the main thread may hold.
 """
 
 import contextlib
@@ -63,7 +63,6 @@ class Reader:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread."""
         self._stopping = True
         self._thread.join()
 
@@ -90,7 +89,7 @@ def stamps() -> Iterator[int]:
 
 
 def delays(turn: Callable[[], object], seconds: float) -> dict[str, float]:
-    """What a reader waits while ``turn`` is called again and again: us."""
+    """Measure a reader's wait while ``turn`` is called repeatedly: us."""
     with stamps() as pipe:
         select.select([pipe], [], [])
         reader = Reader(pipe)
@@ -105,7 +104,7 @@ def delays(turn: Callable[[], object], seconds: float) -> dict[str, float]:
 
 
 def loads() -> dict[str, Callable[[], object]]:
-    """What the main thread may be busy with."""
+    """Return loads of the main thread."""
     model = read_model(ARM, {"base": None})
     effective = arm_with(SETS["all 20"])
     angles_rad = np.random.default_rng(1).uniform(-3.0, 3.0, (N_POSES, 7))
@@ -128,7 +127,7 @@ def loads() -> dict[str, Callable[[], object]]:
 
 
 def follow(model: ArmModel) -> Callable[[], object]:
-    """What the event loop does with 200 samples each 20 ms, from one to the next."""
+    """Return the event loop's work on 200 samples each 20 ms."""
     timing, decoder = Timing(), Decoder()
     reads = cut(line_bytes(100_000, model), LIKE_A_LINE.read_bytes)
     timed = [
@@ -174,7 +173,6 @@ def count(n: int) -> int:
 
 
 def main(path: Path | None = None) -> None:
-    """Print what the reader waits, in rounds, and keep it where a file is named."""
     print(f"{load()}; switch interval {1e3 * sys.getswitchinterval():g} ms")
     delays_by_turn: dict[str, list[dict[str, float]]] = {}
     for _ in range(ROUNDS):

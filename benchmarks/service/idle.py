@@ -1,4 +1,4 @@
-"""`python -m benchmarks.service.idle`: what a daemon costs that nobody uses.
+"""`python -m benchmarks.service.idle`: cost of an unused daemon.
 
 Its board streams as always, nobody presses, and mosquitto is connected.
 """
@@ -25,7 +25,7 @@ class Idle:
     """One round; shares are of one core.
 
     Attributes:
-        moves: whether the arm moves; else it rests.
+        moves: the arm moves; else it rests.
         threads_share: of each thread of the daemon, in the order of their start.
         switches_hz: their voluntary switches, in the same order.
         memory_mb: resident.
@@ -39,7 +39,6 @@ class Idle:
     memory_mb: float
 
     def line(self) -> str:
-        """It in one line, for people."""
         threads = ", ".join(
             f"{share:.2%} ({switches:.0f}/s)"
             for share, switches in zip(
@@ -91,7 +90,6 @@ def idle(folder: Path, seconds: float, *, moves: bool) -> Idle:
 
 
 def main() -> None:
-    """Print the rounds and their medians."""
     print(load())
     for moves in (False, True):
         found = []

@@ -1,8 +1,7 @@
-"""`python -m benchmarks.service.recording [SECONDS] [FILE]`: what a recording costs.
+"""`python -m benchmarks.service.recording [SECONDS] [FILE]`: cost of a recording.
 
-One daemon with a stream of 10 kHz, with a recording and without in turn, so that
-whatever else the computer does falls on both; the same with the flight recorder. Then
-the recording is replayed.
+One daemon with a stream of 10 kHz, with a recording and without in turn, so that other
+load falls on both; the same with the flight recorder. Then the recording is replayed.
 """
 
 import asyncio
@@ -74,7 +73,6 @@ class Meter:
         self.queued = self.dropped = 0
 
     async def listen(self) -> None:
-        """Receive messages."""
         async for item in received(self._client):
             if isinstance(item.message, Reply):
                 self._replies.put_nowait(item.message)
@@ -95,7 +93,7 @@ class Meter:
                 return dict(reply.result or {})
 
     async def share(self, seconds: float) -> float:
-        """Of a core, over some time."""
+        """Measure the daemon's share of a core over a time."""
         await asyncio.sleep(SETTLE_S)
         begun_s, begun_cpu_s = time.monotonic(), rig.cpu_s(self._process)
         await asyncio.sleep(seconds)
@@ -106,7 +104,7 @@ class Meter:
 async def measured(
     port: int, process: "subprocess.Popen[bytes]", seconds: float, rounds: int
 ) -> tuple[list[float], list[float], list[dict[str, Any]], Meter]:
-    """Shares without and with a recording, in turn, and what was recorded."""
+    """Return shares without and with a recording, in turn, and the recordings."""
     async with ConfiguredClient(BrokerAddress("127.0.0.1", port)) as client:
         await subscribe(client, ARM, ("reply", "health"))
         meter = Meter(client, process)
@@ -173,7 +171,7 @@ def cost(seconds: float) -> Cost:
 
 
 def replayed(file: Path, block: int | None) -> tuple[float, ReplayResult]:
-    """Samples a second, and the result."""
+    """Return samples a second, and the result."""
 
     async def replay() -> ReplayResult:
         with RunReader(file) as reader:
@@ -185,7 +183,6 @@ def replayed(file: Path, block: int | None) -> tuple[float, ReplayResult]:
 
 
 def main(file: Path | None = None, seconds: float = SECONDS) -> None:
-    """Print every figure, and how busy the machine was meanwhile."""
     before = load()
     logging.getLogger("traverse.daemon").setLevel(logging.CRITICAL)  # of the past
     print(before)

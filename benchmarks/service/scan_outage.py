@@ -66,7 +66,7 @@ class Outage:
 
 
 async def outage(folder: Path, delivery: str, seconds: float) -> Outage:
-    """One scan with an outage of the broker."""
+    """Run one scan with an outage of the broker."""
     program = programs.find("mosquitto")
     if program is None:
         raise SystemExit("benchmarks.service.scan_outage: mosquitto is not installed")
@@ -119,7 +119,7 @@ def _judged(
 
 
 def main(seconds: float = SECONDS) -> int:
-    """Print the results of both; 1 where a complete scan was not."""
+    """Print the results of both; 1 if a complete scan was not."""
     print(load())
     outages = []
     for delivery in ("complete", "live"):

@@ -1,8 +1,8 @@
-"""`python -m benchmarks.service.stages [FILE]`: where the time of one press goes.
+"""`python -m benchmarks.service.stages [FILE]`: durations of the stages of a press.
 
-From the last byte that a board writes to a subscriber on a bare socket, at 100 presses
-a second: what each stage of the daemon takes, medians of rounds. The daemon notes the
-instants itself (`benchmarks.tools.staged_daemon`), which takes some microseconds each.
+From the last byte of a board to a subscriber on a bare socket, at 100 presses a second:
+medians of rounds. The daemon notes the instants itself
+(`benchmarks.tools.staged_daemon`), which takes some microseconds each.
 """
 
 import tempfile
@@ -56,7 +56,6 @@ def one_round(folder: Path, port: int) -> dict[str, float]:
 
 
 def main(path: Path | None = None) -> None:
-    """Print the stages, and keep them in a file where one is named."""
     port, before = rig.free_port(), load()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -1,4 +1,4 @@
-"""A timed stream over a pty to an MQTT subscriber: complete, and at what cost."""
+"""A timed stream over a pty to an MQTT subscriber: completeness and cost."""
 
 import asyncio
 import subprocess
@@ -33,7 +33,6 @@ class Followed:
     health: Health | None = None
 
     def add(self, scan: Scan) -> None:
-        """Note a block."""
         n = len(scan.dtime_ns)
         if not n:
             return
@@ -59,7 +58,7 @@ async def order_scan(client: ConfiguredClient, action: str, rate_hz: float) -> N
 
 
 async def wait_until_subscribed(port: int) -> None:
-    """Wait for the daemon's first status: from then on it takes commands."""
+    """Wait for the daemon's first status, after which it takes commands."""
     async with ConfiguredClient(BrokerAddress("127.0.0.1", port)) as client:
         await subscribe(client, ARM, ("status",))
         async for item in received(client):
@@ -103,11 +102,11 @@ async def follow_scan(
 
 @dataclass(frozen=True, slots=True)
 class Streamed:
-    """A stream and what it cost; shares are of one core.
+    """A stream and its cost; shares are of one core.
 
     Attributes:
-        ready_s: from starting the daemon to its telling that it measures.
-        start_cpu_s: CPU time that it took until then.
+        ready_s: from starting the daemon to its report that it measures.
+        start_cpu_s: CPU time until then.
     """
 
     rate_hz: float
@@ -124,7 +123,6 @@ class Streamed:
     start_cpu_s: float
 
     def line(self) -> str:
-        """It in one line, for people."""
         return (
             f"{self.rate_hz:6.0f} Hz for {self.seconds:g} s: {self.samples} samples, "
             f"{self.gaps} gaps, {self.lost} lost on the line, {self.dropped} dropped, "

@@ -31,7 +31,7 @@ DRAIN_S = 120.0
 async def crash(
     bench: Bench, outages: Outages, kills: int, has_disk: bool
 ) -> tuple[Span, list[str]]:
-    """Let everything happen; when, and what was wrong with bad disks."""
+    """Run all outages; return their span, and failures with bad disks."""
     async with AsyncExitStack() as stack:
         await stack.enter_async_context(bench.daemons_network)
         await stack.enter_async_context(bench.consumers_network)
@@ -114,7 +114,7 @@ def _in_outbox(bench: Bench) -> int:
 def table(
     bench: Bench, outages: Outages, verdict: Verdict, seconds: float, disks: str
 ) -> str:
-    """The result for people."""
+    """Format the result for people."""
     rows = [(f"outages: {kind}", n) for kind, n in sorted(outages.counts.items())]
     rows += [("outages in all", sum(outages.counts.values()))]
     rows += [
@@ -129,7 +129,7 @@ def table(
 
 
 def main(options: argparse.Namespace) -> int:
-    """Run it all in a folder of its own; the exit status."""
+    """Run in a folder of its own; return the exit status."""
     begun_s = time.monotonic()
     print(f"{load()}; seed {options.seed}", flush=True)
     with ExitStack() as stack:

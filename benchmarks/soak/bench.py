@@ -24,14 +24,14 @@ class Kept:
 
     Args:
         name: of its log.
-        folder: where it runs and logs.
+        folder: of work and log.
         command: returns the command line of the next life.
         environment: in addition to ours.
 
     Attributes:
-        kills: how often it was killed.
-        starts: how often it was started.
-        down_s: so long it stays away after a kill.
+        kills: number of kills.
+        starts: number of starts.
+        down_s: pause after a kill.
     """
 
     def __init__(
@@ -53,7 +53,6 @@ class Kept:
 
     @property
     def is_running(self) -> bool:
-        """Whether it lives now."""
         return self._process is not None and self._process.poll() is None
 
     @property
@@ -77,14 +76,14 @@ class Kept:
             )
 
     def kill(self, down_s: float) -> None:
-        """End it as a power cut does; it restarts after `down_s` seconds."""
+        """Kill it as a power cut does; it restarts after `down_s` seconds."""
         if self._process is not None and self.is_running:
             self.down_s = down_s
             self._process.kill()
             self.kills += 1
 
     async def keep(self) -> None:
-        """Start it again after every end, until cancelled."""
+        """Restart it after every end, until cancelled."""
         while True:
             self.start()
             while self.is_running:  # noqa: ASYNC110 - no event reports it
@@ -93,7 +92,7 @@ class Kept:
             self.down_s = PAUSE_S
 
     def stop(self, number: int = signal.SIGTERM) -> None:
-        """End it in order, or not."""
+        """Stop it, in order or not."""
         if self._process is None:
             return
         self._process.send_signal(number)
@@ -215,18 +214,18 @@ class Bench:
         self.witness = Kept("witness", folder, self._witness_command)
 
     def programs(self) -> Iterator[Kept]:
-        """All, in the order in which they are started."""
+        """Yield all, in the order of their start."""
         yield from (self.broker, self.board, self.tap, self.daemon)
         yield from (self.consumer, self.witness, self.operator)
 
     def note_disk(self, *, is_sound: bool) -> None:
-        """Say among the acknowledgements whether points can be kept."""
+        """Note among the acknowledgements whether points can be stored."""
         with (self.folder / "acknowledged.jsonl").open("a", encoding="utf-8") as log:
             line = {"time_s": round(time.time(), 3), "disk": is_sound}
             log.write(json.dumps(line) + "\n")
 
     def write_daemon(self) -> None:
-        """The daemon's configuration; the network must be there."""
+        """Write the daemon's configuration; the network must be there."""
         (self.folder / "daemon.toml").write_text(
             DAEMON.format(folder=self.folder, port=self.daemons_network.port)
         )

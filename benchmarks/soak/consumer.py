@@ -1,7 +1,7 @@
 """`python -m benchmarks.soak.consumer ARM BROKER STORE`: points into its own store.
 
-The position where it resumes is in the store, in the same transaction as the points: a
-consumer that is killed stores every point once. It has no other memory.
+The cursor is in the store, in the same transaction as the points: a consumer that is
+killed stores every point once. It has no other memory.
 """
 
 import asyncio
@@ -43,16 +43,15 @@ class Store:
         self._database.commit()
 
     def close(self) -> None:
-        """Close the file."""
         self._database.close()
 
     def place(self) -> dict[str, int]:
-        """Where to go on, the newest session last."""
+        """Return the cursor, the newest session last."""
         rows = self._database.execute("SELECT session, next_seq FROM place")
         return dict(rows.fetchall())
 
     def put(self, items: list[Point | Lost], figures: dict[str, int]) -> None:
-        """Keep points and losses, and the place after them, or nothing of it."""
+        """Store points, losses and the cursor, or nothing of it."""
         with self._database as database:
             for item in items:
                 if isinstance(item, Point):
@@ -89,7 +88,7 @@ async def main(arm_name: str, broker: str, path: Path) -> None:
 async def follow(
     arm_name: str, broker: str, store: Store, ended: asyncio.Event
 ) -> None:
-    """Store what arrives until the end."""
+    """Store arriving points until the end."""
     arm = Arm(arm_name, broker, since=store.place(), connect_timeout_s=3600.0)
     async with arm:
         reader = arm.points_and_losses()

@@ -1,4 +1,4 @@
-"""Disks that fail: a full one, and one that cannot be written to."""
+"""Disks that fail: full, or read-only."""
 
 import asyncio
 import contextlib
@@ -18,7 +18,7 @@ PATIENCE_S = 60.0
 
 @contextlib.contextmanager
 def small_disk(folder: Path) -> Iterator[bool]:
-    """A file system of its own on a folder, where we may mount one."""
+    """Mount a file system of its own on a folder, where permitted."""
     folder.mkdir(parents=True, exist_ok=True)
     options = f"size={SIZE_MB}m,mode=0700"
     mounting = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
@@ -35,7 +35,7 @@ def small_disk(folder: Path) -> Iterator[bool]:
 
 @contextlib.asynccontextmanager
 async def full(folder: Path) -> AsyncIterator[None]:
-    """No room is left while the block lasts."""
+    """Fill the disk within the block."""
     filler = folder / "filler"
     with contextlib.suppress(OSError), filler.open("wb", buffering=0) as file:
         while True:
@@ -51,10 +51,10 @@ async def full(folder: Path) -> AsyncIterator[None]:
 
 @contextlib.asynccontextmanager
 async def read_only(folder: Path, daemon: Kept) -> AsyncIterator[None]:
-    """Nothing can be written while the block lasts.
+    """Make the disk read-only within the block.
 
     The kernel does not allow that while a file is open for writing: so the daemon is
-    killed, and restarts on a disk that cannot be written to.
+    killed, and restarts on that disk.
     """
     daemon.kill(2.0)
     await _remount(folder, "ro")
@@ -79,10 +79,10 @@ async def _remount(folder: Path, how: str) -> None:
 async def refusal(
     arm: Arm, trouble: contextlib.AbstractAsyncContextManager[None]
 ) -> list[str]:
-    """See that points are refused with a reason, and taken again afterwards.
+    """Check that points are refused with a reason, and taken again afterwards.
 
     Returns:
-        What was wrong; empty where all was well.
+        Failures.
     """
     events = arm.events()
     said: list[str] = []
@@ -111,7 +111,7 @@ async def refusal(
 
 
 async def _first_refusal(arm: Arm) -> CommandRefused | None:
-    """What is said to the next commands; some may still have been kept."""
+    """Return the refusal of the next commands; some may still have been stored."""
     for _ in range(400):
         try:
             await arm.capture()

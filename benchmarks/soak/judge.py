@@ -1,9 +1,7 @@
-"""What must hold at the end of the crash test.
+"""Claims at the end of the crash test.
 
-Whether the daemon was at work at all: a crash test of a daemon that is down is none.
-
-A run of 200 kills once ended well with 7 sessions in 229 starts: for most of it the
-daemon had no board, so there was nothing that could be lost.
+Also whether the daemon was at work: a run of 200 kills once ended well with 7 sessions
+in 229 starts: for most of it the daemon had no board, so that nothing could be lost.
 """
 
 import json
@@ -27,7 +25,7 @@ LEAST_SHARE = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """While programs and networks were killed.
+    """Time in which programs and networks were killed.
 
     Attributes:
         begun_s: UTC, as are all times of the logs.
@@ -42,10 +40,10 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What the daemon did while programs and networks were killed.
+    """Work of the daemon while programs and networks were killed.
 
     Attributes:
-        seconds: how long that lasted.
+        seconds: duration.
         measuring_s: of these with edges acknowledged, a pause of two seconds at most.
         starts: of the daemon.
         sessions: with at least one point in the outbox.
@@ -62,7 +60,7 @@ class Work:
         return self.measuring_s / self.seconds if self.seconds > 0.0 else 0.0
 
     def faults(self) -> list[str]:
-        """Why the run shows too little, in sentences; empty where it shows enough."""
+        """Return why the run shows too little; empty if it shows enough."""
         said = []
         if self.share < LEAST_SHARE:
             said.append(
@@ -80,10 +78,10 @@ class Work:
 
 
 def measuring_s(times_s: Iterable[float], begun_s: float, ended_s: float) -> float:
-    """How long edges were acknowledged between two instants, without the pauses.
+    """Return how long edges were acknowledged between two instants, without pauses.
 
     Args:
-        times_s: when edges were acknowledged, in order.
+        times_s: of acknowledgements, in order.
         begun_s: first instant that counts.
         ended_s: last instant that counts.
     """
@@ -219,7 +217,7 @@ def _work(folder: Path, points: Sequence[Point], span: Span) -> Work:
 
 
 def _order(received: list[tuple[str, str, int]]) -> list[str]:
-    """Sessions one after the other, numbers from 0 without gap."""
+    """Check sessions one after the other, numbers from 0 without gap."""
     faults, ended, current, expected = [], set(), "", 0
     for _, session, seq in received:
         if session != current:
@@ -241,7 +239,7 @@ def _counts_per_turn(arm: Path) -> tuple[int, ...]:
 def _edges(
     folder: Path, lives: list[str], turns: tuple[int, ...]
 ) -> tuple[set[tuple[int, ...]], set[tuple[int, ...]]]:
-    """Counts of all presses that there were, and of those that were acknowledged."""
+    """Return counts of all presses, and of acknowledged ones."""
     promised = _promised(list(lines(folder / "acknowledged.jsonl")))
     presses, acknowledged = set(), set()
     for life in lives:
@@ -255,9 +253,9 @@ def _edges(
 
 
 def _promised(log: list[dict[str, Any]]) -> set[tuple[str, int]]:
-    """Life and number of edges whose acknowledgement promises a point.
+    """Return life and number of edges whose acknowledgement promises a point.
 
-    Not those that met a disk that fails: these are refused to the operator, and
+    Edges that met a failing disk do not count: they are refused to the operator, and
     the acknowledgement may follow when the disk works again.
     """
     notes = [(line["time_s"], line["disk"]) for line in log if "disk" in line]
@@ -287,7 +285,7 @@ def _figures(folder: Path) -> Counter[str]:
 
 
 def _some(what: str, which: set[Any]) -> list[str]:
-    """One line for all of a kind."""
+    """Summarise all of a kind in a line."""
     if not which:
         return []
     return [f"{len(which)} {what}: {sorted(which)[:3]}"]

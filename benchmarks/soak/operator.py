@@ -1,7 +1,6 @@
 """`python -m benchmarks.soak.operator ARM BROKER RATE LOG`: commands points for ever.
 
-Logs its requests and the replies: a point counts as acknowledged when
-the answer says ok.
+Logs its requests and the replies: a point counts as acknowledged if the answer is ok.
 """
 
 import asyncio
@@ -39,7 +38,7 @@ class Operator:
         self._running: set[asyncio.Task[None]] = set()
 
     async def work(self, rate_hz: float) -> None:
-        """Ask for points at a rate, whatever becomes of them."""
+        """Request points at a rate, whatever becomes of them."""
         connecting = asyncio.create_task(
             self._link.run(self._take, self._requests.link_changed)
         )
@@ -75,7 +74,6 @@ class Operator:
 
 
 async def main(arm: str, broker: str, rate_hz: float, path: Path) -> None:
-    """Work until killed."""
     with path.open("a", encoding="utf-8") as log:
         await Operator(arm, BrokerAddress.parse(broker), log).work(rate_hz)
 

@@ -1,11 +1,11 @@
 """`python -m benchmarks.soak.tap BOARD HOST LOG`: a tap on the line of a board.
 
-Passes bytes between the board's pty and one of its own for the daemon, and writes down
-which edges the daemon acknowledges. When the board vanishes so does the daemon's pty.
+Passes bytes between the board's pty and one of its own for the daemon, and logs the
+edges that the daemon acknowledges. When the board vanishes so does the daemon's pty.
 
 A board that is killed leaves its link behind, and the number of its pty is used by the
-next program that opens one. So the link is removed as soon as the board is gone,
-as udev does, and polled: its target is always the board.
+next program that opens one. So the link is removed as soon as the board is gone, as
+udev does, and polled: its target is always the board.
 """
 
 import contextlib
@@ -53,7 +53,7 @@ class Edges:
         self._from_host = FrameSplitter()
 
     def sent(self, data: bytes) -> None:
-        """The board has said this."""
+        """Take bytes of the board."""
         for message in self._from_board.feed(data):
             if isinstance(message, Hello):
                 self._is_forgetting = False
@@ -64,7 +64,7 @@ class Edges:
                 self._waiting.setdefault(message.seq, round(time.time(), 3))
 
     def answered(self, data: bytes) -> None:
-        """The daemon has said this."""
+        """Take bytes of the daemon."""
         for body in self._from_host.feed(data):
             if body[0] == HELLO and body[3] & FORGET_EDGES:
                 # A new daemon: earlier edges are dropped, also those in transit.
@@ -88,14 +88,14 @@ class Edges:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """What a link leads to, and when it was made: another board has another."""
+    """Target and time of a link, which identify a board."""
 
     target: str
     made_ns: int
 
     @classmethod
     def of(cls, link: Path) -> "Mark | None":
-        """The present one; None where there is no link."""
+        """Read the present link; None if there is none."""
         try:
             return cls(str(link.readlink()), link.lstat().st_mtime_ns)
         except OSError:
@@ -103,7 +103,7 @@ class Mark:
 
 
 def read(line: int) -> bytes:
-    """What is there; nothing where the other side has just thrown it away."""
+    """Return available bytes; none if the other side was just closed."""
     try:
         return os.read(line, READ_BYTES)
     except BlockingIOError:
@@ -132,7 +132,7 @@ def pass_on(board: int, host: int, edges: Edges, is_board: Callable[[], bool]) -
 
 
 def tell(what: str) -> None:
-    """A line of the tap's own log."""
+    """Write a line of the tap's own log."""
     print(f"{time.time():.3f} {what}", flush=True)
 
 
@@ -150,7 +150,6 @@ def main(board_link: Path, host_link: Path, log_path: Path) -> None:
 
 
 def follow(board_link: Path, mark: Mark, host_link: Path, log: TextIO) -> None:
-    """Follow one life of the board."""
     try:
         board = os.open(mark.target, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError as error:

@@ -2,7 +2,7 @@
 
 It shares no code with Traverse: paho, msgpack and the pages of the documentation. It
 commands points unless it is quiet, keeps every message byte for byte before it
-acknowledges it, and requests what is missing. `faults` compares that with the outbox in
+acknowledges it, and requests missing ones. `faults` compares that with the outbox in
 the end, which it reads with sqlite3 alone.
 """
 
@@ -58,7 +58,7 @@ class Witness:
         self._client.reconnect_delay_set(1, 1)
 
     def run(self, host: str, port: int, *, is_quiet: bool) -> None:
-        """Connect, again and again; command points, request what is missing."""
+        """Connect repeatedly; command points, request missing ones."""
         keeping = Properties(PacketTypes.CONNECT)
         keeping.SessionExpiryInterval = 3600
         self._client.connect_async(
@@ -100,7 +100,7 @@ class Witness:
                     self._command("resend", {"session": stored["session"], **ends})
 
     def _gaps(self, session: dict[str, Any]) -> Iterator[tuple[int, int]]:
-        """The first range that is missing of a session; the next one another time."""
+        """Yield the first missing range of a session; the next one another time."""
         with self._lock:
             rows = self._database.execute(
                 "SELECT DISTINCT seq FROM arrivals WHERE session = ?",
@@ -124,13 +124,13 @@ class Witness:
 
 
 def read(payload: bytes | bytearray) -> dict[str, Any]:
-    """A message in either encoding; only JSON begins with a brace."""
+    """Decode a message in either encoding; only JSON begins with a brace."""
     values = json.loads(payload) if payload[:1] == b"{" else msgpack.unpackb(payload)
     return dict(values)
 
 
 def seen(store: Path) -> tuple[int, int]:
-    """How many points it has, and how many it has commanded."""
+    """Return how many points it has, and how many it has commanded."""
     with closing(sqlite3.connect(store)) as database:
         (points,) = database.execute(
             "SELECT count(DISTINCT id) FROM arrivals"
@@ -140,10 +140,10 @@ def seen(store: Path) -> tuple[int, int]:
 
 
 def faults(store: Path, outbox: Path) -> tuple[dict[str, int], list[str]]:
-    """What must not be, and figures: acknowledged points lost, doubled, altered.
+    """Return figures and failures: acknowledged points lost, doubled, altered.
 
     Args:
-        store: what a witness kept.
+        store: of a witness.
         outbox: the daemon's `outbox.db`.
     """
     with closing(sqlite3.connect(store)) as database:

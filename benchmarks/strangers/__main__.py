@@ -1,6 +1,6 @@
 """`python -m benchmarks.strangers DIR [table|choices|subsets]`: other people's arms.
 
-`table` is that of docs/strangers.md; `choices` asks whether a difference in it is
+`table` is that of docs/strangers.md; `choices` tests whether a difference in it is
 chance, `subsets` whether random subsets of poses converge.
 """
 

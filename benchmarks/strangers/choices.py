@@ -1,4 +1,4 @@
-"""Other choices of the poses that are used: is a difference in the table chance?
+"""Other choices of the used poses: whether a difference in the table is chance.
 
 The other thirds of a gauge's places, and of the tracker's two series 800 random
 postures of C instead of the first, judged by all of B. Traverse beside plain least
@@ -28,7 +28,6 @@ N_USED, N_CHOICES, N_THIRDS = 800, 12, 3
 
 
 def series(sets: Sequence[Measured]) -> list[Series[Measured]]:
-    """Make the choices of every set that has others."""
     by_name = {measured.name: measured for measured in sets}
     thirds = [
         Series(f"choices: {name}", partial(other_places, measured), both, N_THIRDS)

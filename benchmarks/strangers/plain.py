@@ -2,7 +2,7 @@
 
 It shares no code with the identification: forward kinematics of its own in NumPy, the
 parameters of a product of exponentials, redundant ones left to the solver, every pose
-of equal weight, and nothing held to be a blunder.
+of equal weight, no blunders removed.
 """
 
 from collections.abc import Callable
@@ -67,11 +67,11 @@ def fitted(nominal: Chain, measured: Measured, *, tool_only: bool = False) -> Ch
 
 
 def held_out_mm(positions_mm: Floats, measured: Measured) -> Floats:
-    """Distances of the poses kept aside, by where an arm has the ball in all of them.
+    """Return distances of the poses kept aside, from ball positions in all poses.
 
-    One yardstick for every way to fit an arm: a socket is at the mean of the poses
-    kept aside, the tracker where the places of the others fit best, or of those kept
-    aside where it was moved. The places are (n, 3).
+    The same for every fit: a socket is at the mean of the poses kept aside, the tracker
+    at the best fit of the other poses, or of those kept aside if it was moved.
+    Positions are (n, 3).
     """
     kept = measured.is_kept
     if measured.places_mm is None:

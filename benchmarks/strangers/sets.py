@@ -55,7 +55,6 @@ class Measured:
 
     @property
     def classic_rows(self) -> list[list[float]]:
-        """Denavit-Hartenberg rows (a mm, d mm, alpha rad) of an arm from a table."""
         return [
             [float(cell) for cell in line.split(",")]
             for line in self.arm[1].splitlines()[1:]
@@ -63,7 +62,6 @@ class Measured:
 
     @property
     def tool_mm(self) -> list[float]:
-        """The maker's tool of such an arm."""
         cells = self.arm[self.arm.index("--tool-xyz-mm") + 1].split(",")
         return [float(cell) for cell in cells]
 
@@ -94,7 +92,6 @@ class Measured:
         return folder
 
     def joints(self, n_joints: int) -> list[str]:
-        """Names of the joints in the arm file."""
         return [f"J{number}" for number in range(1, n_joints + 1)]
 
     def _touched(self, row: int) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""Random subsets of poses: do they converge?
+"""Convergence of random subsets of poses.
 
 Of each of the sets of docs/strangers.md, and of simulated arms that a tracker follows.
 None of these has wrong units: a report that says so is false.
@@ -66,7 +66,7 @@ def drawn_simulated(seed: int) -> Case:
 
 
 def outcome_of(case: Case) -> Line:
-    """Identify; in words: converged, or what was said instead."""
+    """Identify; return in words: converged, or the error."""
     campaign, arm = case
     n_poses = len(campaign.poses)
     try:

@@ -41,7 +41,6 @@ HEAD = (
 def series(
     sets: Sequence[Measured], pybotics: str | None, *, diagnose: bool
 ) -> list[Series[Measured]]:
-    """Make one trial of each set."""
     options = f"{' diagnosed' * diagnose}{' with pybotics' * (pybotics is not None)}"
     run = partial(row, pybotics, diagnose)
     return [
@@ -79,7 +78,6 @@ def row(pybotics: str | None, with_diagnosis: bool, measured: Measured) -> Line:
 
 
 def plain_fits(arm: Arm, measured: Measured) -> tuple[Floats, Floats]:
-    """Distances [mm] of poses kept aside, the tool alone fitted, and everything."""
     tool = plain.fitted(plain.chain_of(arm), measured, tool_only=True)
     rival = plain.fitted(tool, measured)
     tool_mm, rival_mm = (
@@ -90,7 +88,7 @@ def plain_fits(arm: Arm, measured: Measured) -> tuple[Floats, Floats]:
 
 
 def nominal_and_campaign(measured: Measured) -> tuple[Arm, Campaign]:
-    """Make the nominal arm, and the campaign of the poses that are used."""
+    """Make the nominal arm, and the campaign of the used poses."""
     with tempfile.TemporaryDirectory() as name:
         arm = read_arm(make_arm(measured, Path(name)))
         used = measured.write(Path(name) / "used", ~measured.is_kept)
@@ -98,7 +96,6 @@ def nominal_and_campaign(measured: Measured) -> tuple[Arm, Campaign]:
 
 
 def by_pybotics(measured: Measured, python: str | None) -> str:
-    """What pybotics makes of a set that a tracker measured."""
     if python is None or measured.places_mm is None:
         return "-"
     given = {
@@ -125,7 +122,7 @@ def by_pybotics(measured: Measured, python: str | None) -> str:
 def ours(
     measured: Measured, given: Campaign, arm: Arm, with_diagnosis: bool
 ) -> tuple[str, str]:
-    """Identify, and diagnose what is left; what each of the arms predicts."""
+    """Identify, and diagnose the remainder; return the predictions of each arm."""
     begun_s = time.monotonic()
     try:
         identified = identify(given, arm).arm

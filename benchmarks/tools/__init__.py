@@ -1,1 +1,1 @@
-"""What benchmarks share: programs, networks, turns, sockets."""
+"""Shared parts of benchmarks: programs, networks, turns, sockets."""

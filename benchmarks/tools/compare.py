@@ -51,7 +51,6 @@ class Figure:
     larger_is_better: bool = False
 
     def is_worse_than(self, before: "Figure") -> bool:
-        """Whether it is noticeably worse, by more than the rounds differ."""
         if self.larger_is_better:
             floor = before.median / (1.0 + _NOTICEABLE)
             return self.median < floor and self.high < before.low
@@ -213,7 +212,6 @@ def report(
 
 
 def main() -> int:
-    """Read the command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.tools.compare")
     parser.add_argument("folder", type=Path, help="what make bench wrote")
     parser.add_argument("--kept", type=Path, default=STORED, help="stored figures")

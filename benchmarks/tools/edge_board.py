@@ -60,7 +60,6 @@ class EdgeBoard:
         self._beat_ns = 0
 
     def run(self) -> None:
-        """Serve until the program is ended."""
         edge_ns = 0
         while True:
             now_ns = time.monotonic_ns()

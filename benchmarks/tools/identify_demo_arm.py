@@ -30,7 +30,6 @@ zeros_rad = 0.0
 
 
 def main() -> None:
-    """Make campaign, arm file and covariance."""
     simulator = tomllib.loads((DATA / "simulator.toml").read_text("utf-8"))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -1,7 +1,7 @@
-"""Effects to hide: what they are called, how they are drawn, how large one may be.
+"""Effects to hide: names, draws, plausible sizes.
 
-Sizes here are those of the blind test's own yardstick; nothing is shared with the
-programs that look for the effects.
+Sizes are those of the blind test's own yardstick; nothing is shared with the programs
+that look for the effects.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,10 +21,10 @@ class HiddenEffect:
     """One fault of the arm, as an entry of an arm file would state it.
 
     Attributes:
-        kind: Of the arm file's effects.
-        joint: Its name, or None for the whole arm.
-        fixed: Further keys that do not grow with the effect.
-        sizes: Keys that do, in their units.
+        kind: of the arm file's effects.
+        joint: name, or None for the whole arm.
+        fixed: further keys, which do not grow with the effect.
+        sizes: keys that do, in their units.
     """
 
     kind: str
@@ -33,32 +33,29 @@ class HiddenEffect:
     sizes: Mapping[str, Size]
 
     def scaled(self, factor: float) -> "HiddenEffect":
-        """Make it larger or smaller."""
         return replace(
             self, sizes={key: _times(size, factor) for key, size in self.sizes.items()}
         )
 
     @property
     def keys(self) -> dict[str, Any]:
-        """All keys of its kind."""
         return {**self.fixed, **self.sizes}
 
     @property
     def estimable(self) -> dict[str, Size]:
-        """Keys that a diagnosis of the effect should find too."""
+        """Keys that a diagnosis of the effect should find."""
         phase = {key: self.fixed[key] for key in ("phase_rad",) if key in self.fixed}
         return {**self.sizes, **phase}
 
     @property
     def entry(self) -> Effect:
-        """As an entry of an arm file."""
         joint = {} if self.joint is None else {"joint": self.joint}
         return effect_from_table({"kind": self.kind, **joint, **self.keys})
 
 
 @dataclass(frozen=True, slots=True)
 class _Draw:
-    """What a drawn effect may depend on."""
+    """Inputs of a drawn effect."""
 
     rng: np.random.Generator
     poses: PoseSet
@@ -69,7 +66,7 @@ class _Draw:
         return float(np.ptp(self.poses.around.time_s))
 
     def amplitudes(self, size: float) -> tuple[float, float]:
-        """A cosine and a sine of a phase that may be anything."""
+        """Draw cosine and sine of any phase."""
         phase_rad = self.rng.uniform(-np.pi, np.pi)
         return size * float(np.cos(phase_rad)), size * float(np.sin(phase_rad))
 
@@ -77,7 +74,7 @@ class _Draw:
         return float(self.rng.choice((-1.0, 1.0)))
 
     def moment(self) -> dict[str, Any]:
-        """The time of a step: not so near the ends that hardly any pose is beyond."""
+        """Draw the time of a step with enough poses on either side."""
         at_s = self.span_s * float(self.rng.uniform(0.15, 0.85))
         return {"at_s": at_s, **self.epoch()}
 
@@ -92,7 +89,7 @@ class _Draw:
         return drawn / np.linalg.norm(drawn)
 
     def vectors(self, size: float, *, along: bool) -> list[tuple[float, ...]]:
-        """Cosine's and sine's vectors, along the joint's axis or across it."""
+        """Draw vectors of cosine and sine, along the joint's axis or across it."""
         axis = np.array(self.poses.arm.joints[self.joint].axis, dtype=np.float64)
         axis /= np.linalg.norm(axis)
         drawn = self.rng.standard_normal((2, 3))

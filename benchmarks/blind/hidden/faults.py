@@ -1,4 +1,4 @@
-"""Faults to hide that no entry of an arm file names; the honest answer is: unknown."""
+"""Faults to hide that no entry of an arm file names; the right answer is: unknown."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -27,11 +27,11 @@ class HiddenFault:
     """One encoder fault, without a name.
 
     Attributes:
-        kind: What to call it in a score table.
-        joint: Whose encoder it is.
-        covariate: What it depends on, named like a column of a campaign.
-        fault: As the simulator plays it.
-        size_key: Attribute of the fault that grows with it.
+        kind: name in a score table.
+        joint: of the encoder.
+        covariate: named like a column of a campaign.
+        fault: as the simulator plays it.
+        size_key: attribute of the fault that grows with it.
     """
 
     kind: str
@@ -41,25 +41,23 @@ class HiddenFault:
     size_key: str
 
     def scaled(self, factor: float) -> "HiddenFault":
-        """Make it larger or smaller."""
         fault: Any = self.fault  # all of them are dataclasses
         size = factor * getattr(fault, self.size_key)
         return replace(self, fault=replace(fault, **{self.size_key: size}))
 
     @property
     def keys(self) -> dict[str, Any]:
-        """Its size."""
         return {self.size_key: getattr(self.fault, self.size_key)}
 
 
 @dataclass(frozen=True, slots=True)
 class _Spot:
-    """Where a fault may be.
+    """Place of a fault.
 
     Attributes:
-        joint: Its number.
-        joints: As faults name it.
-        angles_rad: That the joint's encoder has in the poses, (n_poses,).
+        joint: number.
+        joints: as faults name it.
+        angles_rad: of the joint's encoder in the poses, (n_poses,).
     """
 
     rng: np.random.Generator
@@ -69,7 +67,7 @@ class _Spot:
     angles_rad: np.ndarray[Any, np.dtype[np.float64]]
 
     def angle(self, low: float, high: float) -> float:
-        """Draw one between two quantiles of those in the poses."""
+        """Draw an angle between two quantiles of those in the poses."""
         return float(np.quantile(self.angles_rad, self.rng.uniform(low, high)))
 
 
@@ -145,7 +143,7 @@ def drawn_fault(
 
 
 def _curve(spot: _Spot, joint: str) -> HiddenEffect:
-    """Draw a curve over the joint's own reading, through values of pure chance."""
+    """Draw a random curve over the joint's own reading."""
     low, high = float(np.min(spot.angles_rad)), float(np.max(spot.angles_rad))
     knots = tuple(np.linspace(low, high, _N_KNOTS).tolist())
     values = tuple((1e-5 * spot.rng.standard_normal(_N_KNOTS)).tolist())

@@ -1,7 +1,7 @@
 """Campaigns in which effects are hidden: arm, artefacts, conditions.
 
-All columns of a campaign are written: times, temperature, senses
-of approach, speeds, directions and forces; without them some effects are undetectable.
+All columns of a campaign are written: times, temperature, directions of approach,
+speeds, directions and forces; without them some effects are undetectable.
 """
 
 from dataclasses import dataclass
@@ -34,12 +34,12 @@ Hidden = HiddenEffect | HiddenFault
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """What one round of the blind test is about.
+    """Content of one round of the blind test.
 
     Attributes:
-        poses: Where the effects are played.
-        kinds: Of the effects to hide.
-        pose_seed: Which set of poses it is.
+        poses: in which the effects are played.
+        kinds: of the effects to hide.
+        pose_seed: of the poses.
     """
 
     poses: PoseSet
@@ -73,7 +73,7 @@ def drawn(rng: np.random.Generator, poses: PoseSet, kind: str) -> Hidden:
 
 
 def played(poses: PoseSet, hidden: tuple[Hidden, ...]) -> PoseSet:
-    """Play effects on contacts, in the direction in which nature works."""
+    """Play effects on contacts, in the direction of nature."""
     entries = tuple(entry.entry for entry in hidden if isinstance(entry, HiddenEffect))
     faults = tuple(entry.fault for entry in hidden if isinstance(entry, HiddenFault))
     return with_effects(poses, entries, faults)
@@ -91,7 +91,7 @@ _PROBE_KG = 0.15
 
 
 def weighed(arm: Arm) -> Arm:
-    """Give an arm masses where its file states none, so that gravity has an effect."""
+    """Add missing masses to an arm, so that gravity has an effect."""
     joints = tuple(
         joint
         if joint.mass_kg is not None
@@ -107,7 +107,7 @@ def weighed(arm: Arm) -> Arm:
 
 
 def without_masses(arm: Arm) -> Arm:
-    """Take out of an arm file what nobody who only has the arm can know."""
+    """Remove from an arm file what only its designer can know."""
     unknown = {"mass_kg": None}
     joints = tuple(
         joint.model_copy(update={**unknown, "centre_of_mass_mm": None})
@@ -118,10 +118,10 @@ def without_masses(arm: Arm) -> Arm:
 
 
 def campaign_spec(n_lengths: int = 1) -> CampaignSpec:
-    """Specify what is measured: 480 poses at three cones, a sphere and a bar or two.
+    """Specify a campaign of 480 poses at three cones, a sphere and a bar or two.
 
     Args:
-        n_lengths: Bars, 1 or 2. A wrong length shows only beside another one.
+        n_lengths: bars, 1 or 2. A wrong length shows only beside another one.
     """
     bars = tuple(
         BallBar(
