@@ -163,7 +163,6 @@ def _beginnings(days: list[int]) -> int:
 
 
 def year(seed: int, fault: Callable[[int], Fault]) -> Year:
-    """One arm checked for a year."""
     arm = CheckedArm(seed)
     checks = [arm.check(fault(day)) for day in range(CHECKS)]
     alarms: dict[tuple[str, str], list[int]] = {}

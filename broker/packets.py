@@ -340,7 +340,6 @@ class PacketDecoder:
         return tuple(body[offset:])
 
     def _properties(self, body: bytes, offset: int) -> Properties:
-        """Return the optional properties at the end of a packet."""
         is_there = self._version is Version.V5 and len(body) > offset
         return _properties_at(body, offset)[0] if is_there else {}
 

@@ -150,7 +150,6 @@ def is_refusal(error: BaseException | None) -> bool:
 def _known(
     error: BaseException | None, address: BrokerAddress, wording: Wording
 ) -> str:
-    """Return the words for a known error; else empty."""
     match error:
         case ssl.SSLCertVerificationError():
             text = _of_certificate(error, address, wording)

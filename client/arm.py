@@ -252,7 +252,6 @@ class Arm(ArmCommands):
         self._stream.take(point, arrived.number)
 
     def _close(self, error: BaseException | None = None) -> None:
-        """End all iterations."""
         self._stream.close(error)
         for feeds in (
             *(self._statuses, self._healths, self._events),

@@ -55,7 +55,6 @@ class LoopThread:
             raise
 
     def close(self) -> None:
-        """End the loop and its thread."""
         self.run(self._clear())
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
@@ -273,5 +272,4 @@ class BlockingArm:
 
 
 async def _call_in_loop(make: Callable[[], T]) -> T:
-    """Create an object in its loop."""
     return make()

@@ -150,7 +150,6 @@ class ScanBlocks:
 
     @property
     def scan(self) -> StartedScan:
-        """The started scan."""
         if self._scan is None:
             raise RuntimeError("the scan has not begun; use it with `async with`")
         return self._scan

@@ -95,7 +95,6 @@ class CommandClient:
         self._news.notify()
 
     def link_changed(self, is_connected: bool) -> None:
-        """Take a change of the connection."""
         if not is_connected:  # the arm's last status may be out of date
             self._status = None
         self._news.notify()

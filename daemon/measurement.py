@@ -541,7 +541,6 @@ class Measurement(MeasurementContext):
         error_bounds_counts: Floats | None,
         time_bound_ns: int,
     ) -> Live:
-        """Add the covariance to a live pose."""
         time_ns, angles_rad = int(poses.sample_time_ns[-1]), poses.angles_rad[-1]
         block = self.pipeline.block_at(
             time_ns, angles_rad, self.joint_devices.temperature_c

@@ -336,7 +336,6 @@ class Service:
         return exposition(health, self.latencies, cpu_s, about, conditions)
 
     def update_status_line(self) -> None:
-        """Update the line that `systemctl status` shows."""
         states = {device.section.id: device.state for device in self.devices}
         unsent = self.outbox.health().unsent
         line = self.status_line.text(self.phase, states, self.connection.state, unsent)
@@ -427,7 +426,6 @@ async def _remember_answers(service: Service) -> None:
 
 @contextlib.asynccontextmanager
 async def _in_background(*works: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
-    """Run a task within the block."""
     tasks = [asyncio.create_task(work) for work in works]
     try:
         yield

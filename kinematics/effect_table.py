@@ -141,7 +141,6 @@ class EffectKind:
 
     @property
     def depends_on_posture(self) -> bool:
-        """Whether other postures separate it from other effects."""
         return self.family not in _NOT_OF_POSES
 
     def least_order(self, component: object = None) -> int:

@@ -168,7 +168,6 @@ def _read_json(name: str, payload: bytes) -> object:
 
 
 def _unique(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
-    """Return a map with unique keys."""
     values = dict(pairs)
     if len(values) != len(pairs):
         raise MessageError.of("payload", "a key given twice in a map", "each key once")

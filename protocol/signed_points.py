@@ -29,7 +29,6 @@ def first_link(session: str) -> str:
 
 
 def content_of(point: Point) -> bytes:
-    """Return what is signed of a point."""
     return encode(point.model_copy(update={"signature": None}), "msgpack")
 
 

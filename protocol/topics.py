@@ -91,7 +91,6 @@ def reply_topic(arm: str, name: str) -> str:
 
 
 def command_filter(arm: str) -> str:
-    """The subscription to all commands of an arm."""
     return f"{_topic(arm, 'cmd')}/+"
 
 

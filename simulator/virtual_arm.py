@@ -183,7 +183,6 @@ def _wired(device: DeviceTable, arm: Arm) -> list[tuple[int, int, Encoder]]:
 
 
 def encoders_of(device: DeviceTable, arm: Arm, noise_rad: float) -> EncoderSet:
-    """Return the encoders on a device, by channel."""
     wired = _wired(device, arm)
     per_turn = np.array([entry[2].counts_per_turn for entry in wired], dtype=np.int64)
     return EncoderSet(

@@ -149,7 +149,6 @@ def _shown(report: dict[str, Any]) -> Iterator[str]:
 
 
 def _is_kept(report: dict[str, Any]) -> bool:
-    """Return whether every promise is kept."""
     kinds = report["degenerate"]
     silent = [k for k, row in kinds.items() if k != "wide" and NO_FLAG in row["said"]]
     refused = all(kinds[kind]["said"] == {REFUSED: N_DEGENERATE} for kind in _WEAK)

@@ -78,7 +78,6 @@ def drawn_disposition(rng: np.random.Generator) -> Disposition:
 
 
 def drawn_rotation(rng: np.random.Generator) -> Floats:
-    """Draw a rotation, evenly."""
     quaternion = rng.normal(size=4)
     return rotation_matrix(quaternion / np.linalg.norm(quaternion))
 

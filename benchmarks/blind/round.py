@@ -66,7 +66,6 @@ class Scenario:
     stream: int = 0
 
     def noise(self, plain: NoiseTable) -> NoiseTable:
-        """Change a plain noise."""
         changes = {
             "blunder_share": self.blunder_share,
             "serial_share": self.serial_share,

@@ -202,7 +202,6 @@ def _matches(
 
 
 def _set_of(term: Term) -> frozenset[Identity]:
-    """All names that a term leaves."""
     others = (other.candidate.identity for other in term.alternatives)
     return frozenset(others) | {term.candidate.identity}
 

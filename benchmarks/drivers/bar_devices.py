@@ -185,7 +185,6 @@ class Begun:
         return None if self._begin_s.value < 0.0 else self._begin_s.value
 
     def set(self, time_s: float) -> None:
-        """Say it."""
         self._begin_s.value = time_s
 
     def end(self) -> None:

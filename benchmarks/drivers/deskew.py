@@ -115,7 +115,6 @@ def errors(arm: Moving, deliveries: list[Delivery], first_ns: int) -> Errors:
 
 
 def measured(case: Case, seconds: float, *, real_time: bool = False) -> Errors:
-    """Errors of one case."""
     with tempfile.TemporaryDirectory() as name:
         arm = moving(Path(name), case, seconds + 5.0 * real_time)
         read = read_really if real_time else read_virtually

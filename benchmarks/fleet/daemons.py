@@ -129,6 +129,5 @@ def start(stack: contextlib.ExitStack, places: list[Path], number: int) -> Proce
 
 
 def measures(place: Path) -> bool:
-    """Return whether the daemon in a folder measures."""
     log = place / "daemon.log"
     return log.exists() and b"arm arm-" in log.read_bytes()

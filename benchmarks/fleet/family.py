@@ -176,7 +176,6 @@ def hidden_in(arm: NewArm, prior: Prior, number: int) -> Case:
 
 
 def diagnosed(case: Case) -> Line:
-    """Diagnose alone and with the family."""
     campaign = case.campaign
     return {
         "without": _judged(campaign, case),

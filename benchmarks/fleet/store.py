@@ -52,7 +52,6 @@ def messages(n: int, start: int) -> list[IncomingMessage]:
 
 
 def rows_of(given: Sequence[IncomingMessage]) -> list[Sequence[object]]:
-    """Return rows as the store writes them."""
     rows = Rows()
     for message in given:
         rows.add("point", message.topic.split("/")[1], message.payload)

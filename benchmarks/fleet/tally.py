@@ -147,7 +147,6 @@ class Fleet:
 def tally(
     run: Run, sent: Sent, consumers: Group, *, shares: Shares, broker_mb: float
 ) -> Fleet:
-    """Compute the figures of the run from broker and consumers."""
     had: dict[tuple[str, str, str], list[tuple[int, int]]] = defaultdict(list)
     per_consumer, n_bytes, line_lost = [], 0, 0
     for file in consumers.files:

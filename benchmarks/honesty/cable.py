@@ -219,7 +219,6 @@ class HostEnd:
         return self.is_gone or self._cable.host_due_s() <= self._cable.hub.now_s
 
     def fileno(self) -> int:
-        """It has none."""
         return -1
 
     def wait(self, seconds: float) -> bool:

@@ -47,7 +47,6 @@ class AtOnce(Executor):
     def submit(  # type: ignore[override]  # as much as is used
         self, work: Callable[..., Any], /, *arguments: object
     ) -> "Future[Any]":
-        """Do it."""
         done: Future[Any] = Future()
         done.set_result(work(*arguments))
         return done

@@ -61,7 +61,6 @@ class Claims:
 
     @classmethod
     def of(cls, what: str, pose: Point | Live) -> "Claims":
-        """Read the claims of one point or pose."""
         return cls(
             what,
             np.array([pose.time_ns]),
@@ -113,7 +112,6 @@ class Judge:
         self._offsets_ns: list[int] = []
 
     def point(self, point: Point, utc_offset_ns: int) -> None:
-        """Judge a point."""
         if point.retracts is not None:
             return
         std_mm = self._std_mm(point.covariance_mm2)
@@ -121,7 +119,6 @@ class Judge:
         self._judge(Claims.of(what, point), std_mm, utc_offset_ns)
 
     def live(self, live: Live, utc_offset_ns: int) -> None:
-        """Judge a live pose."""
         std_mm = self._std_mm(live.covariance_mm2)
         self._judge(Claims.of("live", live), std_mm, utc_offset_ns)
 

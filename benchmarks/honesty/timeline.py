@@ -72,7 +72,6 @@ class Timeline:
         self._shown.append(shown_s)
 
     def at(self, true_s: float) -> float:
-        """What it shows at a true time."""
         if self._even_rate:
             return true_s * self._even_rate
         return _along(self._true, self._shown, true_s)

@@ -294,7 +294,6 @@ class World:
         hub.at(fault.at_s + fault.lasts_s, swap)
 
     def _utc_s(self) -> float:
-        """Return the computer's assumed UTC."""
         now_s = self.hub.now_s
         believed_s = UTC_S + now_s
         for fault in self.plan.faults:

@@ -109,7 +109,6 @@ def blocks_ms(port: int, seconds: float, name: str) -> list[float]:
 
 
 def figures_line(name: str, values_ms: list[float]) -> str:
-    """One line of figures."""
     ordered = sorted(values_ms)
     p99 = ordered[int(0.99 * (len(ordered) - 1))]
     return (

@@ -133,7 +133,6 @@ class Streamed:
 
 
 def stream(folder: Path, rate_hz: float, seconds: float) -> Streamed:
-    """Follow a stream of ``seconds`` at ``rate_hz``."""
     port = rig.free_port()
     n_samples = round(rate_hz * seconds)
     with rig.mosquitto(folder, port), rig.simulator(folder) as board:

@@ -111,7 +111,6 @@ async def refusal(
 
 
 async def _first_refusal(arm: Arm) -> CommandRefused | None:
-    """Return the refusal of the next commands; some may still have been stored."""
     for _ in range(400):
         try:
             await arm.capture()
@@ -133,7 +132,6 @@ async def _taken_again(arm: Arm) -> None:
 
 
 async def _wait_for_event(events: Feed[Event], *, active: bool) -> None:
-    """Wait for the event that says so."""
     async for event in events:
         if event.code == "outbox.failed" and event.active is active:
             return

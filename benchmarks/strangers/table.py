@@ -54,13 +54,11 @@ def _as_it_is(measured: Measured, _seed: int) -> Measured:
 
 
 def report(lines: Sequence[Line]) -> list[str]:
-    """Make the table."""
     title = "Distance of poses kept aside: mean, largest [mm].\n"
     return [title, HEAD, *(f"| {' | '.join(line['cells'])} |" for line in lines)]
 
 
 def row(pybotics: str | None, with_diagnosis: bool, measured: Measured) -> Line:
-    """Compute one row of the table."""
     arm, given = nominal_and_campaign(measured)
     tool, rival = plain_fits(arm, measured)
     return {
@@ -88,7 +86,6 @@ def plain_fits(arm: Arm, measured: Measured) -> tuple[Floats, Floats]:
 
 
 def nominal_and_campaign(measured: Measured) -> tuple[Arm, Campaign]:
-    """Make the nominal arm, and the campaign of the used poses."""
     with tempfile.TemporaryDirectory() as name:
         arm = read_arm(make_arm(measured, Path(name)))
         used = measured.write(Path(name) / "used", ~measured.is_kept)

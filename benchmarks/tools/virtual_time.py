@@ -133,7 +133,6 @@ class HostEnd:
         return bool(self._cable.to_host) or not self._cable.plugged
 
     def fileno(self) -> int:
-        """It has none."""
         return -1
 
     def wait(self, seconds: float) -> bool:

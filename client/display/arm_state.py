@@ -329,7 +329,6 @@ class ArmSight:
         return held
 
     def _is_new(self, point: Point) -> bool:
-        """Return whether a point is new, by the arm's own clock."""
         if self.live is None or self.is_stale:
             return False
         return self.live.time_ns - point.time_ns < STORED_NS

@@ -208,7 +208,6 @@ class CheckDesk:
         sight.listeners.append(self._changed)
 
     def begin(self, kind: str, wanted: int) -> None:
-        """Begin, or begin again."""
         if self.check is None:
             self.label_before = self._sight.known_label or Label()
         live = self._sight.live

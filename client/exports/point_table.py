@@ -210,7 +210,6 @@ class Sink(ABC):
             self.in_doubt += not point.quality.ok
 
     def _count(self, table: PointTable) -> None:
-        """Count rows that are written."""
         self.n += len(table)
         self.in_doubt += int(np.count_nonzero(~table.ok))
 

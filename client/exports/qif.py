@@ -71,7 +71,6 @@ class QifDocument:
 
 
 def text_element(parent: Element, name: str, text: str) -> Element:
-    """Add an element with a text."""
     element = SubElement(parent, name)
     element.text = text
     return element

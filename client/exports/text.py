@@ -91,7 +91,6 @@ def _in_unit(place_mm: Iterable[float], unit_mm: float) -> dict[str, float]:
 
 
 def scan_rows(table: PointTable) -> Iterable[list[Any]]:
-    """Return rows of a scan in the order of `SCAN_COLUMNS`."""
     columns = zip(
         table.scan.tolist(),
         table.seq.tolist(),

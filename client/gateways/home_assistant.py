@@ -203,7 +203,6 @@ class HomeAssistantGateway:
         await self._send("availability", b"online")
 
     async def _send(self, topic: str, payload: bytes) -> None:
-        """Publish, retained, if changed."""
         if self._sent.get(topic) != payload:
             await self._link.publish(f"{self.base}/{topic}", payload, retain=True)
             self._sent[topic] = payload

@@ -91,7 +91,6 @@ def arm_entity(live: Live, times: float) -> fox.SceneEntity:
 
 
 def deletion(entity_id: str, utc_ns: int) -> fox.SceneEntityDeletion:
-    """Return the deletion of an entity."""
     kind = fox.SceneEntityDeletionType.MatchingId
     return fox.SceneEntityDeletion(timestamp=_time(utc_ns), type=kind, id=entity_id)
 

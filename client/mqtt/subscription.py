@@ -47,7 +47,6 @@ class ReceivedMessage:
 async def subscribe(
     client: MqttClient, arm: str = "+", kinds: Iterable[str] = KINDS
 ) -> None:
-    """Subscribe to messages of some kinds, from one arm or from all ("+")."""
     for kind in kinds:
         pattern = topics.kind_filter(kind).replace("/+/", f"/{arm}/", 1)
         await client.subscribe((pattern, topics.CHANNELS[kind].qos))
@@ -107,7 +106,6 @@ async def absence_of(arm: str, address: BrokerAddress, patience_s: float) -> str
 async def _statuses(
     address: BrokerAddress, patience_s: float, arm: str = "+"
 ) -> dict[str, bool]:
-    """Return arms with a status, and whether they are on line."""
     is_online_by_arm: dict[str, bool] = {}
     every = topics.kind_filter("status")
     # An access list may permit this one arm only, and refuse the question for all.

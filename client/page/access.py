@@ -142,7 +142,6 @@ class Guard:
 
 
 def _name(host: str) -> str:
-    """A host without its port."""
     if host.startswith("["):
         return host.partition("]")[0] + "]"
     return host.partition(":")[0]

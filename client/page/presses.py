@@ -48,7 +48,6 @@ class Presses:
         self._client.run_javascript(f"traverse_watch.beat({_now_ms()})")
 
     def _take(self, event: GenericEventArguments) -> None:
-        """Judge the press that follows."""
         number, at_ms = event.args["id"], event.args["at_ms"]
         # Infinity: the browser had no beat yet, so nobody knows.
         late_s = inf if at_ms is None else (_now_ms() - float(at_ms)) * 1e-3

@@ -217,7 +217,6 @@ class ReorderBuffer:
         self._hand_on()
 
     def _buffer_unknown(self, point: Point) -> None:
-        """Keep a point of an unknown session."""
         past = self.sessions.past(point.session)
         held = self._unknown_sessions.get(point.session, {})
         is_past = past is not None and (past == NEVER_FOLLOWED or point.seq < past)

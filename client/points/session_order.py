@@ -145,7 +145,6 @@ class SessionSequence:
         return self._past.get(session)
 
     def begin_without_list(self) -> None:
-        """Begin without the list of sessions."""
         self.has_begun = True
         for session, next_seq in (self._since or {}).items():
             self._sessions[session] = SessionPoints(session, 0, next_seq)

@@ -81,7 +81,6 @@ class PointStream:
         return dict(self._next_seqs or self._order.sessions.start)
 
     def take(self, point: Point, number: int) -> None:
-        """Take a point, with the number for its acknowledgement."""
         room = self.room
         self._order.take(point, room=room > 0)
         if room > 0 or not self._has_reader:
@@ -96,7 +95,6 @@ class PointStream:
         self._notify_all()
 
     def link_changed(self, is_connected: bool) -> None:
-        """Take a change of the connection, over which points may have been missed."""
         if is_connected:
             self._order.connection_restored()
             self._notify_all()

@@ -103,7 +103,6 @@ class CommandRateLimiter:
         return False
 
     def admit_kind(self, name: str) -> bool:
-        """Return whether a command of a kind may be executed."""
         return self._of_kind.get(name, self._unknown).take()
 
     @property

@@ -68,7 +68,6 @@ class Latencies:
 
 
 def latencies_by_name() -> dict[str, Latencies]:
-    """Create one for each of `LATENCIES`."""
     return {name: Latencies() for name in LATENCIES}
 
 

@@ -157,7 +157,6 @@ class ArmModel:
         return encoders.signs * (2.0 * np.pi / encoders.counts_per_turn)
 
     def has_same_encoders(self, other: "ArmModel") -> bool:
-        """Return whether the joints have the same encoders on the same devices."""
         mine, theirs = self.encoders, other.encoders
         return (
             self.joint_devices == other.joint_devices
@@ -188,7 +187,6 @@ class ArmModel:
         return [self.effects.name(effect) for effect in self.effects.corrections]
 
     def mismatches_with(self, device: str, identity: Identity) -> list[str]:
-        """List mismatches between the arm file and a device's identity."""
         mismatches = []
         moduli_counts = identity.moduli_counts
         for joint, channel in enumerate(self.channels.tolist()):

@@ -389,7 +389,6 @@ class ReferenceMonitor:
         return [j for j, d in enumerate(self._model.joint_devices) if d == device]
 
     def _incremental_joints(self, device: str, identity: Identity) -> list[int]:
-        """Return joints of a device that are not known to be absolute."""
         joints = self._joints_of(device)
         return [joint for joint in joints if not self._is_absolute(joint, identity)]
 

@@ -173,7 +173,6 @@ class FlightRecorder:
 
 
 def _is_whole(segment: Path) -> bool:
-    """Return whether its daemon finished it."""
     try:
         with RunReader(segment) as reader:
             for _ in reader:

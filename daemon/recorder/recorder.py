@@ -71,7 +71,6 @@ class DeviceSnapshot:
                     latest[alarm] = delivery
 
     def maps(self) -> list[dict[str, object]]:
-        """Return all as maps, in order for each device."""
         tables = []
         for latest in self._latest.values():
             for delivery in latest.values():

@@ -136,7 +136,6 @@ class ScanComparison:
         self.left_out = self.missing = 0
 
     def settle(self, tolerance_mm: float) -> None:
-        """Compare all scans."""
         for name, clouds in self.then.items():
             then = np.concatenate(clouds)
             if name not in self.begun:

@@ -269,7 +269,6 @@ class Replay:
             self._flush()
 
     def _flush(self) -> None:
-        """Process joined samples."""
         waiting, self._joined = self._joined, []
         if waiting and self._measurement is not None:
             for part in _cut(CountSamples.joined(waiting), self.block):

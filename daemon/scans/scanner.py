@@ -216,7 +216,6 @@ class Scanner:
             self._waiting.append(points)
 
     def _flush(self, *, last: bool = False) -> None:
-        """Pass on what waits."""
         blocks, self._waiting = self._waiting, []
         if blocks:
             points = blocks[0] if len(blocks) == 1 else PointBlock.joined(blocks)

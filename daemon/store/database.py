@@ -245,7 +245,6 @@ class MessageDatabase:
         return True
 
     def _note_files(self) -> None:
-        """Record the files' present sizes."""
         self._files = {}
         for path, most in ((self._path, self._size()[0]), (self._log_path, LOG_BYTES)):
             identity, n_bytes = _seen(path)
@@ -473,7 +472,6 @@ class MessageDatabase:
 
     @contextlib.contextmanager
     def _transaction(self) -> Iterator[Callable[..., sqlite3.Cursor]]:
-        """Run the block as one transaction."""
         connection = self.connection
         connection.execute("BEGIN IMMEDIATE")
         try:

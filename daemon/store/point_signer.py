@@ -31,7 +31,6 @@ class PointSigner:
         self._session, self._link = "", ""
 
     def signed(self, point: Point) -> Point:
-        """Return the point with its link to the one before it, and signed."""
         if point.session != self._session:
             self._session, self._link = point.session, first_link(point.session)
         update: dict[str, str | None] = {"previous": self._link, "signature": None}

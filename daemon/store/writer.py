@@ -107,7 +107,6 @@ class StoreWriter:
         await asyncio.to_thread(self._thread.join)
 
     def write(self, message: NewMessage) -> None:
-        """Store a message, after all that was put before."""
         self._jobs.put(message)
 
     def resume(self) -> None:
@@ -228,7 +227,6 @@ class StoreWriter:
             log.debug("nothing deleted: %s", error)
 
     def _report_removed(self, before_ns: int) -> None:
-        """Report removals at intervals."""
         now_s = time.monotonic()
         if self._removed and now_s - self._removed_s >= REMOVED_S:
             why = f"beyond {self.retention.keep_mb:g} MB"

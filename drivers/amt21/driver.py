@@ -162,7 +162,6 @@ class Amt21Driver(PolledDriver[Amt21Line]):
         return now_ns - checked_ns > TURNS_CHECK_NS or now_ns - last_ns > half_turn_ns
 
     def _nearest(self, known: PolledChannel, position: int) -> int:
-        """Return the count with this position nearest to the last one."""
         turn = 1 << self._bits
         step = (position - known.count + turn // 2) % turn - turn // 2
         return (known.count + step) % known.modulus

@@ -166,7 +166,6 @@ class Amt21Line:
         return SHORT if reply.begun else SILENT
 
     def _clear(self, quiet_ns: int) -> None:
-        """Discard unexpected bytes."""
         if self._port.wait(0.0):
             self._count_unrequested(len(self._port.read()), quiet_ns)
 

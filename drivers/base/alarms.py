@@ -29,7 +29,6 @@ class Alarms:
             self._raised[channel, code] = alarm
 
     def end(self, channel: int | None, code: str) -> None:
-        """End an alarm, if it is raised."""
         alarm = self._raised.get((channel, code))
         if alarm is not None and self._put(replace(alarm, raised=False)):
             del self._raised[channel, code]

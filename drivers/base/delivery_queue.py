@@ -187,7 +187,6 @@ class DeliveryQueue:
 
 
 def _joined(taken: Iterable[Delivery]) -> Iterator[Delivery]:
-    """Join consecutive samples of a stream."""
     run: list[CountSamples] = []
     n = 0
     for delivery in taken:

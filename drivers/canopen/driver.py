@@ -187,7 +187,6 @@ class CanOpenDriver(Driver):
         supervisor.observe()
 
     def _read_out(self) -> None:
-        """Process all that has arrived."""
         for _ in range(MOST_READS):
             if self._read(0.0) < MOST_AT_ONCE:
                 break

@@ -250,7 +250,6 @@ class NodeSupervisor:
         return [c for c, n in enumerate(self.nodes) if n.wants_set_up or n.idle]
 
     def _status(self, channel: int) -> int:
-        """Return status bits of the samples of a node."""
         node = self.nodes[channel]
         both = self.conditions.is_raised(channel, "duplicate_node")
         doubtful = STATUS_WARNING * bool(node.warnings or node.emergencies)

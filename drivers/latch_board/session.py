@@ -196,7 +196,6 @@ class LatchBoardSession:
         numbered: tuple[int, Integers, Integers],
         received_ns: int,
     ) -> None:
-        """Hand over rows of a block, with their stream, numbers and ticks."""
         clock, (stream, seq, ticks) = self.clock, numbered
         self._put(
             CountSamples(
@@ -425,7 +424,6 @@ def check_identification(hello: wire.Hello, path: str) -> None:
 
 
 def board_identity(hello: wire.Hello) -> Identity:
-    """Identity and abilities of the board."""
     return Identity(
         f"latch board {hello.board_id.hex()}",
         ".".join(map(str, hello.firmware)),
@@ -440,7 +438,6 @@ def board_identity(hello: wire.Hello) -> Identity:
 
 
 def device_alarm(device: str, alarm: wire.Alarm) -> DeviceAlarm:
-    """Convert an alarm of the board."""
     channel = None if alarm.channel == wire.WHOLE_BOARD else alarm.channel
     text = wire.ALARMS.get(alarm.code, f"maker's alarm {alarm.code}")
     return DeviceAlarm(

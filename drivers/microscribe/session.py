@@ -331,7 +331,6 @@ class MotionReport:
         return self._now_ns() - self._last_ns > patience_ns
 
     def _without_echo(self, data: bytes) -> bytes:
-        """Drop the echo of the request."""
         echo = bytes([wire.MOTION])
         if not self._unechoed or echo not in data:
             return data

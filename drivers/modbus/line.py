@@ -68,7 +68,6 @@ class ModbusClient(ModbusBaseSyncClient):
         """Do nothing; `close_port` closes the port."""
 
     def close_port(self) -> None:
-        """Close the port."""
         self._port.close()
 
     def send(self, request: bytes, addr: tuple[str, int] | None = None) -> int:

@@ -109,7 +109,6 @@ class PolledChannel:
         return self.misses >= READ_ERRORS_FOR_ALARM
 
     def due(self, now_ns: int) -> bool:
-        """Return whether to poll it."""
         return not self.missing or now_ns >= self._ask_again_ns
 
     def accept(

@@ -21,7 +21,6 @@ class SampleSchedule:
 
     @property
     def next_ns(self) -> int:
-        """The instant of the next sample."""
         return self._instant_ns(self._next)
 
     def take(self, now_ns: int) -> tuple[int, int, int]:
@@ -70,7 +69,6 @@ class SampleBlockBuilder:
         return bool(self._waiting) and now_ns - self._waiting[0][1].time_ns >= BLOCK_NS
 
     def deliver(self, stream: int) -> None:
-        """Deliver all as a block of ``stream``, and begin anew."""
         if not self._waiting:
             return
         seq = [number for number, _ in self._waiting]

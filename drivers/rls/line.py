@@ -257,7 +257,6 @@ class RlsLineGroup:
                 self.lines[number].discard_late_bytes()
 
     def discard_input(self, seconds: float) -> set[int]:
-        """Discard input for a time; return the channels with input."""
         talkers = set()
         for number in self._readable_within(self._all, round(seconds * 1e9)):
             self.lines[number].port.read()

@@ -131,7 +131,6 @@ _JOINT_NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def is_joint_name(name: str) -> bool:
-    """Whether an arm file may have a joint of this name."""
     return _JOINT_NAME.fullmatch(name) is not None
 
 

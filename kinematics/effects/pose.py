@@ -212,7 +212,6 @@ def contact_shifts(geometry: Geometry, effects: ArmEffects, block: Block) -> Flo
 
 
 def pose_flags(effects: ArmEffects, block: Block) -> PoseFlags:
-    """Collect flags of all effects."""
     flags = {
         field.name: np.zeros(len(block), dtype=np.bool_) for field in fields(PoseFlags)
     }

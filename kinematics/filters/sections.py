@@ -82,7 +82,6 @@ class Sections(PointFilter):
     def _first_ones(
         self, heights: Floats, steps: Indices, planes: Integers
     ) -> list[int]:
-        """Return the crossings that count."""
         clearance = (self.clearance_mm or 0.1 * self.spacing_mm) / self.spacing_mm
         kept, done = [], 1
         for number, (step, plane) in enumerate(

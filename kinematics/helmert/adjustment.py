@@ -297,7 +297,6 @@ class Reliability:
 
 
 def reliability_of(adjusted: AdjustedHelmert) -> Reliability:
-    """Compute the reliability of an adjustment."""
     weights = adjusted.misclosure_covariance.weights
     design, cofactors = adjusted.design, adjusted.cofactors
     weighted = adjusted.misclosure_covariance.solve(design)

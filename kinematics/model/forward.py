@@ -95,7 +95,6 @@ def numpy_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
 
 
 def numpy_centre(geometry: Geometry, angles_rad: Floats) -> Floats:
-    """Compute `probe_centre` in NumPy."""
     centres_mm = np.empty((len(angles_rad), 3))
     for chunk in chunks(len(angles_rad)):
         turns = JointRotations(angles_rad[chunk], geometry.zeros_rad)
@@ -104,7 +103,6 @@ def numpy_centre(geometry: Geometry, angles_rad: Floats) -> Floats:
 
 
 def numpy_positions(geometry: Geometry, angles_rad: Floats) -> Floats:
-    """Compute `joint_positions` in NumPy."""
     positions_mm = np.empty((len(angles_rad), geometry.n_joints + 1, 3))
     for chunk in chunks(len(angles_rad)):
         rotations = _rotations(geometry, angles_rad[chunk])

@@ -107,7 +107,6 @@ def identifiers(nodes: Iterable[int]) -> list[int]:
 
 
 def nmt_command(command: int, node: int) -> bytes:
-    """Encode an NMT frame; node 0 means all."""
     return bytes((command, node))
 
 

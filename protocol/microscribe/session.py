@@ -168,6 +168,5 @@ def motion_request(framing: Framing, delay_ms: int, *, timer: bool) -> bytes:
 
 
 def _after_echo(command: int, data: bytes) -> bytes | None:
-    """Bytes after the first echo of a command; those before it are older."""
     start = data.find(command)
     return None if start < 0 else data[start + 1 :]

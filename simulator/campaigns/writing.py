@@ -138,7 +138,6 @@ def true_arm_file(arm: Arm, truth: TrueArm) -> Arm:
 
 
 def _write_truth(folder: Path, truth: Truth, arm: Arm) -> None:
-    """Write the truth that the campaign does not state."""
     folder.mkdir(exist_ok=True)
     true = true_arm_file(arm, truth.arm)
     if truth.effects or arm.effects:

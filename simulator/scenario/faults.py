@@ -27,7 +27,6 @@ class Fault(KindTable):
     duration_s: float = Field(default=math.inf, gt=0.0, allow_inf_nan=True)
 
     def lasts(self, script_s: float) -> bool:
-        """Return whether it lasts at a time of the script."""
         return self.at_s <= script_s < self.at_s + self.duration_s
 
     def strikes(self, script_s: float, channel: int | None) -> bool:
@@ -135,7 +134,6 @@ AnyFault = Annotated[SerializeAsAny[Fault], BeforeValidator(Fault.from_table)]
 def of_device(
     faults: Iterable[Fault], device: str, played: frozenset[str]
 ) -> tuple[Fault, ...]:
-    """Select the faults of a device, of kinds that it plays."""
     return tuple(
         fault
         for fault in faults

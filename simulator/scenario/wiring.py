@@ -117,14 +117,12 @@ class Wiring:
             self._next_event += 1
 
     def _next(self) -> InputChange | AlarmChange | None:
-        """Return the next change, at a time of the script."""
         change = self._next_of_inputs()
         if self._alarms and (change is None or self._alarms[0].time_s <= change.time_s):
             return self._alarms[0]
         return change
 
     def _next_of_inputs(self) -> InputChange | None:
-        """Return the next change of an input that this board has."""
         names = {event.input_name for event in self._script.events}
         if names.isdisjoint(self._inputs):
             return None

@@ -226,6 +226,5 @@ def quoted(text: str) -> str:
 
 
 def error_line(tag: str, method: str, error: IppError) -> str:
-    """Write the line of an error."""
     cause, text = quoted(method), quoted(error.text)
     return f"{tag} ! Error({error.severity},{error.number:04d},{cause},{text})"

@@ -263,7 +263,6 @@ class Session:
     # Transactions
 
     def _unfinished(self) -> list[Command]:
-        """Return unfinished commands of the slow queue."""
         return [*([] if self._current is None else [self._current]), *self._pending]
 
     def _proceed(self) -> None:

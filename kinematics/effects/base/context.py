@@ -32,7 +32,6 @@ class EffectContext:
         return len(self.joint_names)
 
     def joint(self, effect: "Effect") -> int:
-        """Return the joint that an effect names, from 0."""
         if effect.joint is None:
             raise ValueError(
                 f"{effect.kind} names no joint; add joint = one of "
@@ -46,7 +45,6 @@ class EffectContext:
         return self.joint_names.index(effect.joint)
 
     def joints(self, effect: "Effect") -> slice:
-        """Return the joints of an effect: the one it names, or all."""
         if effect.joint is None:
             return slice(0, self.n_joints)
         joint = self.joint(effect)

@@ -128,7 +128,6 @@ class Empirical(ReadingCorrection):
 def _source(
     covariate: str, setting: EffectContext
 ) -> tuple[Covariate | None, int | None]:
-    """Resolve a covariate and its joint."""
     for joint, name in enumerate(setting.joint_names):
         of = covariate.removeprefix(name)
         if covariate.startswith(name) and of in _OF_JOINT:

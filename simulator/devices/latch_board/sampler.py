@@ -37,7 +37,6 @@ class TickCounter:
     power_up_s: float
 
     def at(self, time_s: float) -> int:
-        """Return the ticks passed at a time."""
         shown_s = self.clock.shown_s(time_s - self.power_up_s)
         return math.floor(shown_s * self.rate_hz + ROUNDING)
 
