@@ -45,7 +45,6 @@ class Credentials:
     Attributes:
         tls: context of an encrypted connection, or None.
         digest: of all files, to detect changes.
-        warnings: unwise properties.
     """
 
     password: str | None = field(repr=False)

@@ -43,7 +43,6 @@ class Arm(ArmCommands):
     """An arm behind a broker; use with `async with`.
 
     Args:
-        name: of the arm.
         broker: "host", "host:port", "mqtts://host:port", or a BrokerAddress.
         since: first points: "now"; "session", all of the arm's present session;
             "beginning", all in the arm's outbox; or next numbers by session as returned

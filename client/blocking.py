@@ -71,10 +71,6 @@ class AsyncSource(Generic[T]):
 
     A wait that was interrupted (Ctrl-C) or timed out loses nothing: the next one
     continues with it.
-
-    Args:
-        loop: runs it.
-        items: the iterator.
     """
 
     def __init__(self, loop: LoopThread, items: AsyncIterator[T]) -> None:
@@ -104,7 +100,6 @@ class TimedIterator(Generic[T]):
     """A source for a `for` loop.
 
     Args:
-        source: of the items.
         idle_timeout_s: time without an item that ends the iteration; None: never.
     """
 

@@ -4,11 +4,7 @@ import asyncio
 
 
 class ChangeSignal:
-    """Each waiting task is woken by the next call of `notify`.
-
-    Attributes:
-        beats: number of calls.
-    """
+    """Each waiting task is woken by the next call of `notify`."""
 
     def __init__(self) -> None:
         self._waiting: set[asyncio.Future[None]] = set()

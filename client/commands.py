@@ -93,7 +93,6 @@ class ArmCommands:
 
     Args:
         requests: sends commands to the arm.
-        reply_timeout_s: for an answer.
 
     Attributes:
         by_id: the latest received points.

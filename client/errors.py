@@ -20,7 +20,6 @@ class CommandRefused(ClientError):  # noqa: N818 - the answer of a sound arm
 
     Attributes:
         code: for programs, in dotted words: "device.lost".
-        text: for people.
         remedy: what to do about it.
     """
 
@@ -37,10 +36,8 @@ class Counters:
 
     Attributes:
         connections: number of connections to the broker.
-        points: all received points.
         duplicates: repeated points that were left out.
         resend_requested: points that were requested again.
-        lost: unavailable points.
         undecodable: messages that could not be decoded.
     """
 

@@ -64,12 +64,7 @@ class DaemonClock:
 
 
 class CommandClient:
-    """Sends commands to one arm.
-
-    Args:
-        arm: its name.
-        link: the connection.
-    """
+    """Sends commands to one arm."""
 
     def __init__(self, arm: str, link: ReconnectingConnection) -> None:
         self._arm = arm

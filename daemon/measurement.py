@@ -111,7 +111,6 @@ class Measurement(MeasurementContext):
         listener: notified before each step.
         devices: all configured ones, by id.
         joint_devices: those that read joints.
-        conditions: of all numbers.
         latches: requests waiting for a latch, by its token.
         latch_points: unfinished requests of such points, by token.
         probe: probe of the library in use; None for the arm file's.

@@ -91,7 +91,6 @@ class UtcJudge:
     """Judges the computer's UTC.
 
     Args:
-        memory: of earlier runs.
         synchronised: whether the kernel's clock is.
     """
 

@@ -49,7 +49,6 @@ class EffectKind:
     """One row: keys, size and labels of one kind of effect.
 
     Attributes:
-        family: similar kinds.
         keys: the kind's own keys and their types, all required.
         size: plausible size of each parameter, in the unit of its key.
         label: for people; may have {often}, {component}, {artefact}.

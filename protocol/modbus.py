@@ -14,7 +14,6 @@ class PositionRegisters:
 
     Attributes:
         first: Number of the first register, from 0.
-        words: How many.
         word_order: The first word, "high" or "low".
         signed: The highest bit means minus.
         scale: Counts for one unit of what is read.

@@ -89,7 +89,6 @@ class Position:
     """The contents of a reply with a position.
 
     Attributes:
-        count: Of one turn.
         turns: Whole turns, signed; 0 without a counter of turns.
         error: The position is not valid.
         warning: It is, but nearly not.

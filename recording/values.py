@@ -60,7 +60,6 @@ class Touching:
     """Artefact and feature touched from a moment on, until the next such value.
 
     Attributes:
-        sample_time_ns: From when on.
         artefact: Its id in the campaign; None: nothing is touched from here on.
         feature: Of the artefact, empty where it has only one.
     """
@@ -75,7 +74,6 @@ class Conditions:
     """How warm it is and how hard is pressed at a moment.
 
     Attributes:
-        sample_time_ns: When.
         temperature_c: Of the arm, or None.
         force_n: Of the contact, or None.
     """

@@ -81,11 +81,8 @@ class Case:
     """One measured arm.
 
     Attributes:
-        seed: Of everything.
         poses: Of the standards, touched by this arm.
-        drawn: What was measured.
         warm_c: Temperature of the standards; the thermometer says 20 °C.
-        rng: Draws the limits.
     """
 
     seed: int

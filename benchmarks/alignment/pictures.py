@@ -39,8 +39,6 @@ class Example:
     """One of both nets.
 
     Attributes:
-        title: name.
-        values: as in alignment.json.
         residual_mm: root mean square length of the residuals.
         true_mm: root mean square error in the volume over many measurements.
     """

@@ -25,7 +25,6 @@ class Disposition:
 
     Attributes:
         to_mm: in the part's system, (n, 3).
-        volume: of use.
         true: from the arm's system to the part's.
         with_scale: a scale is adjusted.
     """
@@ -41,12 +40,8 @@ class Outcome:
     """Result for one distribution of points.
 
     Attributes:
-        refused: reason, or empty.
-        flags: codes.
         predicted_mm: root mean square error in the volume as predicted.
-        observed_mm: the actual one.
         residual_mm: root mean square length of the residuals.
-        index: of the disposition.
         true_mm: root mean square error in the volume over many drawn measurements with
             equal errors, fitted by singular values.
         fit_mm: root mean square residual of one of these.
@@ -87,7 +82,6 @@ class Case:
     """One measurement of a disposition.
 
     Attributes:
-        disposition: What was drawn.
         common: Its points, with errors of both sides.
         rng: Draws further measurements of it.
     """

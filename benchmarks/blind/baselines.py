@@ -35,7 +35,6 @@ class BaselineResult:
     """Answer of a rival.
 
     Attributes:
-        detected: something is missing.
         names: the strongest first; a rival that only detects has none.
     """
 

@@ -46,11 +46,9 @@ class Scenario:
     """How effects are hidden.
 
     Attributes:
-        name: of the scenario.
         n_effects: number; 0 on clean data.
         size: of each, in sqrt(lambda).
         outside: no arm file can name them.
-        blunder_share: of the poses.
         serial_share: part of the noise that is correlated from pose to pose.
         stated_factor: stated over true noise.
         stream: scenarios of the same one share effects and noise, seed by seed.
@@ -80,15 +78,11 @@ class Case:
 
     Attributes:
         scenario: how it was hidden.
-        seed: of everything.
         pose_seed: of the poses and of the diagnosis.
-        hidden: the effects.
         truths: the same, for the score.
         likeness: share of each effect's signal that the most similar name of the
             library explains, 0 to 1.
-        arm: the arm file.
         simulated: the measurements and their truth.
-        campaign: the measurements alone.
     """
 
     scenario: Scenario

@@ -54,9 +54,6 @@ class Score:
     """Comparison of a diagnosis with the hidden effects.
 
     Attributes:
-        verdict: of the diagnosis.
-        detected: it found anything.
-        n_terms: number of terms.
         exact: the strongest term bears a name of a true one.
         right_joint: the strongest term is at the joint of a true one.
         in_set: a true name is among the strongest term's name and alternatives.

@@ -21,8 +21,6 @@ class Row:
     """A line of the table.
 
     Attributes:
-        what: counted property.
-        figure: required, in words.
         n: number of runs, or of counted objects in them.
         found: the rate or ratio.
         interval: of 95 %.

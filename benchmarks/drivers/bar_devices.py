@@ -47,8 +47,6 @@ class Make:
 
     Attributes:
         name: of the driver; it is the device's id too.
-        bits: of a turn.
-        line: in words.
         table: of the simulated device, besides kind and id.
         options: of the driver; ports are relative to a folder.
         asked_hz: fastest stream that is requested.

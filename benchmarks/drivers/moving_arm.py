@@ -50,7 +50,6 @@ class Case:
     Attributes:
         exchange_s: what a request and its reply take.
         jitter_s: random delay of replies, one in two.
-        rate_hz: of the stream.
         sway_hz: of a joint's swing at 1 rad/s; 0 for a steady 1 rad/s.
     """
 

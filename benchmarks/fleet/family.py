@@ -74,7 +74,6 @@ class NewArm:
     """One more arm.
 
     Attributes:
-        n_poses: Of its campaign.
         size: Of its effect; 0: none.
         is_strange: It does not belong to the family.
         number: Of this kind of arm, so that no two kinds have the same seeds.

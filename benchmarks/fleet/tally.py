@@ -90,9 +90,7 @@ class Fleet:
     """One run in figures.
 
     Attributes:
-        arms: how many.
         numbers: points, and points of scans, that arrived.
-        missing, doubled: of those.
         per_consumer: messages that each consumer had.
         broker_share, consumers_share, daemon_share: of one core; a daemon's is the
             mean of one.

@@ -38,7 +38,6 @@ class ArmSource:
 
     Attributes:
         source: "<device>/<channel>".
-        counts_per_turn: Of its encoder.
         sign: +1 or -1.
         absolute: As the arm file says; None: nothing.
     """
@@ -126,7 +125,6 @@ class Pace:
 
     Attributes:
         rest_s: longest rest between two moves; 0: it never rests.
-        move_s: shortest move.
         reach: of `REACH_RAD` in one move.
         press_s: mean interval between presses.
     """

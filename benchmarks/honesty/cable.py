@@ -23,7 +23,6 @@ class Timekeeper(Protocol):
     """The world as seen by ends of a cable: `Hub` is one.
 
     Attributes:
-        now_s: true time.
         ports: of the host, by path.
     """
 
@@ -42,8 +41,6 @@ class Delay:
     """Delay of bytes in one direction.
 
     Attributes:
-        least_s: minimum.
-        usual_s: mean beyond it.
         bunch_s: bytes arrive together, in steps of so long; 0: one by one.
     """
 

@@ -75,7 +75,6 @@ class DaemonRun:
 
     Args:
         take_point, take_scan, take_live: Called with what is published.
-        take_event: Called with events.
         is_synchronised: Whether the kernel says that a program keeps UTC.
     """
 

@@ -19,7 +19,6 @@ class DeviceSpec:
         section: Its `[[device]]` in the daemon's.
         ports: Its ports; none on a CAN bus.
         n_joints: How many joints it reads, the next ones from the base.
-        counts_per_turn: Of its encoders.
         absolute: What the arm file says of them where they are.
     """
 

@@ -79,7 +79,6 @@ class Hub:
         host: The host's clock over true time; it never runs backwards.
 
     Attributes:
-        now_s: True time.
         ports: What the host finds, by path.
         booted_s: Of the host's clock, when the computer was started last.
         readers_stalled_s: Until when no reader runs.

@@ -16,7 +16,6 @@ class PlannedFault:
 
     Attributes:
         kind: see `FAULT_KINDS`.
-        at_s: true time.
         lasts_s: duration; 0 for an instant.
         size: by kind: seconds, counts, or a share.
         device: number of the device concerned.

@@ -16,7 +16,6 @@ class ClockFault:
     """A clock stands still for a time, or is set.
 
     Attributes:
-        at_s: true time.
         stands_s: duration of the standstill.
         set_s: by how much it is set ahead; negative: back.
     """

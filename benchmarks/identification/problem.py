@@ -94,12 +94,7 @@ def problem(campaign: Campaign, arm: Arm) -> Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PeerResult:
-    """Result of a peer.
-
-    Attributes:
-        state: the estimates.
-        n_jacobians: iterations.
-    """
+    """Result of a peer."""
 
     state: State
     n_jacobians: int

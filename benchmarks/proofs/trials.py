@@ -41,7 +41,6 @@ class DistanceErrors:
     Attributes:
         errors_mm: (n_pairs,); without a length, of distances in units of their mean.
         chi_square: Of the errors, whitened by the stated cofactors and sigma0 = 1.
-        degrees: Of freedom.
         foreseen: Chi-square of the errors that follow from foreseen steps, or NaN.
     """
 
@@ -263,11 +262,8 @@ class Case:
     """One campaign.
 
     Attributes:
-        mix: Of artefacts.
-        seed: Of the noise.
         poses: Where it was measured, and the truth.
         planted: The equations there, at the truth.
-        simulated: What was measured.
     """
 
     mix: str
@@ -285,16 +281,11 @@ class Outcome:
         converged: the last adjustment converged.
         passed: the global test of sigma0.
         sum_of_squares: weighted, of the last adjustment.
-        redundancy: of that.
         foreseen: sum of squares by the planted errors, if all poses take part without
             blunders; else None.
-        foreseen_redundancy: of that.
-        chi_square: of invariant distances.
         foreseen_chi_square: by the planted errors; else None.
-        degrees: of that.
         mean_square_mm2: of the distances' errors.
         n_determined: directions of the arm's parameters.
-        n_blunders: poses with blunders.
         n_kept: of these, not removed.
         n_lost: good poses that were removed.
     """

@@ -71,8 +71,6 @@ class Followed:
 
     Attributes:
         lost: by the line, of which ``excused`` because the board's program stood still.
-        dropped: by the daemon.
-        missing: here.
     """
 
     points: int = 0

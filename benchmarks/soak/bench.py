@@ -23,14 +23,11 @@ class Kept:
     """A program that is kept running.
 
     Args:
-        name: of its log.
         folder: of work and log.
         command: returns the command line of the next life.
         environment: in addition to ours.
 
     Attributes:
-        kills: number of kills.
-        starts: number of starts.
         down_s: pause after a kill.
     """
 
@@ -163,7 +160,6 @@ class Bench:
     """An arm, its daemon, a broker, networks, an operator, a consumer.
 
     Args:
-        folder: for everything.
         state: for the daemon's outbox.
         rate_hz: of the points that the operator commands.
 

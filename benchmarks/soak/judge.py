@@ -29,8 +29,6 @@ class Span:
 
     Attributes:
         begun_s: UTC, as are all times of the logs.
-        ended_s: likewise.
-        starts: of the daemon.
     """
 
     begun_s: float
@@ -43,9 +41,7 @@ class Work:
     """Work of the daemon while programs and networks were killed.
 
     Attributes:
-        seconds: duration.
         measuring_s: of these with edges acknowledged, a pause of two seconds at most.
-        starts: of the daemon.
         sessions: with at least one point in the outbox.
     """
 

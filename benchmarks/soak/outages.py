@@ -19,12 +19,8 @@ class Outages:
     """Kills programs and cuts networks at random moments.
 
     Args:
-        bench: the victims.
         seed: of the moments and kinds.
         pause_s: between two, at least and at most.
-
-    Attributes:
-        counts: outages by kind.
     """
 
     def __init__(

@@ -39,7 +39,6 @@ class Edges:
     """Edges that the board has sent and the daemon has not acknowledged.
 
     Args:
-        life: of the board.
         log: takes a line for each edge that is acknowledged.
     """
 

@@ -38,7 +38,6 @@ class Witness:
     """Follows one arm over MQTT 5, for ever.
 
     Args:
-        arm: its name.
         store: SQLite file of what arrived and of what was promised.
     """
 

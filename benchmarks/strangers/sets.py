@@ -32,7 +32,6 @@ class Measured:
     """One arm's measurements.
 
     Attributes:
-        name: of the set.
         held_by: what was kept aside.
         owners: the owners' own figures, in words.
         arm: options of `traverse arm from-urdf` or `from-dh`, by the words before them.

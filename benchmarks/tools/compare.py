@@ -41,7 +41,6 @@ class Figure:
 
     Attributes:
         peer: what it is a ratio to.
-        larger_is_better: else smaller is.
     """
 
     peer: str

@@ -38,7 +38,6 @@ class Task:
     """Something to be timed.
 
     Attributes:
-        call: does it once.
         n: how many poses, samples or whatever one call deals with.
         is_peer: another library's, or what a user would write without Traverse.
     """
@@ -54,7 +53,6 @@ class Table:
     """Tasks of one kind and what they took, round by round.
 
     Attributes:
-        what: they do.
         times_s: for each, the seconds a pose (sample, ...) of every round.
         peers: names of those that are others'.
     """

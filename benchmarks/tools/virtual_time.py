@@ -41,9 +41,7 @@ class VirtualTime:
         end_s: when `over` is set.
 
     Attributes:
-        now_s: the time.
         devices: that live in it.
-        cables: of its devices.
         over: set at the end.
     """
 

@@ -34,7 +34,6 @@ class Program:
         name: Its module, as after `python -m`.
         series: Makes the series that the user asks for.
         judge: Judges the outcomes of all series, in their order.
-        add_arguments: Adds further options.
         paint: Writes pictures of the outcomes into a folder.
         folders: With the code that outcomes depend on.
     """

@@ -41,7 +41,6 @@ class Change:
             "scan" (ended), "refused", "alarm", "cleared", "link", "status",
             "absent" (no message of this arm was received).
         text: for the user; may be empty.
-        point: received.
     """
 
     kind: str
@@ -54,7 +53,6 @@ class ScanProgress:
     """Progress of a scan.
 
     Attributes:
-        points: delivered so far.
         lost: dropped by the daemon, or lost between device and daemon.
         in_doubt: points with a flag that is no remark; None: unknown.
     """
@@ -86,7 +84,6 @@ class ArmSight:
         sessions: points not retracted, by session and id, in the order of arrival.
         shown_session: an earlier session to be shown; None: the arm's.
         alarms: lasting conditions, by code and source.
-        events: the latest ones.
         coverage: samples received in each of 36 sectors of a joint's reading,
             (n_joints, 36); None before the first pose.
         scan: the latest; None if unknown.

@@ -41,7 +41,6 @@ class Verdict:
         level: "bad" if measuring is impossible or the values are out of date; "busy" if
             the arm is well and does something that people must know.
         word: readable at 2 m.
-        sentence, remedy: for people.
         others: number of further conditions.
         activity: a scan that runs besides.
     """

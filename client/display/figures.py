@@ -23,7 +23,6 @@ class Unit:
 
     Attributes:
         per_mm: number of units in a millimetre.
-        digits: decimals shown.
     """
 
     name: str

@@ -29,14 +29,8 @@ PATIENCE_S = 5.0
 class Follower:
     """One connection to one arm, shared by all pages.
 
-    Args:
-        name: of the arm.
-        broker: of the arm.
-
     Attributes:
         sight: last known state of the arm.
-        cloud: of scanned points.
-        broker: address of the broker.
     """
 
     def __init__(self, name: str, broker: BrokerAddress) -> None:

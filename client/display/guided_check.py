@@ -29,7 +29,6 @@ class GuidedCheck:
             its error of size; None: not set.
         diameter_mm: of the sphere by its certificate; None: unknown.
         begun_ns: earlier points do not count [UTC].
-        points: taken so far.
         suspect: a touch that cannot be of the same seat; not counted.
     """
 

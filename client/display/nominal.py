@@ -16,7 +16,6 @@ class Deviation:
         offsets_mm: in x, y, z; None for open coordinates.
         distance_mm: over the coordinates that count.
         expanded_mm: its expanded uncertainty (k = 2); None: unknown.
-        tolerance_mm: permitted distance.
         doubt: why there is no verdict; empty: there is one.
     """
 
@@ -46,7 +45,6 @@ class Nominal:
 
     Attributes:
         xyz_mm: None for open coordinates.
-        tolerance_mm: permitted distance.
     """
 
     xyz_mm: tuple[float | None, ...]

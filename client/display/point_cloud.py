@@ -16,7 +16,6 @@ class Cloud:
     Attributes:
         version: changes when earlier output is invalid.
         n_kept: points to be drawn.
-        n_seen: received points.
         every: k.
     """
 

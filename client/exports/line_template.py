@@ -13,9 +13,7 @@ class LineTemplate:
     r"""Text with `{name}` or `{name:.3f}`, and `\r`, `\n` and `\t`.
 
     Args:
-        template: the text.
         specimen: a value of each known name.
-        decimal: decimal sign.
 
     Attributes:
         names: of the values that the text contains.

@@ -175,7 +175,6 @@ class Sink(ABC):
 
     Args:
         file: open for writing, seekable.
-        coordinates: chosen ones.
 
     Attributes:
         n: number of written points.

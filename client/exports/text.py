@@ -179,7 +179,6 @@ class Template(Sink):
     """Lines of a template, as a keyboard wedge would type them.
 
     Args:
-        file: open for writing.
         coordinates: those of `{x}`, `{y}` and `{z}`.
         template: see `LineTemplate`.
 

@@ -100,8 +100,6 @@ class HomeAssistantGateway:
     """Shows an arm in Home Assistant while this runs.
 
     Args:
-        arm: its name.
-        address: of the broker.
         prefix: topic of Home Assistant's discovery.
         report: called with messages for people.
         last_check: returns the time of the arm's last daily check; not called on the

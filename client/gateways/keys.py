@@ -29,11 +29,7 @@ class KeyboardGoneError(ValueError):
 
 
 class Keyboard(Protocol):
-    """Types characters.
-
-    Attributes:
-        name: for people.
-    """
+    """Types characters."""
 
     name: str
 
@@ -283,7 +279,6 @@ class KeysOutlet(Outlet):
         through: "desktop" or "uinput".
         stop_key: of `DesktopKeyboard`; stops typing, also within a point, and
             resumes it when pressed again.
-        report: called with messages.
     """
 
     promise = "typed where the cursor is, and never later; nothing confirms a key"

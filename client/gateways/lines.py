@@ -32,7 +32,6 @@ class LineForm:
         undo: of a retraction's line, or None.
         coordinates: those of x, y and z.
         unit: their unit, of `UNITS_MM`.
-        decimal: the decimal sign.
         sends_doubtful: a point in doubt is sent, even if its line does not say so.
 
     Raises:
@@ -72,7 +71,6 @@ class LineGateway:
     """Sends an arm's points, or its scans, to one outlet.
 
     Args:
-        form: of the lines.
         outlet: takes them; open while this sends.
         report: called with messages for people.
 

@@ -56,14 +56,11 @@ class LiveServer:
 
     Args:
         arm: open while this is.
-        host: to listen on.
         port: to listen on; 0: any that is free.
-        times: magnification of ellipsoids.
         report: called with messages for people.
 
     Attributes:
         port: that is listened on.
-        points: shown so far.
     """
 
     def __init__(

@@ -88,12 +88,7 @@ class Outlet(ABC):
 
 
 class FileOutlet(Outlet):
-    """Appends to a file, which may be moved away at any time.
-
-    Args:
-        path: of the file.
-        report: called with messages.
-    """
+    """Appends to a file, which may be moved away at any time."""
 
     promise = "a line is on the disk before the next point is requested"
 
@@ -129,8 +124,6 @@ class SerialOutlet(Outlet):
 
     Args:
         port: path or name of the port.
-        baud_rate: of the port.
-        report: called with messages.
     """
 
     promise = "a line has left this computer; the cable confirms nothing"
@@ -166,8 +159,6 @@ class UdpOutlet(Outlet, asyncio.DatagramProtocol):
     """Send a datagram a line.
 
     Args:
-        host: of the receiver.
-        port: of the receiver.
         report: called with what happens.
     """
 
@@ -213,9 +204,7 @@ class TcpOutlet(Outlet):
     nothing for `WRITE_S` is disconnected, so that the others do not wait for it.
 
     Args:
-        host: to listen on.
         port: to listen on; 0: any that is free.
-        report: called with messages.
 
     Attributes:
         port: that is listened on.

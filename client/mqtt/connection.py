@@ -40,7 +40,6 @@ class ConfiguredClient(MqttClient):
     """A connection to a broker that reports why it failed.
 
     Args:
-        address: of the broker.
         options: further ones of `MqttClient`.
 
     Raises:
@@ -89,7 +88,6 @@ class ManualAckConnection(ConfiguredClient):
     """A connection; use with `async with`, then wait for `wait_closed`.
 
     Args:
-        address: of the broker.
         take: called with each message.
         options: further ones of `MqttClient`.
     """
@@ -128,12 +126,10 @@ class ReconnectingConnection:
     """Maintains a connection and its subscriptions.
 
     Args:
-        address: of the broker.
         options: further ones of `MqttClient`.
 
     Attributes:
         topics: topic filters to their quality of service.
-        connections: number of connections.
         reason: why there is none, for people.
     """
 

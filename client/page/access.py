@@ -63,7 +63,6 @@ class Guard:
     once and stored as a cookie, and a page of another origin is refused.
 
     Args:
-        app: guarded application.
         token: None on the own machine.
         hosts: allowed names of the page's host, without ports.
     """

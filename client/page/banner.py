@@ -31,7 +31,6 @@ class Banner:
     Created where it is displayed.
 
     Args:
-        arm: its name.
         mute: called by the switch of the sound.
         turn_light: called by the switch of the colours.
     """

@@ -28,9 +28,6 @@ class CheckPanel:
 
     Args:
         follower: of the arm; sets the label of the check's points.
-        desk: the check itself.
-        dialogs: dialogs for limits.
-        presses: detects late presses.
     """
 
     def __init__(

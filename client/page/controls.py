@@ -32,10 +32,8 @@ class Controls:
     """A row of large buttons.
 
     Args:
-        buttons: of the row.
         keys: more keys, without buttons.
         is_blocked: whether keys belong to a dialog.
-        presses: detects late presses.
     """
 
     def __init__(

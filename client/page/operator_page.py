@@ -40,9 +40,7 @@ class OperatorPage:
     """Builds the page for one browser and updates it.
 
     Args:
-        follower: of the arm.
         desk: the guided check.
-        choices: of display.
         cloud_url: source of scanned points.
         export: returns the points as a file: name and content.
     """

@@ -17,7 +17,6 @@ class PointsPanel:
     """Created where it is displayed.
 
     Args:
-        choices: unit and system.
         save: saves points as a kind of file.
         show_session: called with the session to be shown; None: the arm's.
     """

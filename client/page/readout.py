@@ -51,11 +51,7 @@ class Choices:
 
 
 class Figures:
-    """Large figures, readable from afar.
-
-    Args:
-        choices: unit and system.
-    """
+    """Large figures, readable from afar."""
 
     def __init__(self, choices: Choices) -> None:
         self._choices = choices

@@ -18,10 +18,7 @@ class SetupBar:
     """Created where it is displayed.
 
     Args:
-        follower: of the arm.
         choices: of display; changed here.
-        dialogs: shows questions.
-        presses: detects late presses.
         changed: called when choices have changed.
     """
 

@@ -29,7 +29,6 @@ class GapFiller:
 
     Args:
         order: determines what is missing.
-        link: the connection.
         requests: sends requests to the outbox.
         room: how many points may be requested now.
         arrived: signals arrivals of points.

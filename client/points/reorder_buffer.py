@@ -37,7 +37,6 @@ class ResendRequest:
 
     Attributes:
         session: None requests the list of sessions.
-        from_seq, to_seq: the range.
         is_tail: it is not known whether there are such points.
     """
 
@@ -56,11 +55,8 @@ class ReorderBuffer:
         is_whole: begins with all stored points of the arm's session.
 
     Attributes:
-        sessions: in their order.
         needs_session_list: the list of sessions has to be requested.
         ready: points and losses in their order, to be taken from the left.
-        n_taken: all received points.
-        duplicates: repeated points.
         asked: number of points requested again.
     """
 

@@ -15,7 +15,6 @@ class Lost:
     Attributes:
         from_seq, to_seq: the first and the last; ``to_seq`` None: unknown number, if
             any.
-        reason: why, for people.
     """
 
     session: str
@@ -32,7 +31,6 @@ class SessionPoints:
     """A session whose points are taken in the order of their numbers.
 
     Attributes:
-        session: its name.
         begun_ns: its beginning [UTC].
         next_seq: the next number in turn.
         known: the highest number known to exist; -1 before the first.

@@ -33,7 +33,6 @@ class EncoderReadings(NamedTuple):
 
     Attributes:
         times_ns: host monotonic, strictly increasing.
-        counts: over all turns.
         status: bits ``STATUS_*``.
         numbers: (n,) consecutive where none was lost.
     """

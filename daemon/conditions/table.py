@@ -20,7 +20,6 @@ class Condition:
     """One row.
 
     Attributes:
-        name: a word.
         subject: each device, the arm, or the computer.
         means: what holds while it is established.
         established_by: event that establishes it.
@@ -32,7 +31,6 @@ class Condition:
         remedy: unless the loss states its own.
         command: MQTT command by which the operator establishes it; or empty.
         remembered: what is kept over a restart of the daemon; or empty.
-        severity: of its event.
     """
 
     name: str

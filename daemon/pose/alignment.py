@@ -13,7 +13,6 @@ class Alignment:
     """Coordinate system of the part.
 
     Attributes:
-        name: its name.
         rotation: (3, 3). translation_mm: (3,).
     """
 

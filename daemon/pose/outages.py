@@ -29,7 +29,6 @@ class Outage:
 
     Attributes:
         place: index in the monitor's ``channels``.
-        seconds: duration.
         after_ns: time of the first reading after it.
         has_turned: the speed before or after suffices to lose a turn.
     """

@@ -43,7 +43,6 @@ class ReferenceMemory:
     """Confirmed devices, for as long as the daemon runs.
 
     Args:
-        devices: by id.
         is_lost: the stored ones cannot be read.
     """
 

@@ -100,7 +100,6 @@ class CovarianceInput:
         error_bounds_counts: by interpolation, (n_joints, 2), see `Interpolated`; None
             if all were latched.
         jitter_ns: error of the instant beyond `[uncertainty] trigger_s`.
-        samples: number averaged.
     """
 
     block: Block

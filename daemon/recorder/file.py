@@ -121,8 +121,6 @@ class Recorded:
 
     Attributes:
         n_bytes: length of the file.
-        messages: their number.
-        seconds: duration.
         gaps: how often something is missing.
     """
 

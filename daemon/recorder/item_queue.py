@@ -38,7 +38,6 @@ class RecorderItem:
     Attributes:
         at_ns: host monotonic.
         what: kind of delivery, name of a command, or topic of a message.
-        value: of its kind.
     """
 
     kind: Kind

@@ -22,11 +22,9 @@ class Tally:
     """Comparison of points of one kind.
 
     Attributes:
-        n: compared.
         same: equal to the last bit.
         within: within the tolerance for another kernel.
         largest_mm: greatest difference of a coordinate.
-        differing: differences by field.
     """
 
     n: int = 0

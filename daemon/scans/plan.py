@@ -22,7 +22,6 @@ class ScanPlan:
         rate_hz: instants per second that may become points; in mode "time" all do.
         every: the device streams at ``every * rate_hz``, of which each ``every``-th
             sample counts, so that slow scans still follow the joints' turns.
-        mode: kind of spacing.
         spacing_mm: of points or planes, in modes "distance" and "planes".
         normal, offset_mm: of the planes in mode "planes".
         held: only while a button is held.

@@ -57,7 +57,6 @@ class QueueProfile:
 
     Attributes:
         kind: of new messages in the outgoing queue.
-        failed, replaced, damaged: codes of events.
         removed: code for removals; empty if they are not reported.
         failed_text: of that event; "{}" is the reason.
         restored_text: of that event at its end.

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 class PointSigner:
     """Signs points in order.
 
-    Args:
-        key: of the arm.
-
     Attributes:
         public_key: base 64.
     """

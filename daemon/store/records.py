@@ -102,10 +102,8 @@ class StoreStatistics:
     """Figures of the database.
 
     Attributes:
-        points: messages in it.
         unsent: messages that the broker lacks.
         size_bytes: of the file, without its log.
-        used_bytes: taken by messages.
         oldest_unsent_ns: time of the oldest unsent one [UTC].
     """
 
@@ -199,7 +197,6 @@ class PendingWrite:
 
     Attributes:
         is_settled: it is stored, or has failed.
-        trouble: why it failed.
     """
 
     def __init__(self) -> None:

@@ -129,7 +129,6 @@ class PolledSample:
 
     Attributes:
         ticks: the device's timer, unwrapped; the time again if it has none.
-        inputs: levels as bits.
         status: by channel, bits ``STATUS_*``; if missing, the last count is repeated.
         skew_ns: by channel, from ``time_ns`` to its reading; None: all at one instant.
         time_bound_ns: error of ``time_ns``; 0: as the identity states.
@@ -254,7 +253,6 @@ class DeviceClockState:
     Attributes:
         is_certain: times are within ``bound_ns``.
         rate_error: by how much it runs fast; 1e-3 are 0.1 %.
-        bound_ns: error of times.
         steps: how often it jumped or stood still.
     """
 

@@ -33,7 +33,6 @@ class NodeFacts:
         parameters: object 6000.
         alarms: object 6503, of `traverse.protocol.canopen.objects.ALARM_BITS`.
         warnings: object 6505.
-        position: present count.
     """
 
     node: int

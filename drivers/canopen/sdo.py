@@ -56,13 +56,10 @@ class NodeSdo(SdoClient):
     """Reads and writes objects of one node.
 
     Args:
-        node: number.
-        bus: open.
         poll_bus: reads the bus once, waiting at most the given time [s], and passes
             replies of this node to `take`.
         stopping: polled while waiting; True ends the transfer.
         answer_s: time limit of an answer.
-        tries: number of tries.
         monotonic_ns: the host's clock.
 
     Attributes:

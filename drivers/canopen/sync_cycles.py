@@ -23,9 +23,9 @@ PAUSE_EVERY = 5  # times ``late_ns`` at least: so much of the time SYNCs continu
 class SyncCycleAssembler:
     """Positions of one stream, gathered by SYNC.
 
-    ``counts`` are the last known; no answer arrives later than ``late_ns`` after
-    its SYNC. Unless ``stamped`` by the bus, a SYNC is later than its stamp: it was
-    there before the first answer to it.
+    ``counts`` are the last known; no answer arrives later than ``late_ns`` after its
+    SYNC. Unless ``stamped`` by the bus, a SYNC is later than its stamp: it was there
+    before the first answer to it.
 
     Attributes:
         status: by channel, further status of a node; set from outside.
@@ -38,7 +38,6 @@ class SyncCycleAssembler:
         strays: answers while no cycle was open, to a SYNC that may have been lost
             unread, or without a position.
         complete: sets with all answers.
-        delivered: samples handed over.
         seen: bit by channel, set if it has answered since it was last cleared.
     """
 

@@ -33,7 +33,6 @@ class LatchBoardOptions(DriverOptions):
 
     Attributes:
         port: path of the serial port.
-        baud_rate: of the line.
         debounce_us: how long an input must hold its new level.
     """
 

@@ -84,11 +84,9 @@ class LatchBoardSession:
         path: of its port, for people.
         edges: their order, which outlives the connection.
         clock: of the board, perhaps tied to the host's already.
-        n_channels: as in HELLO.
         debounce_ns: how long an input holds its level before its edge is numbered.
         put: hands a delivery over; False where it has no room.
         fault: reports survived faults: code, text, remedy, how often.
-        counters: of the driver.
     """
 
     def __init__(

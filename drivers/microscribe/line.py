@@ -33,7 +33,6 @@ class TimedPacket:
     Attributes:
         sent_ns: begin of writing the request; it was latched after that.
         begun_ns: read of its first bytes; it was latched before that.
-        received_ns: end of reading.
         delay_ns: from the latch to its first bytes, as far as known.
         is_reported: the arm sent it by itself, long after its only request.
     """

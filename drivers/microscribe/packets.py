@@ -29,7 +29,6 @@ class TimerRate:
 
     Attributes:
         assumed_hz: nominal, as long as possible; else the middle of the bounds.
-        low_hz, high_hz: the bounds.
     """
 
     def __init__(self, rate_hz: float) -> None:

@@ -149,12 +149,9 @@ class MicroscribeSession:
     A ``timer_rate_hz`` of 0 leaves the timer unused.
 
     Attributes:
-        channels: of the encoders.
-        decoder: of the packets.
         reached_hz: rate at which packets can be requested.
         delay_ns: least time from the latch to the first bytes of a packet.
         first: the last sample before the requested ones.
-        clock: of the packets.
         timer_used: the arm's timer runs as it should.
     """
 

@@ -22,15 +22,12 @@ class ModbusClient(ModbusBaseSyncClient):
     Args:
         port: open port; `close_port` closes it.
         monotonic_ns: the host's clock.
-        let_pass: waits for seconds.
         timeout_s: for a whole reply; may be changed.
-        silence_s: between two frames.
         echo: the adapter echoes requests.
 
     Attributes:
         sent_ns: when the last request was about to be written.
         received_ns: when the last bytes of its reply were read.
-        unrequested_bytes: unexpected bytes.
     """
 
     _request = _heard = b""

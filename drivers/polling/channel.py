@@ -74,7 +74,6 @@ class PolledChannel:
     Attributes:
         count: the last good one; 0 before the first.
         time_ns: of that; None before the first, and after it was missing.
-        misses: successive failed readings.
     """
 
     def __init__(

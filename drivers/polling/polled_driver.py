@@ -46,7 +46,6 @@ class PolledOptions(DriverOptions):
     Attributes:
         answer_timeout_s: time limit of a reply.
         max_rate_hz: bound on the rate of streams.
-        max_speed_rad_s: fastest joint.
     """
 
     answer_timeout_s: float

@@ -52,9 +52,6 @@ class RlsLine:
     A reply may arrive until ``doubt_ns`` after its request failed.
 
     Attributes:
-        port: the port.
-        request: the last one.
-        unrequested_bytes: unexpected bytes.
         latest: last reply of the continuous mode, until it is taken.
         last_ns: duration of the last good exchange.
         reply_duration_ns: time on the wire of an unsolicited reply.

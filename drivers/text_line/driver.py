@@ -52,7 +52,6 @@ class _Arrived:
     Attributes:
         ticks: the board's time, unwrapped; None if the line has none.
         arrived_ns: of the line, by those that were read with it.
-        received_ns: of the read.
         step: lines since the last one.
         bad: unreadable lines before it.
     """

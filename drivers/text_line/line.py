@@ -34,7 +34,6 @@ class Line:
         counts: of all joints, from 0 to below counts per turn.
         ticks: its time; None without.
         seq: its number; None without.
-        buttons: levels as bits.
     """
 
     counts: tuple[int, ...]
@@ -94,9 +93,7 @@ class LinePattern:
     """Reads lines of one form.
 
     Args:
-        text: the pattern.
         unit: of the joints: "counts", "deg" or "rad".
-        counts_per_turn: of each joint.
         decimals: digits behind the point of angles; None for any number.
         ticks_per_time: ticks in one unit of ``{time}``.
         seq_bits: of ``{seq}``.

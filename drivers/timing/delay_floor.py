@@ -41,7 +41,6 @@ class FloorLine:
 
     Attributes:
         slope: of the host's time over the device's, less 1.
-        height_ns: at the origin.
         bound_ns: distance to the smallest delay at its end; infinite with too few
             readings.
     """

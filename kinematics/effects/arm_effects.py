@@ -41,11 +41,9 @@ class ArmEffects:
     Attributes:
         joint_names: from the base outwards.
         corrections: in the order of the arm file.
-        bodies: masses.
         gravity_m_s2: default for blocks, (3,).
         mechanical: those that move bodies of the arm.
         contacts: those that depend on the touched surface.
-        first_moments: beside the bodies.
         covariates: needed ones, of a joint or of the arm.
     """
 

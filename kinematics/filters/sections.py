@@ -25,7 +25,6 @@ class Sections(PointFilter):
 
     Attributes:
         normal: of the planes, any length above 0.
-        spacing_mm: between planes.
         offset_mm: of one of them from the origin, along the normal.
         clearance_mm: see above; None: a tenth of the spacing.
     """

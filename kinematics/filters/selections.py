@@ -82,7 +82,6 @@ class Box(Selection):
     """Points in a box along the axes of the arm's system, its surface included.
 
     Attributes:
-        low_mm, high_mm: opposite corners.
         outside: invert.
     """
 

@@ -136,7 +136,6 @@ class BallSpacing(_Thinning):
     passed, and a neighbour within the spacing is at most two cells away.
 
     Attributes:
-        spacing_mm: smallest distance.
         max_cells: bound on remembered points.
         forgotten: dropped points, which may be met again.
     """

@@ -39,7 +39,6 @@ class Precision:
         cofactors: Q in the order of parameters of the shape, singular where
             they hang together (a direction has two freedoms, not three).
         redundancy: Number of distances less number of freedoms.
-        sum_of_squares_mm2: Of all distances.
     """
 
     cofactors: Floats
@@ -151,7 +150,6 @@ class Cloud:
     Attributes:
         points: (n_points, 3), without unit.
         mean_mm: (3,).
-        extent_mm: the unit.
         axes: principal directions as rows, the longest first, (3, 3).
         sizes: singular values along them, of the first 1 at most, (3,).
     """

@@ -20,7 +20,6 @@ class Shape:
     """Shape of points about their mean.
 
     Attributes:
-        n: How many.
         mean_mm: (3,).
         axes: Principal directions as rows, the longest first, (3, 3).
         extents_mm: Root mean square along them, (3,).

@@ -119,7 +119,6 @@ class VolumeError:
 
     Attributes:
         rms_mm: Root mean square over the volume.
-        max_mm: The largest.
         max_at_mm: Where, (3,).
     """
 

@@ -60,7 +60,6 @@ class Term:
     """One summand.
 
     Attributes:
-        form: target, and formula.
         values: 1 to 6, by the form.
         joint: that moves, counted from 0; any for the arm as a whole.
         order: periods a turn, of a wave.

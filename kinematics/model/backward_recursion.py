@@ -24,7 +24,6 @@ class JointRotations:
 
     Attributes:
         sines: (n_joints, n_samples).
-        cosines: Likewise.
         versines: 1 - cosine, likewise.
     """
 
@@ -48,7 +47,6 @@ class BackwardRecursion:
 
     Args:
         vector: Where all of them begin, (3,).
-        turns: Of the samples.
 
     Attributes:
         vectors: (3, n_samples).

@@ -20,7 +20,6 @@ class BusCondition:
         bus_off: the controller has left the bus.
         restarted: it is back on it.
         passive: error passive: many errors lately.
-        active: error active again.
         overflow: frames were lost in the controller.
     """
 

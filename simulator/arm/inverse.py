@@ -37,9 +37,7 @@ class Reach:
     """Inverse kinematics of an arm within its joint limits.
 
     Attributes:
-        mechanism: true geometry.
         limits_rad: (n_joints, 2) least and largest turn from the base posture.
-        rng: draws start postures.
     """
 
     mechanism: Mechanism

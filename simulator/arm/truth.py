@@ -57,7 +57,6 @@ class TrueArm:
         mechanism: in the base posture.
         zeros_rad: (n_joints,) readings in the base posture.
         gearing: (n_joints, n_joints) turns of the hinges by those of the encoders.
-        radius_mm: of the ball.
         switching: the probe has a switch.
     """
 

@@ -43,7 +43,6 @@ class Campaign:
 
     Attributes:
         joints: names, from the base outwards.
-        artefacts: as stated.
         encoder_rad: a-priori standard deviation, or None.
         contact_mm: a-priori standard deviation, or None.
         orientation_rad: a-priori standard deviation, or None.
@@ -94,10 +93,8 @@ class Blunder:
 
     Attributes:
         row: of the arrays, from 0; its line in poses.csv is row + 2.
-        kind: of blunder.
         size: displacement (mm), jump of the encoder or error of orientation (rad);
             NaN for a wrong label.
-        unit: of the size.
         what: the joint that jumped, or artefact/feature that were really touched.
     """
 
@@ -117,7 +114,6 @@ class Truth:
     """True values that the campaign does not state; arrays are read-only.
 
     Attributes:
-        arm: the true arm.
         artefacts: with their true places.
         turns_rad: (n, n_joints) true turns from the base posture at the contact.
         contacts_mm: (n, 3) centre of a ball of the arm file's radius, on a stiff

@@ -40,11 +40,7 @@ class PoseSet:
     """Contacts in the order of time; any number of noises can be drawn for them.
 
     Attributes:
-        spec: the specification.
-        arm: the arm file.
-        truth: the true geometry.
         limits_rad: (n_joints, 2) of the turns.
-        artefacts: with their places.
         artefact_index: (n,) touched artefact.
         feature_index: (n,) touched feature.
         contacts_mm: (n, 3) centre of a ball of the arm file's radius that touches.

@@ -60,7 +60,6 @@ class Workspace:
     """Reach of an arm within its joint limits.
 
     Attributes:
-        mechanism: true geometry.
         limits_rad: (n_joints, 2) least and largest turn from the base posture.
     """
 

@@ -184,11 +184,9 @@ class ConditionTable(StrictModel):
     Attributes:
         interval_s: mean interval between poses.
         visits: how often the operator returns to every artefact.
-        temperature_c: mean.
         swing_c: amplitude of a slow wave of the temperature.
         drift_c: even rise from the first pose to the last.
         speed_rad_s: standard deviation of the joints' speeds at a contact.
-        force_n: median contact force.
         force_spread: standard deviation of its logarithm.
         columns: optional columns that are written.
         start_utc: when time_s is 0.
@@ -211,13 +209,11 @@ class CampaignSpec(StrictModel):
 
     Attributes:
         mix: name of a mix of artefacts, with `n_poses` for all of them.
-        n_poses: of a mix.
         artefacts: instead of a mix.
         deviations: of the true arm from its file.
         travel: joint limits, about the base posture.
         limits_rad: a pair [low, high] for each joint, instead.
         noise: between the truth and the file.
-        conditions: of measurement.
     """
 
     mix: str | None = None

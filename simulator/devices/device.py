@@ -29,13 +29,11 @@ class DeviceContext:
     Attributes:
         folder: base of relative paths in its table.
         encoders: wired to it, by channel.
-        source: of their counts.
         script: events of its inputs.
         clock: of the script; a device calls `clock.begin(time_s)` with its first
             reading.
         faults: that concern it and that its kind plays.
         seed: of everything that this device draws.
-        notes: log of events.
         climate: of its temperature sensors.
     """
 
@@ -92,12 +90,9 @@ class SimulatedDevice(ABC):
     """A device of any kind, which faults take away and bring back.
 
     Attributes:
-        id: of its table.
         where: address for hosts, printed in its line "ready <id> <where>".
-        mounting: its connections.
         disturbed: plays the faults of its line.
         wiring: of its encoders and inputs since the last power-up.
-        n_power_ups: number of power-ups.
     """
 
     where: str

@@ -32,7 +32,6 @@ class RlsTable(SerialTable):
 
     Attributes:
         ports: channel i is the encoder on port i.
-        bits: of a turn.
         temperature_c: of the encoders at the start; it follows the climate.
         clock_error_ppm: of the continuous mode's period.
     """

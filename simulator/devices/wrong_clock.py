@@ -24,7 +24,6 @@ class ClockTable(StrictModel):
     Attributes:
         error_ppm: by how much it runs fast.
         drift_ppm_per_s: change of that, as while a board warms up,
-        drift_s: for so long.
         lost_every_s: with every such period, it stands still
         lost_s: for so long at its end.
         steps: `[at_s, by_s]` each: it jumps ahead, or, by less than 0, stands still for
@@ -45,7 +44,6 @@ class WrongClock:
     """Readings of a device's clock [s] at true times since power-up [s].
 
     Args:
-        table: its errors.
         error_ppm: by how much it runs fast besides.
     """
 

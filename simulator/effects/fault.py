@@ -20,10 +20,8 @@ class JointState:
     """The state of an encoder.
 
     Attributes:
-        build: the arm.
         turns_rad: (n, n_joints) of the encoders, true.
         readings_rad: (n, n_joints) of the encoders, errors included.
-        around: of every sample.
     """
 
     build: Build
@@ -37,7 +35,6 @@ class Touch:
     """How the ball touches.
 
     Attributes:
-        build: the arm.
         motion: (n, 4, 4) of the last element, from the base posture.
         towards: (n, 3) from the ball towards the material; zero without contact.
         force_n: (n,)
@@ -89,11 +86,9 @@ class EffectEntry:
     """An effect of an arm file, resolved.
 
     Attributes:
-        kind: of effect.
         values: of the keys of its kind.
         joints: concerned, from 0; all if it names none.
         joint: concerned; -1 if it names none.
-        reference_c: of the arm.
         epoch_utc_s: since 1970; 0 if it has none.
         names: of the arm's joints.
     """

@@ -67,7 +67,6 @@ class Build:
     """The true arm with its masses, in the base posture.
 
     Attributes:
-        mechanism: geometry.
         zeros_rad: (n_joints,) readings in the base posture.
         links_mm: (n_joints, 3) from each joint's origin to the next one's.
         masses_kg: (n_joints + 1,) of the elements and, last, of the probe; 0 if the
@@ -122,9 +121,7 @@ class Posture:
     """The rigid arm at given turns; values are computed once.
 
     Attributes:
-        build: the arm.
         turns_rad: (n, n_joints) from the base posture.
-        around: of every sample.
     """
 
     build: Build

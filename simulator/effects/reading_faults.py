@@ -13,13 +13,7 @@ from traverse.simulator.effects.fault import JointState, ReadingFault
 
 @dataclass(frozen=True, slots=True)
 class Bump(ReadingFault):
-    """Damaged lines: a raised cosine over a range of angles, nothing elsewhere.
-
-    Attributes:
-        middle_rad: of the hill.
-        half_width_rad: to its end.
-        height_rad: of the hill.
-    """
+    """Damaged lines: a raised cosine over a range of angles, nothing elsewhere."""
 
     middle_rad: float
     half_width_rad: float
@@ -71,11 +65,8 @@ class CrossCoupling(ReadingFault):
     """One joint's reading follows another joint's angle, for example by a cable.
 
     Attributes:
-        joints: with the error.
         other: joint that it follows.
-        height_rad: largest error.
         order: periods a turn of the other joint.
-        phase_rad: of the wave.
     """
 
     other: int

@@ -18,8 +18,6 @@ class Contact:
     """A place on a surface.
 
     Attributes:
-        artefact: name.
-        feature: of the artefact.
         surface_mm: (3,)
         normal: (3,) out of the material.
     """

@@ -32,8 +32,6 @@ class ClimateTable(StrictModel):
     Attributes:
         temperature_c: of the arm at the start of the script.
         drift_c_s: rise in a second, for ever.
-        swing_c: amplitude, up first.
-        swing_period_s: period.
     """
 
     temperature_c: float = 20.0

@@ -95,7 +95,6 @@ class EmcyFault(Fault):
     """An emergency message of an encoder; the error ends with the fault.
 
     Attributes:
-        code: emergency error code.
         error_register: object 1001.
         alarms: bits of CiA 406 that are set meanwhile.
         warnings: bits of the warnings.

@@ -17,7 +17,6 @@ class ScriptEvent:
         input_name: "button" or "switch".
         level: 1 active, 0 not.
         artefact: touched one; empty for none.
-        feature: of the artefact.
         surface_mm: touched place, None for a seat.
         normal: of the surface there, outwards.
     """

@@ -20,7 +20,6 @@ class TruthLog:
     Args:
         path: of the file, None to write nothing.
         course: of the true arm; None in a replay.
-        clock: of the script.
         origin_ns: the host's monotonic clock at time 0 of the simulation; None if
             that has a time of its own.
         readings: write each reading of an encoder that is polled by itself.

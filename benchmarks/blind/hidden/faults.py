@@ -28,7 +28,6 @@ class HiddenFault:
 
     Attributes:
         kind: name in a score table.
-        joint: of the encoder.
         covariate: named like a column of a campaign.
         fault: as the simulator plays it.
         size_key: attribute of the fault that grows with it.
@@ -55,7 +54,6 @@ class _Spot:
     """Place of a fault.
 
     Attributes:
-        joint: number.
         joints: as faults name it.
         angles_rad: of the joint's encoder in the poses, (n_poses,).
     """

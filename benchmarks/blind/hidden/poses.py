@@ -39,7 +39,6 @@ class Round:
     Attributes:
         poses: in which the effects are played.
         kinds: of the effects to hide.
-        pose_seed: of the poses.
     """
 
     poses: PoseSet

@@ -57,7 +57,6 @@ class IppError(Exception):
     """A command is answered with an error.
 
     Args:
-        number: of the error.
         why: for people, sent by `GetXtdErrStatus`.
         severity: other than the number's own.
 

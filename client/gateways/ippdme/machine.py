@@ -34,7 +34,6 @@ class Machine:
         clock: monotonic time [s].
 
     Attributes:
-        live: the latest pose.
         live_s: time of its arrival.
         is_reachable: the arm and the broker are there.
         alarm: why the arm cannot be trusted, or None.

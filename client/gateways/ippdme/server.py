@@ -33,10 +33,8 @@ class IppServer:
 
     Args:
         arm: open while this is.
-        host: to listen on.
         port: to listen on; 0: any that is free.
         report: called with messages for people.
-        options: the user's choices.
 
     Attributes:
         port: that is listened on.

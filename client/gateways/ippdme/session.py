@@ -93,7 +93,6 @@ class Options:
             radius is added.
         radii_mm: radii of balls by tool, as far as known.
         keys: names of keys by input, such as "base/1".
-        machine_class: as sent.
     """
 
     near_mm: float = 10.0
@@ -106,15 +105,11 @@ class Session:
     """A client's session; transformations and tool outlive it (6.3.1.2).
 
     Args:
-        options: the user's choices.
         send: takes lines for the client, without their ends.
         report: takes messages for people.
         change_probe: begins to change the probe; `tool_changed` or `tool_refused`
             ends it.
         clock: monotonic time [s].
-
-    Attributes:
-        machine: the arm.
     """
 
     def __init__(

@@ -22,8 +22,6 @@ class DriftTime:
 
     Attributes:
         epoch_ns: zero of the drift, UTC since 1970.
-        start_ns: of the campaign.
-        end_ns: of the campaign.
     """
 
     epoch_ns: int

@@ -25,11 +25,7 @@ from traverse.kinematics.model.geometry import Geometry, across
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisMotion(BodyCorrection):
-    """Six values: three of the cosine, three of the sine.
-
-    Attributes:
-        order: Periods a turn.
-    """
+    """Six values: three of the cosine, three of the sine."""
 
     order: int
 

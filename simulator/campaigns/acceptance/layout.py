@@ -106,7 +106,6 @@ class PlacedStandard:
     """One standard in one place.
 
     Attributes:
-        artefact: the standard.
         way: direction of its third axis, (3,).
         zone: least and largest distance of its middle from the shoulder over the
             reach.

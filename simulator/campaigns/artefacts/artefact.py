@@ -79,7 +79,6 @@ class Touches:
     """Requested contacts.
 
     Attributes:
-        rng: draws the contacts.
         features: (n,) index into the artefact's `features`.
         ball_mm: radius of the ball.
         growths: (n,) lengths at the time of contact over those at 20 C.
@@ -101,7 +100,6 @@ class Artefact(KindTable):
     Attributes:
         kind: name in campaign files.
         id: unique in the campaign.
-        n_poses: number of touches.
         contact_mm: noise of its contacts; absent: that of the campaign.
     """
 

@@ -94,7 +94,6 @@ class Points(Seated, Standard):
     """Seats spread over a cube; they expand about its middle.
 
     Attributes:
-        n_points: number of seats.
         size_mm: side of the cube.
         frame: system of their coordinates.
         scale: length in the arm's system over length in their own.
@@ -167,7 +166,6 @@ class DrawWire(Artefact):
 
     Attributes:
         shortest_mm: least distance of the ball from the anchor.
-        longest_mm: greatest distance.
         offset_mm: actual distance minus reading.
         known: whether the campaign states the offset.
         opening_rad: from the wire's middle direction to the last.

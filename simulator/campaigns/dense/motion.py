@@ -49,7 +49,6 @@ class Dragging:
     Attributes:
         workspace: of the true geometry.
         ball_mm: radius of the ball.
-        scan: settings.
         rng: draws paths and postures.
     """
 
@@ -139,7 +138,6 @@ class _Path:
     """A smooth path of the ball's centre on an artefact.
 
     Attributes:
-        placement: of the artefact.
         radius_mm: from the artefact's centre to the ball's; 0 in a seat.
         inwards: -1 if the material is outwards, +1 inwards, NaN in a seat.
         opening_rad: largest angle from the pole.

@@ -44,14 +44,10 @@ class DenseScan:
     """A stream and its truth.
 
     Attributes:
-        arm: the arm file.
         artefacts: as the campaign states them.
-        file: the specification.
         start_utc: of the first sample.
-        around: of n samples.
         counts: (n, n_joints) raw.
         touched: (n,) index of the artefact, -1 for none.
-        truth: the true arm.
         readings_rad: (n, n_joints) before they became counts.
     """
 

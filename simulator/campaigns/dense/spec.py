@@ -16,7 +16,6 @@ class ScanTable(StrictModel):
     """How the ball is dragged.
 
     Attributes:
-        rate_hz: samples a second.
         seconds: of one drag; an artefact is dragged over n_poses times.
         move_seconds: between drags, without contact.
         wave_s: typical period of the waves in which joints move.

@@ -66,7 +66,6 @@ class CanLine(ABC):
     """The nodes' end of a bus.
 
     Attributes:
-        where: address for hosts.
         poll_s: polling interval; None if a descriptor shows frames.
         bus_off: no frame is received or sent.
         n_dropped: frames that the host did not take.

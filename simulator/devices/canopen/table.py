@@ -20,7 +20,6 @@ class CanOpenTable(DeviceTable):
         port: of the adapter's pty.
         channel: of the other interfaces.
         nodes: numbers of the encoders, by channel; default 1, 2, 3, ...
-        heartbeat_ms: as delivered.
         told_counts_per_turn: reported ones; default the true ones.
     """
 

@@ -25,9 +25,6 @@ class TickCounter:
     Ticks do not wrap, and are 0 at power-up; `shown` is the value in a frame.
 
     Attributes:
-        rate_hz: nominal rate.
-        clock: its oscillator.
-        first_ticks: value at power-up.
         power_up_s: true time of power-up.
     """
 

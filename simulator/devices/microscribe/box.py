@@ -69,7 +69,6 @@ class HciBox:
     """A box that has just been switched on.
 
     Args:
-        plate: its stored identity.
         state_at: latches buttons, timer and encoders at an instant, for a command.
         go_home: puts the encoders at the home position from an instant on.
 

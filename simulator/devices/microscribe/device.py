@@ -69,7 +69,6 @@ class MicroscribeTable(SerialTable):
         hci: version of its protocol.
         pedals: inputs on bit 0, 1, ... of the buttons: right, left.
         home: counts at the home position.
-        timer_rate_hz: of its timer.
         first_ticks: of the timer at power-up.
     """
 
