@@ -114,7 +114,7 @@ def closed_helmert(
 ) -> Helmert:
     """Solve for rotation, shift and, if requested, scale.
 
-    The points have to determine it: `helmert_adjustment` looks at that.
+    The points have to determine it: see `traverse.kinematics.helmert.shape`.
 
     Args:
         from_mm: (n, 3).

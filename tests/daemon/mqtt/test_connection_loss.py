@@ -111,9 +111,9 @@ async def test_a_point_that_the_broker_refuses_is_kept_and_told(make_mosquitto):
     broker.allow_writing(STATUS)
     broker.start()
     async with Bench(address(broker)).running() as bench:
-        defer = []
+        refusals = []
         block = OutgoingMessage(
-            "not/mine", b"", 1, refused=lambda: defer.append("block")
+            "not/mine", b"", 1, refused=lambda: refusals.append("block")
         )
         bench.queue.offer("spooled", block)
         bench.queue.offer("reply", OutgoingMessage("not/mine", b"", qos=1))
@@ -125,7 +125,7 @@ async def test_a_point_that_the_broker_refuses_is_kept_and_told(make_mosquitto):
         assert bench.queue.waiting("point") == 1
         assert bench.queue.sent["point"] == 0
         assert bench.queue.dropped["reply"] == 1
-        await until(lambda: defer, "the block's refusal")
+        await until(lambda: refusals, "the block's refusal")
         assert (bench.queue.waiting("spooled"), bench.queue.dropped["spooled"]) == (
             0,
             0,
