@@ -25,7 +25,7 @@ BUFFER_BYTES = 1 << 15
 MAX_DEPTH = 16
 """Depth of nested maps and arrays, the message included."""
 MAX_ELEMENTS = MAX_LENGTH
-"""Of one MessagePack array or map: the decoder reserves what a header announces."""
+"""Bound of an array or map: the decoder reserves as many as a header announces."""
 
 # Possessive, and an unclosed text runs to the end: one pass whatever the bytes.
 _JSON_TEXT = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)

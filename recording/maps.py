@@ -20,7 +20,7 @@ from traverse.recording.differences import (
 
 BUFFER_BYTES = 1 << 14  # to write into, at first; the library's own is 256 KiB
 MOST_ENTRIES = 1 << 16
-"""Of one list or map: the decoder reserves what a header announces."""
+"""Bound of a list or map: the decoder reserves as many as a header announces."""
 
 
 def map_to_bytes(table: Mapping[str, object]) -> bytes:

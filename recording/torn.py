@@ -11,7 +11,7 @@ from mcap.records import McapRecord, Message, Statistics
 from mcap.stream_reader import StreamReader
 
 PROFILE = "traverse"
-"""Of the headers of all our files."""
+"""Profile in the headers of all our files."""
 # Longer records are garbage: memory is requested only for what can be there.
 _LONGEST_RECORD = 1 << 28
 # Whatever garbage does to the decoder of records; what is between records is ours.

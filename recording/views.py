@@ -28,7 +28,7 @@ CLOUD_FIELDS = (
     ("quality", UINT32),
     ("after_s", FLOAT64),
 )
-"""Of a point of a cloud: name and type, packed without gaps."""
+"""Fields of a cloud's point: name and type, packed without gaps."""
 CLOUD_TYPE = np.dtype([(name, _TYPES[kind]) for name, kind in CLOUD_FIELDS])
 _NO_TURN = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 _INFO, _WARNING, _ERROR = 2, 3, 4  # foxglove.LogLevel

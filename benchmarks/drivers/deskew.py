@@ -42,7 +42,7 @@ SETTLED_S = 0.3  # what was before is not judged
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """Of points, by the way that their counts were taken (`WAYS`).
+    """Errors of points, by the source of their counts (`WAYS`).
 
     Attributes:
         rms_mm: root mean square; ``largest_mm``: the largest.

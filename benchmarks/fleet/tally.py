@@ -183,7 +183,7 @@ def tally(
 
 
 def gaps_of(blocks: list[tuple[int, int]]) -> tuple[int, int, int]:
-    """Of blocks (first number, how many): reached number, missing, doubled."""
+    """Return the last number of blocks (first, length), missing and doubled ones."""
     reached = missing = doubled = 0
     for first, n in sorted(blocks):
         missing += max(0, first - reached)

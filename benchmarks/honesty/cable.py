@@ -128,7 +128,7 @@ class DeviceEnd:
 
     @property
     def host_speed(self) -> int:
-        """Of the host's end, as a constant of termios."""
+        """Speed of the host's end, as a constant of termios."""
         return self._cable.speed
 
     @property

@@ -47,7 +47,6 @@ class Size:
 
     @classmethod
     def of(cls, process: "subprocess.Popen[bytes]", after_s: float) -> "Size":
-        """Of a program now."""
         proc = Path(f"/proc/{process.pid}")
         return cls(
             after_s,

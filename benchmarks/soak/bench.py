@@ -54,7 +54,6 @@ class Kept:
 
     @property
     def pid(self) -> int:
-        """Of the present life."""
         if self._process is None:
             raise RuntimeError(f"{self.name} was not started")
         return self._process.pid

@@ -43,7 +43,7 @@ STAGES: dict[str, tuple[type, str, Callable[..., int]]] = {
 }
 """By name the method that begins, or ends, and how many points it is about."""
 AFTER = ("sent",)
-"""Of these the end is noted."""
+"""Stages whose end is noted."""
 
 
 def note(noted: Noted, stage: str) -> None:

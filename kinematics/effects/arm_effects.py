@@ -86,7 +86,7 @@ class ArmEffects:
 
     @property
     def values(self) -> Floats:
-        """Of all parameters, (n_parameters,)."""
+        """Values of all parameters, (n_parameters,)."""
         return np.array([value for c in self.corrections for value in c.values])
 
     def name(self, correction: Correction) -> str:

@@ -55,7 +55,7 @@ class Posture:
         return gravity_moments_nm(self.levers_kg_mm, self.gravity_m_s2, self.rotations)
 
     def moments_of(self, joint: int, component: int) -> Floats:
-        """Of 1 kg m of one element along x, y or z, about its joint and all inwards.
+        """Return moments by 1 kg m along x, y or z, about a joint and all inwards.
 
         The same about each of them: (3, n_joints, n_samples) [N m].
         """
