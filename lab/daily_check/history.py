@@ -8,6 +8,8 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
+from types import NoneType
+from typing import get_args
 
 from traverse.lab.daily_check.figures import DailyCheckFigures
 from traverse.protocol.printable import printable
@@ -59,6 +61,13 @@ def _told(error: Exception) -> str:
     """Return the reason; that of a damaged file may itself be no text."""
     damaged = isinstance(error, UnicodeDecodeError)
     return "its content is no text" if damaged else printable(str(error))
+
+
+_MAY_BE_NONE = {
+    field.name
+    for field in fields(DailyCheckFigures)
+    if NoneType in get_args(field.type)
+}
 
 
 @contextlib.contextmanager
@@ -165,7 +174,7 @@ def _check_types(row: Sequence[object], number: int) -> None:
     """
     for column, value in zip(_COLUMNS, row, strict=True):
         is_text = column in _OWN
-        may_be = column == "temperature_c" and value is None
+        may_be = column in _MAY_BE_NONE and value is None
         good = isinstance(value, str) if is_text else isinstance(value, int | float)
         if not good and not may_be:
             what = f"check {number}: {column} is {shown(value)}"
