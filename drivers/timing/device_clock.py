@@ -38,6 +38,7 @@ FIRST_BINS = 3  # for a first line, of which nothing is certain
 UNKNOWN_NS = 1e9
 LAST_READS = 2
 EXCHANGES = 64
+RECENT_EXCHANGES = 4
 BEAT_S = 4.0  # a smallest delay that grows by a frame in less shows in the line's bound
 MAX_BOUND_NS = 20_000_000  # of what has to be learned; beyond, no time is certain
 MAX_TIED_NS = 1_000_000  # of an answer that ties the clock
@@ -87,12 +88,14 @@ class _Exchange:
         sent_ns: when it had been requested.
         latency_ns: the smallest delay was no larger then.
         lifted_ns: by how much the line had been lifted before.
+        early_ns: the latch came by so much before its request, so low lies the line.
     """
 
     ticks: int
     sent_ns: int
     latency_ns: float
     lifted_ns: float
+    early_ns: float
 
 
 class DeviceClock:
@@ -126,7 +129,7 @@ class DeviceClock:
         self._lates_ns: deque[float] = deque([0.0], maxlen=LAST_READS)
         self._exchanges: deque[_Exchange] = deque(maxlen=EXCHANGES)
         self._best: _Exchange | None = None
-        self._lifted_ns = 0.0
+        self._lifted_ns = self._early_ns = 0.0
         self._run = self._read_ns = self._read_ticks = self._proven_ns = 0
         self._run_late_ns = self._height_ns = self._jump_ns = 0.0
         self._line_bound_ns = UNKNOWN_NS
@@ -167,7 +170,8 @@ class DeviceClock:
         """Error of the times of the last read; large while uncertain."""
         # So much the counter may have lost unseen, unless a read since then denies it.
         late_ns = min(self._lates_ns)
-        bound_ns = max(self._bound_ns(), late_ns) + self._latency_ns + self._ns_per_tick
+        bound_ns = max(self._bound_ns(), late_ns) + self._early_ns
+        bound_ns += self._latency_ns + self._ns_per_tick
         return round(min(bound_ns, UNKNOWN_NS))
 
     @property
@@ -223,7 +227,8 @@ class DeviceClock:
         if self._tie is not None or self._jump_ns:
             bound_ns = self._bound_ns() + self._ns_per_tick
         if late_ns < -UNDERCUT * bound_ns - self._grain_ns or (
-            sent_ns is not None and late_ns - (received_ns - sent_ns) > bound_ns
+            sent_ns is not None
+            and late_ns - (received_ns - sent_ns) > bound_ns + self._grain_ns
         ):
             self._step(ticks, received_ns)
         elif self._line_bound_ns < UNKNOWN_NS:
@@ -266,7 +271,9 @@ class DeviceClock:
         # As long as an answer ties the clock, the line is that answer's own.
         is_tied = self._tie is not None and self._line_bound_ns >= UNKNOWN_NS
         line_bound_ns = 0.0 if is_tied else self._bound_ns()
-        return _Exchange(ticks, sent_ns, late_ns + line_bound_ns, self._lifted_ns)
+        early_ns = max(0.0, float(sent_ns - self.to_ns(ticks)))
+        latency_ns = late_ns + line_bound_ns
+        return _Exchange(ticks, sent_ns, latency_ns, self._lifted_ns, early_ns)
 
     def _choose_exchange(self, ticks: int) -> None:
         self._best = min(
@@ -274,6 +281,8 @@ class DeviceClock:
             key=lambda past: past.latency_ns + self._risen_ns(past, ticks),
             default=None,
         )
+        recent = list(self._exchanges)[-RECENT_EXCHANGES:]
+        self._early_ns = max((past.early_ns for past in recent), default=0.0)
 
     def _judge(self, ticks: int, late_ns: float, received_ns: int) -> None:
         """Detect proofs that the line holds; a step, if there was none for long."""
@@ -317,6 +326,7 @@ class DeviceClock:
         self._tie = None
         self._exchanges.clear()
         self._best = None
+        self._early_ns = 0.0
         self._usual = _UsualDelays()
         self._run, self._read_ns, self._proven_ns = 0, 0, received_ns
         self._read_ticks, self._run_late_ns = ticks, 0.0

@@ -267,3 +267,22 @@ def test_a_bus_of_frames_is_no_step(ppm):
     assert all(certain[500:])
     assert clock.steps == 0
     assert (np.array(errors_ns) <= np.array(bounds_ns))[500:].all()
+
+
+def test_a_loss_of_less_than_a_frame_is_in_the_bound_from_the_next_answer_on():
+    """No delay of the reads shows it, and it is no step within what a port states."""
+    clock = DeviceClock(1_000_000, latency_ns=1_060_000)
+    lost_us, begin_ns = 0, 10**12
+    for number in range(1200):
+        at_ns = begin_ns + number * 10_000_000
+        if number == 900:
+            lost_us = 800
+        clock.update(number * 10_000 - lost_us, at_ns + 150_000)
+        if number % 100 == 50:
+            asked_ns = at_ns + 3_000_000
+            tick = number * 10_000 + 3050 - lost_us
+            clock.update(tick, asked_ns + 200_000, asked_ns)
+            error_ns = abs(clock.to_ns(tick) - (asked_ns + 50_000))
+            assert number < 300 or error_ns <= clock.error_bound_ns
+    assert clock.steps == 0
+    assert not clock.is_uncertain
