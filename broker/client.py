@@ -4,16 +4,11 @@ Strategy: packets are encoded and decoded by `traverse.broker.packets`, and asyn
 transport moves the bytes, with TLS or without. A message is written in the call that
 sends it. What arrives is processed for a few milliseconds at a time; the rest waits in
 the socket meanwhile, so that a flood slows its sender down and not the event loop.
-
-A wake-up costs more than what is done in it. Acknowledgements of messages that nobody
-waits for may therefore gather in the socket (`gather_acknowledgements`); anything
-longer than they are wakes the event loop at once.
 """
 
 import asyncio
 import contextlib
 import logging
-import socket
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
@@ -61,8 +56,6 @@ MAX_QUEUED = 10_000
 REFUSAL = 0x80  # reason codes from here on say no, in MQTT 3.1.1 and 5
 LAST_NUMBER = 65_535
 READ_BYTES = 65_536
-ACKNOWLEDGEMENT_BYTES = 4
-GATHER_S = 0.25  # longer than this no acknowledgement waits in the socket
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +152,6 @@ class MqttClient(asyncio.BufferedProtocol):
         self._ended_by: MqttError | None = None
         self._is_behind = False
         self._buffer = memoryview(bytearray(READ_BYTES))
-        self._gathering: asyncio.TimerHandle | None = None
         self._alive_timer: asyncio.TimerHandle | None = None
         self._heard_since_ping = True
 
@@ -256,7 +248,6 @@ class MqttClient(asyncio.BufferedProtocol):
             self._end(MqttError(f"nothing was received for {self.keep_alive_s} s"))
             return
         self._heard_since_ping = False
-        self._take_at_once()
         transport.write(PINGREQ)
         self._alive_timer = self._loop.call_later(self.keep_alive_s, self._watch)
 
@@ -284,9 +275,8 @@ class MqttClient(asyncio.BufferedProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Fail everything that waits for an answer."""
-        for timer in (self._alive_timer, self._gathering):
-            if timer is not None:
-                timer.cancel()
+        if self._alive_timer is not None:
+            self._alive_timer.cancel()
         error = self._ended_by
         if error is None:
             error = ConnectionCutError()
@@ -407,7 +397,6 @@ class MqttClient(asyncio.BufferedProtocol):
     async def _answer_to(self, number: int, packet: bytes) -> tuple[int, ...]:
         answer: asyncio.Future[tuple[int, ...]] = self._loop.create_future()
         self._awaited[number] = answer
-        self._take_at_once()
         try:
             self.write(packet)
             return await answer
@@ -437,31 +426,6 @@ class MqttClient(asyncio.BufferedProtocol):
             else:
                 message = self._queue.get_nowait()
             yield message
-
-    def gather_acknowledgements(self) -> None:
-        """Let some acknowledgements gather for a while, and wake us together.
-
-        Strategy: the socket is readable once it has as many bytes as half of the
-        messages that may be on their way are acknowledged with. Any other message is
-        longer. Whatever is there is taken after `GATHER_S`, and at once where somebody
-        waits for an answer.
-        """
-        n_bytes = self.max_in_flight // 2 * ACKNOWLEDGEMENT_BYTES
-        if self._gathering is None and n_bytes and not self._awaited:
-            self._wake_from(n_bytes)
-            self._gathering = self._loop.call_later(GATHER_S, self._take_at_once)
-
-    def _take_at_once(self) -> None:
-        """Be woken by every byte, also by those that are there."""
-        if self._gathering is not None:
-            self._gathering.cancel()
-            self._gathering = None
-            self._wake_from(1)
-
-    def _wake_from(self, n_bytes: int) -> None:
-        if self._transport is not None and not self._transport.is_closing():
-            line = self._transport.get_extra_info("socket")
-            line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, n_bytes)
 
     def get_buffer(self, sizehint: int) -> memoryview:
         """Where bytes that arrive are put; one place, for good."""

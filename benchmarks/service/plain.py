@@ -42,11 +42,11 @@ from benchmarks.tools.raw_mqtt import RawClient
 from benchmarks.tools.rounds import given, load, write_json
 from benchmarks.tools.sizes import sized
 
-WARM_UP = sized((10.0, 40), (50.0, 5))
-PHASES = sized(((10.0, 40), (100.0, 250), (300.0, 700), (1000.0, 2500)), ((100.0, 40),))
+WARM_UP = sized((20.0, 60), (50.0, 5))
+PHASES = sized(((10.0, 25), (100.0, 200), (300.0, 450), (1000.0, 1500)), ((100.0, 40),))
 """Presses a second, and how many; what is warmed up first is not looked at."""
 ROUNDS = sized(6, 1)
-IDLE_AFTER_S, IDLE_S = sized((6.0, 6.0), (0.1, 0.5))
+IDLE_AFTER_S, IDLE_S = sized((4.0, 4.0), (0.1, 0.5))
 SILENCE_NS = 8_000_000_000  # without any point: no more will arrive
 MOST_BEHIND_US = 20_000.0  # of the last tenth, where a program keeps up
 PLAIN, TRAVERSE = "plain script", "Traverse"

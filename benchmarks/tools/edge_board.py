@@ -119,17 +119,24 @@ class EdgeBoard:
             self._kept[at] = number, now_ns, data
 
     def _send_sample(self, request: int) -> None:
+        self._write_sample(0, request, self._sample_seq)
+        self._sample_seq += 1
+
+    def _send_latched(self, request: int) -> None:
+        """Answer a request to latch now."""
+        self._write_sample(1, request, 0)
+
+    def _write_sample(self, cause: int, request: int, seq: int) -> None:
         data = wire.samples(
-            0,
+            cause,
             request,
             0,
-            seqs=np.array([self._sample_seq], np.uint32),
+            seqs=np.array([seq], np.uint32),
             ticks=np.array([self._ticks()], np.uint32),
             counts=COUNTS[np.newaxis],
             status=STATUS[np.newaxis],
         )
         os.write(self._port, b"".join(data))
-        self._sample_seq += 1
 
     def _send_heartbeat(self) -> None:
         beat = wire.heartbeat(
@@ -158,6 +165,9 @@ class EdgeBoard:
             if kind == 1:
                 os.write(self._port, wire.hello(request, IDENTITY))
                 self._send_heartbeat()
+                continue
+            if kind == 5:
+                self._send_latched(request)
                 continue
             value = int.from_bytes(body[2:6], "little") if kind == 3 else 0
             os.write(self._port, wire.reply(kind, request, 0, value))

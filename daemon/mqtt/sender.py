@@ -88,7 +88,6 @@ class PublishLoop:
                 if not packets:
                     break
                 client.write(b"".join(packets))
-                client.gather_acknowledgements()
         except MqttError as error:
             self._failed.set_exception(error)
         finally:
