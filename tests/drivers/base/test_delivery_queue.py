@@ -65,6 +65,24 @@ async def test_what_is_put_in_a_thread_is_taken_in_order():
     assert delivery_queue.waiting_samples == 0
 
 
+async def test_what_wakes_nobody_waits_for_the_next_or_to_be_asked_for():
+    delivery_queue, _ = await crossing_of()
+    taken: list[list[object]] = []
+    with delivery_queue.notifying(lambda: taken.append(delivery_queue.take_waiting())):
+        delivery_queue.wake()  # for nothing
+        assert delivery_queue.put(FAULT, wakes=False)
+        await asyncio.sleep(0)
+        assert taken == []
+        assert delivery_queue.put(LOST)
+        await asyncio.sleep(0)
+        assert taken == [[FAULT, LOST]]
+        assert delivery_queue.put(FAULT, wakes=False)
+        delivery_queue.wake()
+        delivery_queue.wake()
+        await asyncio.sleep(0)
+        assert taken == [[FAULT, LOST], [FAULT]]
+
+
 async def test_samples_beyond_the_bound_are_dropped_and_counted():
     delivery_queue, _ = await crossing_of(max_samples=10)
     assert delivery_queue.put(samples(6))
