@@ -11,7 +11,7 @@ PATH="$PATH:/usr/sbin:/sbin"
 table() {
     cat <<'TABLE'
 python|module:ensurepip module:venv|python3-venv
-compiler|gcc header:Python.h|gcc libc6-dev python3-dev
+compiler|gcc as ld header:Python.h|gcc libc6-dev python3-dev
 cplusplus|g++ as ld|g++
 mosquitto|mosquitto mosquitto_passwd mosquitto_pub mosquitto_sub|mosquitto mosquitto-clients
 postgresql|file:/usr/lib/postgresql/*/bin/initdb|postgresql

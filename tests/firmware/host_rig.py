@@ -1,0 +1,95 @@
+"""The host's board as a process, its script on a pipe, and a driver on its pty."""
+
+import asyncio
+import contextlib
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+from tests.firmware.built import host_board
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.latch_board.driver import LatchBoardDriver, LatchBoardOptions
+
+
+class HostBoard:
+    """The program `latch-board`; commands are those of ports/host/script.c."""
+
+    def __init__(self, link: Path, *options: str) -> None:
+        self.link = link
+        self.n_edges = 0
+        self._level = 0
+        self._process = subprocess.Popen(
+            [host_board(), "--link", link, *options],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self._answer() == f"ready {link}"
+
+    def ask(self, command: str) -> str:
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{command}\n")
+        self._process.stdin.flush()
+        return self._answer()
+
+    def do(self, *commands: str) -> None:
+        """Execute commands."""
+        for command in commands:
+            assert self.ask(command) == "done", command
+
+    def toggle(self) -> int:
+        """Press or release the button; return the number that the edge gets."""
+        self._level ^= 1
+        self.do(f"input 0 {self._level}")
+        self.n_edges += 1
+        return self.n_edges - 1
+
+    def close(self) -> None:
+        self._process.communicate("quit\n", timeout=10.0)
+
+    def _answer(self) -> str:
+        assert self._process.stdout is not None
+        return self._process.stdout.readline().rstrip("\n")
+
+
+class HostBoardRig:
+    """For the contract: encoder 0 counts up by one from sample to sample."""
+
+    def __init__(self, board: HostBoard) -> None:
+        self.board = board
+        self.port = str(board.link)
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        options = LatchBoardOptions(port=self.port, debounce_us=0)
+        self.driver = LatchBoardDriver("base", options, self.delivery_queue)
+        board.do("turn 0 500")
+
+    def emit(self, n):
+        """Do nothing: it streams by itself."""
+
+    def lose(self, n):
+        self.board.do(f"lose {n}")
+
+    def press(self):
+        return self.board.toggle()
+
+    def break_next(self):
+        self.board.do(f"spoil {0x84}")
+
+    def unacknowledged(self):
+        words = self.board.ask("show").split()
+        return set(range(int(words[3]) - int(words[5]), int(words[3])))
+
+    def unplug(self):
+        self.board.do("unplug")
+
+    def plug(self):
+        self.board.do("plug")
+
+
+@contextlib.contextmanager
+def host_board_at(link: Path, *options: str) -> Iterator[HostBoard]:
+    board = HostBoard(link, *options)
+    try:
+        yield board
+    finally:
+        board.close()
