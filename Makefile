@@ -20,7 +20,7 @@ SITE ?= site
 # TINY=1: as little of a benchmark or proof as shows that it runs.
 TINY ?=
 # Groups of Debian packages that the tests need, in deploy/debian-packages.sh.
-TEST_GROUPS := cplusplus mosquitto postgresql openssl jq chromium node systemd groff xvfb
+TEST_GROUPS := compiler cplusplus mosquitto postgresql openssl jq chromium node systemd groff xvfb
 # Dask scheduler that long proofs run on: make blind SCHEDULER=tcp://host:8786
 SCHEDULER ?=
 CLUSTER := $(if $(SCHEDULER),--scheduler $(SCHEDULER))
@@ -90,11 +90,12 @@ test-fresh:  ## the README's commands in a pristine Debian (SUITE=trixie for ano
 check: lint  ## lint, and the quick tests of what has changed; about a minute
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.changed -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
-lint: venv  ## ruff, mypy --strict, import contracts
+lint: venv  ## ruff, mypy --strict, import contracts, warnings of the firmware
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	@$(MAKE) --no-print-directory -C firmware check BUILD=$(abspath $(BUILD))/firmware
 
 format: venv  ## put the code into its form
 	$(BIN)/ruff format .

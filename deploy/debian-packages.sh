@@ -21,6 +21,7 @@ chromium|chromium|chromium
 node|node npm|nodejs npm
 vm|qemu-system-x86_64 busybox ip mmdebstrap depmod mke2fs|qemu-system-x86 busybox-static iproute2 mmdebstrap kmod e2fsprogs
 fresh|mmdebstrap unshare|mmdebstrap util-linux
+avr|avr-gcc avr-size|gcc-avr avr-libc
 aarch64|aarch64-linux-gnu-gcc qemu-aarch64|gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user
 prometheus|promtool|prometheus
 systemd|systemd-analyze systemd-sysusers systemd-tmpfiles|systemd

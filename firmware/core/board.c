@@ -253,7 +253,7 @@ bool lb_report_alarm(struct lb_board *board, const struct lb_alarm *alarm)
     if (board->n_alarms >= LB_ALARM_QUEUE) {
         return false;
     }
-    board->alarms[(board->alarm_first + board->n_alarms) % LB_ALARM_QUEUE] = *alarm;
+    board->alarms[((unsigned)board->alarm_first + board->n_alarms) % LB_ALARM_QUEUE] = *alarm;
     board->n_alarms++;
     return true;
 }
@@ -307,7 +307,7 @@ static void number_edges(struct lb_board *board)
 {
     struct lb_held held;
     while (lb_inputs_next(&board->inputs, board->now, &held)) {
-        const bool is_reported = ((board->edge_mask >> held.input) & 1U) != 0U;
+        const bool is_reported = (((unsigned)board->edge_mask >> held.input) & 1U) != 0U;
         if (is_reported && !lb_edges_add(&board->edges, &held, board->now)) {
             board->losing_edges = true;
             board->losing_to_send = true;

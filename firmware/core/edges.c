@@ -6,7 +6,7 @@
 
 static uint8_t place(const struct lb_edges *edges, uint8_t index)
 {
-    return (uint8_t)((edges->first + index) % LB_MAX_EDGES);
+    return (uint8_t)(((unsigned)edges->first + index) % LB_MAX_EDGES);
 }
 
 void lb_edges_init(struct lb_edges *edges)

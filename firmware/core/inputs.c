@@ -33,7 +33,7 @@ void lb_inputs_change(struct lb_inputs *inputs, uint32_t tick, uint8_t levels)
         inputs->overflowed = true;
         return;
     }
-    const uint8_t place = (uint8_t)((inputs->first + inputs->n_waiting) % LB_CHANGE_QUEUE);
+    const uint8_t place = (uint8_t)(((unsigned)inputs->first + inputs->n_waiting) % LB_CHANGE_QUEUE);
     lb_latch_for(inputs->identity, inputs->port, tick, &inputs->ring[place]);
     inputs->ring[place].inputs = levels;
     inputs->n_waiting++;
@@ -45,7 +45,7 @@ static void note(struct lb_inputs *inputs, const struct lb_latch *change, uint64
     const uint8_t moved = (uint8_t)(inputs->levels ^ change->inputs);
     for (uint8_t i = 0U; i < inputs->identity->n_inputs; i++) {
         struct lb_bounce *bounce = &inputs->bounces[i];
-        if (((moved >> i) & 1U) != 0U) {
+        if ((((unsigned)moved >> i) & 1U) != 0U) {
             if (!bounce->active) {
                 bounce->active = true;
                 bounce->latch = *change;

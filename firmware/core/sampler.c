@@ -88,7 +88,7 @@ void lb_sampler_due(struct lb_sampler *sampler)
         return;
     }
     if (sampler->n_waiting < LB_SAMPLE_QUEUE) {
-        const uint8_t place = (uint8_t)((sampler->first + sampler->n_waiting) % LB_SAMPLE_QUEUE);
+        const uint8_t place = (uint8_t)(((unsigned)sampler->first + sampler->n_waiting) % LB_SAMPLE_QUEUE);
         struct lb_sample *sample = &sampler->ring[place];
         lb_latch_for(sampler->identity, sampler->port, sampler->due_tick, &sample->latch);
         sample->latch.inputs = sampler->port->inputs();

@@ -67,10 +67,10 @@ class Workbench:
         identify(self.arm_file)
         self.confirm_board()
 
-    def confirm_board(self) -> None:
-        """Let the daemon know the simulated board, as an operator has confirmed it."""
+    def confirm_board(self, serial: str = BOARD_SERIAL) -> None:
+        """Let the daemon know the board, as an operator has confirmed it."""
         model = read_model(self.arm_file, {"base": None})
-        base = ConfirmedDevice(encoders_text(model, "base"), (BOARD_SERIAL,))
+        base = ConfirmedDevice(encoders_text(model, "base"), (serial,))
         state = self.folder / "state"
         state.mkdir(exist_ok=True)
         memory = ReferenceFile(state / REFERENCES)

@@ -44,6 +44,9 @@ class HostBoard:
         self.n_edges += 1
         return self.n_edges - 1
 
+    def next_edge(self) -> int:
+        return int(self.ask("show").split()[3])
+
     def close(self) -> None:
         self._process.communicate("quit\n", timeout=10.0)
 

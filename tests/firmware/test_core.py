@@ -6,9 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.firmware.built import FIRMWARE
 from tests.firmware.core_bench import CoreBench, shown
 from tests.protocol import latch_board_frames as golden
 from tests.protocol.latch_board_frames import frame, framed
+from tests.running import run_program
 
 pytestmark = pytest.mark.needs("compiler")
 
@@ -164,13 +166,14 @@ def test_every_sample_is_at_its_tick_over_wraps(rate_millihz, rate_hz):
     bodies = bench.after(rate_hz // 1000, SAMPLE)
     for _ in range(20):
         bodies += bench.after(int(50 * period), SAMPLE, poll_every=2**30)
-    seqs, ticks, counts = zip(*(struct.unpack_from("<III", b, 4) for b in bodies))
+    fields = [struct.unpack_from("<III", body, 4) for body in bodies]
+    seqs, ticks, counts = zip(*fields, strict=True)
     assert len(seqs) >= 999
     assert seqs == tuple(range(len(seqs)))
     assert counts == ticks
     first = ticks[0]
     assert (first - (2**32 - 1499)) % 2**32 <= rate_hz // 100
-    for seq, tick in zip(seqs, ticks):
+    for seq, tick in zip(seqs, ticks, strict=True):
         twice = 2 * seq * rate_hz * 1000  # round(k a / b) = (2 k a + b) // 2 b
         offset = (twice + rate_millihz) // (2 * rate_millihz)
         assert tick == (first + offset) % 2**32
@@ -353,6 +356,14 @@ def test_alarms_of_the_port_wait_for_room():
     assert [struct.unpack_from("<IIi", b, 5)[0::2] for b in bodies] == [
         (n, 350 + n) for n in range(4)
     ]
+
+
+@pytest.mark.needs("avr")
+def test_it_compiles_for_a_processor_of_eight_bits(tmp_path):
+    ran = run_program("make", "-C", FIRMWARE, "avr-core", f"BUILD={tmp_path}")
+    (total,) = [li.split() for li in ran.stdout.splitlines() if "(TOTALS)" in li]
+    assert int(total[0]) < 12_000  # bytes of flash
+    assert total[1:3] == ["0", "0"]  # its state is the port's
 
 
 def test_a_board_of_inputs_alone():

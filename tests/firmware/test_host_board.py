@@ -61,7 +61,7 @@ async def test_a_loss_of_power_is_noticed(rig):
     assert [up.restarted for up in taken.of(DeviceUp)] == [False, True]
 
 
-async def test_10_kHz_without_a_loss_over_the_wrap_of_ticks(rig):
+async def test_10_khz_without_a_loss_over_the_wrap_of_ticks(rig):
     rig.board.do("turn 0 10000")
     with rig.driver:
         taken = await streaming(rig, 10_000.0)

@@ -68,7 +68,12 @@ class EdgeQueue:
         return data
 
     def acknowledge(self, seq_shown: int) -> None:
-        """Drop every edge up to and including the one with these 32 bits."""
+        """Drop every edge up to and including the one with these 32 bits.
+
+        A number that was not yet given is of another start of the board.
+        """
+        if (self.next_seq - 1 - seq_shown) & 0xFFFFFFFF >= 0x80000000:
+            return
         while self._waiting:
             age = (seq_shown - self._waiting[0].seq) & 0xFFFFFFFF
             if age >= 0x80000000:
@@ -297,11 +302,10 @@ class Board:
         self._latched.take_change()
         if isinstance(change, AlarmChange):
             return [self.alarms.of_encoder(change)]
-        if isinstance(change, InputChange) and self._inputs.change(
-            change.input_number, change.level
-        ):
+        if isinstance(change, InputChange):
             held_at_s = change.time_s + 1e-6 * self._settings.debounce_us
-            self._inputs.watch(self.sampler.edge(change), held_at_s)
+            if self._inputs.change(change.input_number, change.level, held_at_s):
+                self._inputs.watch(self.sampler.edge(change), held_at_s)
         return []
 
     def _report_held(self, now_s: float) -> list[bytes]:
@@ -328,7 +332,7 @@ class Board:
             return [OutgoingFrame(False, wire.reply(kind, fields[0], result, 0))]
         values = layout.unpack(fields)
         if kind == wire.HELLO:
-            return [OutgoingFrame(False, self._greet(*values))]
+            return [OutgoingFrame(False, self._greet(*values)), *self._cleared()]
         return [] if self._refused else self._obey(kind, values)
 
     def _obey(self, kind: int, values: tuple[int, ...]) -> list[OutgoingFrame]:
@@ -353,6 +357,10 @@ class Board:
 
     def _acknowledge(self, seq: int) -> list[OutgoingFrame]:
         self.edges.acknowledge(seq)
+        return self._cleared()
+
+    def _cleared(self) -> list[OutgoingFrame]:
+        """Clear the alarm about lost edges, if none waits any more."""
         if len(self.edges):
             return []
         cleared = self.alarms.end_losing_edges(self.edges.n_lost, self._now_s)

@@ -57,12 +57,16 @@ class InputLevels:
         self._reported = 0
         self._watched: dict[int, tuple[float, LatchedEdge]] = {}
 
-    def change(self, input_number: int, level: int) -> bool:
-        """Take a new level; True if an edge begins that must be latched."""
+    def change(self, input_number: int, level: int, held_at_s: float) -> bool:
+        """Take a new level; True if an edge begins that must be latched.
+
+        A contact that bounces is at rest later; its edge is the first change.
+        """
         bit = 1 << input_number
         self.levels = self.levels & ~bit | bit * level
-        if self._watched.pop(input_number, None) is not None:
-            return False  # back at the old level before the new one had held
+        if input_number in self._watched:
+            self._watched[input_number] = held_at_s, self._watched[input_number][1]
+            return False
         return bool(self._reported & bit) != bool(level)
 
     def watch(self, edge: LatchedEdge, held_at_s: float) -> None:
@@ -79,8 +83,12 @@ class InputLevels:
         held = [edge for at_s, edge in self._watched.values() if at_s <= now_s]
         for edge in held:
             del self._watched[edge.input_number]
+        moved = [
+            e for e in held if (self.levels ^ self._reported) >> e.input_number & 1
+        ]
+        for edge in moved:
             self._reported ^= 1 << edge.input_number
-        return sorted(held, key=lambda edge: edge.time_s)
+        return sorted(moved, key=lambda edge: edge.time_s)
 
 
 @dataclass(slots=True)

@@ -234,6 +234,23 @@ def test_a_bounce_shorter_than_the_debouncing_is_no_edge():
     assert talk.board.edges.next_seq == 0
 
 
+def test_a_press_that_bounces_is_one_edge_at_its_first_contact():
+    times_s = (0.010, 0.0103, 0.0105, 0.0106, 0.013)
+    talk = Talk([InputChange(t, 0, (n + 1) % 2) for n, t in enumerate(times_s)])
+    talk.ask(HELLO)
+    assert talk.until(0.0179, 0x84) == []
+    (body,) = talk.until(0.05, 0x84)
+    assert struct.unpack_from("<BBBII", body, 1) == (0, 1, 1, 0, 10_000)
+
+
+def test_an_acknowledgement_of_a_number_that_was_not_given_does_nothing():
+    talk = Talk([InputChange(0.010, 0, 1)])
+    talk.ask(HELLO)
+    talk.until(0.02)
+    talk.ask("06 07 00 00 00")
+    assert len(talk.until(0.1, 0x84)) > 0
+
+
 def test_masked_inputs_make_no_edges_but_show_in_samples():
     talk = Talk([InputChange(0.010, 1, 1)])
     talk.ask(HELLO)

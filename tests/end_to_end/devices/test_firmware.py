@@ -1,0 +1,43 @@
+"""The compiled firmware as the board of an arm: a press is the point of its contact."""
+
+import numpy as np
+import pytest
+
+from tests.end_to_end.arm_matrices import MatrixArm
+from tests.end_to_end.listener import listening
+from tests.end_to_end.workbench import Workbench
+from tests.firmware.host_rig import host_board_at
+from tests.waiting import until
+
+pytestmark = pytest.mark.needs("mosquitto", "compiler")
+
+BOARD_ID = b"host board\0\1".hex()
+TURNS = np.array([2**23] * 4 + [2**22] * 3)
+POSTURES = (
+    (400_000, 5_500_000, 7_300_000, 2_100_000, 70_000, 4_000_000, 300_000),
+    (8_388_607, 5_500_001, 0, 1, 4_194_303, 4_100_000, 310_000),
+)
+
+
+async def test_each_press_is_a_point_with_the_counts_latched_at_its_contact(
+    bench: Workbench,
+) -> None:
+    bench.confirm_board(BOARD_ID)
+    bench.write_daemon()
+    with host_board_at(bench.pty, "--first-ticks", str(2**32 - 3_000_000)) as board:
+        async with listening(bench.host, bench.port, bench.arm) as listener:
+            with bench.daemon() as daemon:
+                await listener.ready("ready")
+                for n, counts in enumerate(POSTURES):
+                    board.do(*(f"count {k} {count}" for k, count in enumerate(counts)))
+                    # The joints turn on before the press is debounced and sent.
+                    board.do("input 0 1", *(f"turn {k} 90000" for k in range(7)))
+                    await listener.n_points(n + 1)
+                    board.do("input 0 0")
+                    await until(lambda n=n: board.next_edge() == 2 * n + 2, "released")
+                assert await daemon.stop() == 0
+    arm = MatrixArm(bench.arm_file)
+    for point, counts in zip(listener.points, POSTURES, strict=True):
+        assert ((np.array(point.counts) - counts) % TURNS == 0).all()
+        xyz_mm, _ = arm.pose(counts)
+        assert np.abs(np.array(point.xyz_mm) - xyz_mm).max() < 1e-9
