@@ -193,7 +193,7 @@ async def test_watch_prints_points_over_tls_as_the_guide_shows(
             "bench-7-operator": "person",
             "authority.crt": str(house.address.ca_file),
             "operator.password": str(house.address.password_file),
-            "--arm bench-7": f"--arm {daemon.arm}",
+            "--arm-name bench-7": f"--arm-name {daemon.arm}",
         }
         for shown, replacement in ours.items():
             assert shown in line
