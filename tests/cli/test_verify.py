@@ -153,8 +153,8 @@ def test_a_plan_is_a_campaign_that_can_be_collected(standard, tmp_path):
     ("arguments", "message"),
     [
         ((), "DATA, --standard missing"),
-        (("x", "--standard", "iso"), "no standard 'iso'; there are: iso10360-12"),
-        (("x", "--standard", "vdi2617-9"), "--arm missing"),
+        ((".", "--standard", "iso"), "no standard 'iso'; there are: iso10360-12"),
+        ((".", "--standard", "vdi2617-9"), "--arm missing"),
         (("--plan", "vdi2617-9"), "--plan needs --arm and --out"),
         (("--check", "nowhere"), "cannot be read"),
         (("nowhere", "--standard", "vdi2617-9", "--arm", ARM), "cannot be read"),
