@@ -180,7 +180,10 @@ def test_no_convergence_is_reported_and_leaves_no_arm_file(measured: Path) -> No
     [
         ((), "CAMPAIGN, --arm, --out missing; or give --compare A B"),
         (("campaign", "--arm", "arm.toml"), "--out missing"),
-        (("campaign", "--arm", "absent.toml", "--out", "o"), "absent.toml: cannot be read"),
+        (
+            ("campaign", "--arm", "absent.toml", "--out", "o"),
+            "absent.toml: cannot be read",
+        ),
         (("absent", "--arm", "arm.toml", "--out", "o"), "absent: cannot be read"),
         (
             ("campaign", "--arm", "arm.toml", "--out", "o", "--hold", "J9.*"),
