@@ -56,7 +56,10 @@ async def test_a_service_is_ready_watched_reloaded_and_stopped(
                 await until(lambda: manager.has("READY=1"), "ready")
                 before = manager.listen()[: manager.listen().index("READY=1")]
                 assert f"EXTEND_TIMEOUT_USEC={(8 + 12 + 5) * 10**6}" in before
-                assert manager.status() == "measuring: 1 device"
+                await until(
+                    lambda: manager.status() == "measuring: 1 device",
+                    "nothing is in doubt",
+                )
                 await until(lambda: manager.has(FED, 3), "the watchdog is fed")
 
                 arm = bench.arm_file.read_text("utf-8")
