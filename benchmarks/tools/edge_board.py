@@ -37,7 +37,7 @@ IDENTITY = wire.Identity(
 )
 COUNTS = np.arange(1, 8, dtype=np.uint32) * 100_000
 FIRST_PRESS_NS = 1_000_000_000  # after the stream has begun
-AGAIN_NS, MOST_AGAIN = 50_000_000, 16
+AGAIN_NS = 50_000_000
 STATUS = np.zeros(7, np.uint8)
 
 
@@ -110,11 +110,8 @@ class EdgeBoard:
         self._edge_seq += 1
 
     def _send_again(self, now_ns: int) -> None:
-        """Send the oldest edges again that are not acknowledged."""
-        for at in range(min(MOST_AGAIN, len(self._kept))):
-            number, sent_ns, data = self._kept[at]
-            if now_ns < sent_ns + AGAIN_NS:
-                break
+        """Send all edges again that are not acknowledged: the first one was missed."""
+        for at, (number, _, data) in enumerate(self._kept):
             os.write(self._port, data)
             self._kept[at] = number, now_ns, data
 
