@@ -22,7 +22,7 @@ from traverse.cli.common.old_forms import commands_as_now, sentence
 from traverse.cli.common.options import CommandGroup, words_of
 from traverse.cli.common.refusals import REFUSED, RefusalError, end, missing_library
 
-FOLDERS = {"amt21": "devices.", "can": "devices.", "microscribe": "devices."}
+FOLDERS = dict.fromkeys(("amt21", "board", "can", "microscribe"), "devices.")
 CONTROL = (
     *("point", "undo", "scan", "label", "session", "reload", "confirm", "home"),
     "send",
@@ -39,6 +39,7 @@ COMMANDS = (
         "arm",
         "campaign",
         "amt21",
+        "board",
         "can",
         "fleet",
         "gateway",

@@ -1,1 +1,1 @@
-"""`traverse amt21`, `can`, `microscribe`: encoders and arms on their lines."""
+"""`traverse amt21`, `board`, `can`, `microscribe`: encoders and arms on their lines."""
