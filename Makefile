@@ -122,6 +122,7 @@ bench: venv system bench-kernel  ## the figures of docs/performance.md; takes ei
 	$(BIN)/python -m benchmarks $(FIGURES)
 	$(BIN)/python -m benchmarks.service.plain $(FIGURES)/presses.json
 	$(BIN)/python -m benchmarks.service.stages $(FIGURES)/press.json
+	PYTHONPATH=src $(PEERS)/bin/python -m benchmarks.peers.mqtt_clients
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.effects $(FIGURES)/effects.json
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.gil $(FIGURES)/gil.json
 	$(BIN)/python -m benchmarks.tools.plots $(FIGURES)
