@@ -93,13 +93,17 @@ class BoardTester:
 
     def _ask(self, section: int, layout: str, kind: int, *fields: int) -> ReceivedFrame:
         """Send a request with the next number; return its one answer."""
-        request = self._line.request_number()
+        request, n_broken = self._line.request_number(), len(self._line.broken)
         body = struct.pack(f"<BB{layout}", kind, request, *fields)
         answers = self._line.ask(request, body)
-        if not answers:
-            sent = hexadecimal(body)
-            raise MismatchError(section, f"an answer to {sent} within 100 ms", "none")
-        return answers[0]
+        if answers:
+            return answers[0]
+        expected = f"an answer to {hexadecimal(body)} within 100 ms"
+        broken = self._line.broken[n_broken:]
+        if not broken:
+            raise MismatchError(section, expected, "none")
+        shown = hexadecimal(broken[-1])
+        raise MismatchError(1, expected, f"a frame with broken COBS or CRC: {shown}")
 
     def _expect_reply(
         self, section: int, result: int, value: int, layout: str, *request: int

@@ -118,7 +118,12 @@ def test_a_hello_of_another_length_ends_the_test(tmp_path):
 def test_frames_with_a_wrong_crc_are_no_answer(tmp_path):
     with WrongBoard(tmp_path / "port", spoilt=True) as board:
         checks = failures(board.link)
-    assert checks["HELLO and the identity"]["came"] == "none"
+    first = checks["HELLO and the identity"]
+    body = bytes.fromhex("81010100") + HELLO
+    frame = bytearray(framed(body))
+    frame[-2] ^= 0x20
+    assert first["section"] == 1
+    assert first["came"].endswith(f"CRC: {frame.hex(' ').upper()}")
 
 
 def test_a_port_that_is_not_there(tmp_path):
