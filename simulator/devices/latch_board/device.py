@@ -77,6 +77,7 @@ class SimulatedLatchBoard(SimulatedDevice):
         self._sent: Counter[str] = Counter()  # until the last loss of power
         self._drops = DropCounter(table.id, mounting.notes)
         self._lived_s = 0.0
+        self._requests = b""
         self.port: PtyPort | None = None
         self.switch_on(0.0)
 
@@ -84,6 +85,7 @@ class SimulatedLatchBoard(SimulatedDevice):
         if self.port is not None:
             self.port.close()
             self.port = None
+            self._requests = b""
             self._sent.update(self._counted())
 
     @property
@@ -121,19 +123,24 @@ class SimulatedLatchBoard(SimulatedDevice):
         self._send(self.board.advance(now_s), now_s)
         if self.port.host_changed():
             self.board.lose_host()
-        received = self.port.read()
-        if received:
+            self._requests = b""
+        if self._requests:
             was_streaming = self.board.streaming
-            answers = self.board.receive(received)
+            answers = self.board.receive(self._requests)
             if self.board.streaming and not was_streaming:
                 self._clock.begin(now_s)
             self._send(answers, now_s)
-        else:
+        # A request that is read now may have been sent after ``now_s``, where the
+        # program was held up: it is answered next time, so that no latch is before it.
+        self._requests = self.port.read()
+        if not self._requests:
             self.port.flush()
 
     def next_due_s(self, block_s: float) -> float:
         if self.port is None:
             return float("inf")
+        if self._requests:
+            return self._lived_s
         sample_s = self.board.sampler.next_s()
         return min(self.board.next_due_s(), sample_s + block_s)
 
