@@ -227,7 +227,8 @@ class MicroscribeSession:
             for channel in self.channels:
                 channel.doubt(heard.received_ns)
         for number, channel in enumerate(self.channels):
-            reading = EncoderReading(heard.packet.encoders[number], time_ns)
+            count, bound_ns = heard.packet.encoders[number], self.clock.bound_ns
+            reading = EncoderReading(count, time_ns, bound_ns=bound_ns)
             possible = reading.count < channel.modulus
             miss = channel.accept(reading if possible else IMPLAUSIBLE, time_ns)
             if miss is IMPLAUSIBLE:
@@ -248,7 +249,7 @@ class MicroscribeSession:
 
     def _n_spoilt_bytes(self) -> int:
         """How often bytes had changed; a packet that lacks some always shows it."""
-        return self.decoder.faults["foreign"] + self.decoder.faults["stray"]
+        return self.decoder.faults["foreign"]
 
     def _look(self) -> tuple[list[TimedPacket], list[int]]:
         """Request packets for a while; return them and their durations [ns]."""

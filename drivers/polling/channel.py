@@ -21,7 +21,7 @@ READ_ERRORS_FOR_ALARM = 3
 ASK_AGAIN_NS = 500_000_000  # vain requests cost the other encoders time
 SLACK_NS = 1_000_000  # instants of readings are known to about an exchange
 SLACK_COUNTS = 4
-HAND_RAD_S2 = 20.0  # 1.6 g at 0.8 m
+HAND_RAD_S2 = 50.0  # 4 g at 0.8 m; a wrist twists so
 MOTION_NS = 50_000_000  # readings further apart say nothing of each other's motion
 DAMAGE_NS = 2_000_000_000  # so long readings are in doubt after a spoilt one
 

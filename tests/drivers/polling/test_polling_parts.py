@@ -112,7 +112,7 @@ def unchecked(counts):
     return made, len(counts) * PERIOD_NS
 
 
-@given(st.integers(24, 1500), st.booleans())
+@given(st.integers(32, 1500), st.booleans())
 def test_a_spoilt_count_leaves_the_motion_and_puts_its_neighbours_in_doubt(off, back):
     counts = led(30)
     one, now_ns = unchecked(counts[:20])

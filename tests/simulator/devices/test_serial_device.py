@@ -219,6 +219,7 @@ def test_a_host_that_reads_loses_nothing_to_it(tmp_path):
     board.live(0.001)  # it has detected its host
     os.write(host, HELLO + START_1_KHZ)
     board.live(0.002)
+    board.live(0.003)  # it answers what it has read
     over = threading.Event()
 
     def read():
