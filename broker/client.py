@@ -1,9 +1,9 @@
 """A client of an MQTT broker on the event loop, for the daemon and for all programs.
 
-Strategy: packets are encoded and decoded by `traverse.broker.packets`, and asyncio's
-transport moves the bytes, with TLS or without. A message is written in the call that
-sends it. What arrives is processed for a few milliseconds at a time; the rest waits in
-the socket meanwhile, so that a flood slows its sender down and not the event loop.
+Strategy: `traverse.broker.packets` encodes and decodes, and asyncio's transport moves
+the bytes. A message is written in the call that sends it. Received data is processed
+for a few milliseconds at a time; the rest waits in the socket, so that a flood slows
+down its sender and not the event loop.
 """
 
 import asyncio
@@ -60,11 +60,11 @@ READ_BYTES = 65_536
 
 @dataclass(frozen=True, slots=True)
 class BrokerLimits:
-    """What a broker announces in its answer to CONNECT (section 3.2.2.3).
+    """Limits that a broker announces in its answer to CONNECT (section 3.2.2.3).
 
     Attributes:
-        receive_maximum: messages of QoS 1 that may wait for their acknowledgement.
-        maximum_packet_bytes: of a whole packet.
+        receive_maximum: messages of QoS 1 without acknowledgement at any time.
+        maximum_packet_bytes: length of a whole packet.
     """
 
     receive_maximum: int = 65_535
@@ -74,8 +74,6 @@ class BrokerLimits:
 
     @classmethod
     def of(cls, properties: Properties) -> Self:
-        """The limits in the properties of a CONNACK."""
-
         def number(identifier: Property, default: int) -> int:
             value = properties.get(identifier, default)
             return value if isinstance(value, int) else default
@@ -90,13 +88,13 @@ class BrokerLimits:
 
 @dataclass(frozen=True, slots=True)
 class Handlers:
-    """What a client calls, on the event loop; nothing here may wait.
+    """Callbacks of a client, on the event loop; none may wait.
 
     Attributes:
-        received: for each message; else they are in `MqttClient.messages`.
+        received: for each message; without it they are in `MqttClient.messages`.
         acknowledged: for each message of QoS 1 sent by `MqttClient.send`: its number,
             and the reason code where the broker refused it.
-        writable: when a socket that took no more takes bytes again.
+        writable: when a full socket takes bytes again.
     """
 
     received: Callable[[Message], None] | None = None
@@ -110,14 +108,14 @@ class MqttClient(asyncio.BufferedProtocol):
 
     Args:
         identifier: unique at the broker; it may be empty with ``clean_start``.
-        clean_start: the broker keeps no subscriptions and messages of an earlier time.
-        connect_properties: of MQTT 5, for CONNECT.
-        acknowledges: messages that arrive are acknowledged as soon as they have been
-            handled; else by `acknowledge`.
-        max_payload_bytes: what is longer is cut.
+        clean_start: the broker drops earlier subscriptions and messages.
+        connect_properties: properties of CONNECT (MQTT 5).
+        acknowledges: acknowledge messages as soon as they have been handled; else
+            call `acknowledge`.
+        max_payload_bytes: longer payloads are cut.
 
     Attributes:
-        limits: of the broker, known once there is a connection.
+        limits: limits of the broker, known once there is a connection.
         n_dropped: messages that `messages` had no room for.
     """
 
@@ -161,7 +159,7 @@ class MqttClient(asyncio.BufferedProtocol):
         """Connect.
 
         Raises:
-            MqttError: there is no connection; its cause is what the system reported.
+            MqttError: there is no connection; the cause is the error of the system.
         """
         try:
             async with asyncio.timeout(TIMEOUT_S):
@@ -181,7 +179,7 @@ class MqttClient(asyncio.BufferedProtocol):
         return self
 
     async def __aexit__(self, *error: object) -> None:
-        """Say goodbye, so that no will is published, and close."""
+        """Disconnect, so that no will is published, and close."""
         if self._transport is None or self._closed.done():
             return
         self._transport.write(DISCONNECT)
@@ -205,7 +203,7 @@ class MqttClient(asyncio.BufferedProtocol):
         """Connect to the first address of the host that answers.
 
         Raises:
-            OSError: none did; of the last one.
+            OSError: none did; the error of the last one.
         """
         name = self.hostname if self.tls_context is not None else None
         places = await self._loop.getaddrinfo(self.hostname, self.port, type=1)
@@ -240,7 +238,7 @@ class MqttClient(asyncio.BufferedProtocol):
             self._transport.abort()
 
     def _watch(self) -> None:
-        """Ask whether the broker is alive; end the connection where it is silent."""
+        """Ping the broker; end the connection if it is silent."""
         transport = self._transport
         if transport is None or self._closed.done():
             return
@@ -256,7 +254,7 @@ class MqttClient(asyncio.BufferedProtocol):
         self._abort()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Introduce ourselves."""
+        """Send CONNECT."""
         # Those of uvloop, which the page runs on, are no subclass.
         stream = self._transport = cast("asyncio.Transport", transport)
         stream.set_write_buffer_limits(0)
@@ -295,25 +293,24 @@ class MqttClient(asyncio.BufferedProtocol):
 
     @property
     def max_in_flight(self) -> int:
-        """How many messages may wait for their acknowledgement."""
+        """Number of messages that may wait for their acknowledgement."""
         return min(MAX_IN_FLIGHT, self.limits.receive_maximum)
 
     @property
     def is_congested(self) -> bool:
-        """Whether bytes wait that the socket did not take."""
         return self._transport is not None and (
             self._transport.get_write_buffer_size() > 0
         )
 
     def next_number(self) -> int:
-        """A packet identifier that waits for no answer of `publish` or `subscribe`."""
+        """Packet identifier that no `publish` or `subscribe` waits for."""
         while True:
             self._number = self._number % LAST_NUMBER + 1
             if self._number not in self._awaited:
                 return self._number
 
     def write(self, data: bytes) -> None:
-        """Write packets now; the transport keeps what the socket does not take.
+        """Write packets now; the transport keeps bytes that the socket does not take.
 
         Raises:
             MqttError: there is no connection any more.
@@ -327,7 +324,6 @@ class MqttClient(asyncio.BufferedProtocol):
         self._transport.write(data)
 
     def resume_writing(self) -> None:
-        """The socket has taken all."""
         self.handlers.writable()
 
     async def publish(
@@ -339,7 +335,7 @@ class MqttClient(asyncio.BufferedProtocol):
         retain: bool = False,
         properties: Properties | None = None,
     ) -> None:
-        """Publish a message; at QoS 1 returns when the broker has it.
+        """Publish a message; at QoS 1 wait until the broker has it.
 
         Raises:
             RefusedError: the broker does not take it.
@@ -366,9 +362,9 @@ class MqttClient(asyncio.BufferedProtocol):
             raise RefusedError(code)
 
     async def subscribe(self, *filters: tuple[str, int]) -> tuple[int, ...]:
-        """Subscribe to topic filters with a qos each; gives the broker's codes.
+        """Subscribe to topic filters with a QoS each; return the broker's codes.
 
-        Those from `REFUSAL` on say that it does not allow it.
+        Codes from `REFUSAL` on are refusals.
 
         Raises:
             MqttError: the connection is lost, or there is no answer.
@@ -382,7 +378,7 @@ class MqttClient(asyncio.BufferedProtocol):
             raise MqttError("no answer to a subscription") from error
 
     def unsubscribe(self, filters: Sequence[str]) -> None:
-        """Unsubscribe without waiting; what is on its way still arrives.
+        """Unsubscribe without waiting; messages on their way still arrive.
 
         Raises:
             MqttError: the connection is lost.
@@ -390,7 +386,7 @@ class MqttClient(asyncio.BufferedProtocol):
         self.write(unsubscribe_packet(filters, self.next_number(), self.version))
 
     def acknowledge(self, number: int) -> None:
-        """Acknowledge a received message; one of a lost connection comes again."""
+        """Acknowledge a received message; one of a lost connection is sent again."""
         with contextlib.suppress(MqttError):
             self.write(acknowledgement_packet(number))
 
@@ -408,10 +404,10 @@ class MqttClient(asyncio.BufferedProtocol):
 
     @property
     async def messages(self) -> AsyncIterator[Message]:
-        """Messages as they arrive, where no handler takes them.
+        """Messages as they arrive, unless a handler takes them.
 
         Raises:
-            MqttError: the connection has ended; all before it have been given.
+            MqttError: the connection has ended; all messages before have been given.
         """
         while True:
             if self._queue.empty():
@@ -428,11 +424,10 @@ class MqttClient(asyncio.BufferedProtocol):
             yield message
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """Where bytes that arrive are put; one place, for good."""
+        """Return the receive buffer; it is always the same."""
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Decode what has arrived."""
         self._heard_since_ping = True
         self._decoder.feed(self._buffer[:nbytes])
         if not self._is_behind:

@@ -92,12 +92,12 @@ def idle(folder: Path, seconds: float, *, moves: bool) -> Idle:
 def main() -> None:
     print(load())
     for moves in (False, True):
-        found = []
+        runs = []
         for _ in range(ROUNDS):
             with tempfile.TemporaryDirectory() as folder:
-                found.append(idle(Path(folder), SECONDS, moves=moves))
-            print(found[-1].line(), flush=True)
-        shares = [one.daemon_share for one in found]
+                runs.append(idle(Path(folder), SECONDS, moves=moves))
+            print(runs[-1].line(), flush=True)
+        shares = [run.daemon_share for run in runs]
         print(
             f"{statistics.median(shares):.2%} ({min(shares):.2%} to {max(shares):.2%})"
         )

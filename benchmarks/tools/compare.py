@@ -68,13 +68,13 @@ def headlines(folder: Path) -> dict[str, Figure]:
     """
     return {
         name: figure
-        for found in (
+        for figures in (
             _of_tables(folder / "kinematics.json"),
             _of_tables(folder / "path.json"),
             _of_presses(folder / "presses.json"),
             _of_streams(folder / "streams.json"),
         )
-        for name, figure in found
+        for name, figure in figures
     }
 
 
@@ -109,18 +109,18 @@ def _of_presses(path: Path) -> Iterator[tuple[str, Figure]]:
 def _of_streams(path: Path) -> Iterator[tuple[str, Figure]]:
     values = json.loads(path.read_text("utf-8"))
     streams = values["streams"]
-    for rate_hz in sorted({one["rate_hz"] for one in streams}):
-        mine = [one for one in streams if one["rate_hz"] == rate_hz]
-        ratios = [one["daemon_share"] / one["simulator_share"] for one in mine]
+    for rate_hz in sorted({stream["rate_hz"] for stream in streams}):
+        mine = [stream for stream in streams if stream["rate_hz"] == rate_hz]
+        ratios = [stream["daemon_share"] / stream["simulator_share"] for stream in mine]
         yield f"{rate_hz:.0f} Hz: times the CPU", _figure(ratios, "the simulator")
     for moves in (False, True):
-        mine = [one for one in values["idle"] if one["moves"] is moves]
-        ratios = [one["daemon_share"] / one["board_share"] for one in mine]
+        mine = [run for run in values["idle"] if run["moves"] is moves]
+        ratios = [run["daemon_share"] / run["board_share"] for run in mine]
         what = f"idle, the arm {'moves' if moves else 'rests'}: times the CPU"
         yield what, _figure(ratios, "the simulator" if moves else "the board")
-    ready = [one["ready_s"] / values["bare_start_s"] for one in streams]
+    ready = [stream["ready_s"] / values["bare_start_s"] for stream in streams]
     yield "start: times as long", _figure(ready, "an interpreter with numpy")
-    memory = [one["memory_mb"] / values["bare_memory_mb"] for one in streams]
+    memory = [stream["memory_mb"] / values["bare_memory_mb"] for stream in streams]
     yield "memory: times as much", _figure(memory, "an interpreter with numpy")
 
 

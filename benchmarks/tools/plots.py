@@ -21,13 +21,13 @@ Tables = dict[str, dict[str, tuple[list[float], bool]]]
 
 def tables(path: Path) -> Tables:
     """What pyperf's file holds: by table and name the times [s], and whose they are."""
-    found: Tables = {}
+    by_table: Tables = {}
     for benchmark in json.loads(path.read_text("utf-8"))["benchmarks"]:
         metadata = benchmark.get("metadata") or benchmark["runs"][0]["metadata"]
         values = [value for run in benchmark["runs"] for value in run["values"]]
-        names = found.setdefault(metadata["table"], {})
+        names = by_table.setdefault(metadata["table"], {})
         names[metadata["who"]] = values, bool(metadata["peer"])
-    return found
+    return by_table
 
 
 def bars(axes: Axes, names: dict[str, tuple[list[float], bool]], title: str) -> None:
@@ -55,12 +55,14 @@ def bars(axes: Axes, names: dict[str, tuple[list[float], bool]], title: str) -> 
     axes.tick_params(labelsize=8)
 
 
-def stacked(found: Tables, path: Path, height: float, of: str, key: str = "") -> None:
+def stacked(
+    by_table: Tables, path: Path, height: float, of: str, key: str = ""
+) -> None:
     """Tables below each other: times of a pose, or of a sample."""
     figure, places = plt.subplots(
-        len(found), 1, figsize=(7.5, height), layout="constrained"
+        len(by_table), 1, figsize=(7.5, height), layout="constrained"
     )
-    for axes, (title, names) in zip(places, found.items(), strict=True):
+    for axes, (title, names) in zip(places, by_table.items(), strict=True):
         bars(axes, names, f"{title}: ns a {of}")
     if key:
         figure.suptitle(key, fontsize=9)
@@ -89,13 +91,13 @@ def press_ratios(path: Path) -> dict[float, dict[str, list[float]]]:
     }
 
 
-def presses(found: dict[float, dict[str, list[float]]], path: Path) -> None:
+def presses(by_rate: dict[float, dict[str, list[float]]], path: Path) -> None:
     """Times the plain script, round by round."""
     figure, places = plt.subplots(
-        1, len(found), figsize=(7.5, 3.2), layout="constrained", sharey=True
+        1, len(by_rate), figsize=(7.5, 3.2), layout="constrained", sharey=True
     )
     for axes, (rate_hz, names) in zip(
-        np.atleast_1d(places), found.items(), strict=True
+        np.atleast_1d(places), by_rate.items(), strict=True
     ):
         for place, values in enumerate(names.values()):
             axes.plot(np.full(len(values), place), values, "o", color=OURS)
@@ -108,13 +110,13 @@ def presses(found: dict[float, dict[str, list[float]]], path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def press(found: dict[str, list[dict[str, float]]], path: Path) -> None:
+def press(stages_of: dict[str, list[dict[str, float]]], path: Path) -> None:
     """Stages of one press, one after the other; medians of the rounds' medians."""
     figure, axes = plt.subplots(figsize=(7.5, 2.6), layout="constrained")
-    names = [name for name in found["stages"][0] if name != "whole"]
+    names = [name for name in stages_of["stages"][0] if name != "whole"]
     begun_us = 0.0
     for place, name in enumerate(names):
-        took_us = float(np.median([one[name] for one in found["stages"]]))
+        took_us = float(np.median([stage[name] for stage in stages_of["stages"]]))
         axes.barh(-place, took_us, left=begun_us, color=OURS)
         begun_us += took_us
         axes.text(begun_us + 10, -place, f"{took_us:.0f}", va="center", fontsize=8)

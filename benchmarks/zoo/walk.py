@@ -78,10 +78,10 @@ def read(path: Path) -> Description:
 
 def _joint(element: ElementTree.Element) -> Joint:
     def link(which: str) -> str:
-        found = element.find(which)
-        if found is None:
+        child = element.find(which)
+        if child is None:
             raise ValueError(f"joint {element.get('name')} has no <{which}>")
-        return found.get("link", "")
+        return child.get("link", "")
 
     def numbers(of: ElementTree.Element | None, key: str, default: str) -> Matrix:
         return np.array([float(word) for word in _get(of, key, default).split()])

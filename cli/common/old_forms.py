@@ -61,7 +61,9 @@ def as_now(words: str, arguments: Sequence[str]) -> list[str]:
         elif name in forms.positional:
             # What lacks its value lacks an argument then.
             new += (
-                [value] if equals else [found for found in [next(rest, None)] if found]
+                [value]
+                if equals
+                else [following for following in [next(rest, None)] if following]
             )
         elif argument in forms.words:
             new.append(forms.words[argument])

@@ -29,7 +29,7 @@ class DeviceStateTracker:
 
     Args:
         pipeline: restarted where turns are lost.
-        conditions: told whether a device is present.
+        conditions: informed whether a device is present.
     """
 
     clock: HostClock

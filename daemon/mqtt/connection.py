@@ -1,7 +1,7 @@
-"""The connection to the broker: one method to publish, everything else by itself.
+"""Keep the connection to the broker: one method publishes, the rest goes by itself.
 
-MQTT 5 where the broker speaks it, else 3.1.1 (its properties are a courtesy, never
-needed to decode). A message leaves its queue only after the broker has taken it.
+MQTT 5 where the broker speaks it, else 3.1.1 (version 5 properties are never needed to
+decode). A message leaves its queue only after the broker has taken it.
 """
 
 import asyncio
@@ -74,7 +74,7 @@ def publish_properties(
 
 
 async def run_until_first(*works: Coroutine[Any, Any, object]) -> None:
-    """Do all of this until the first of it ends; raises what has failed."""
+    """Run coroutines until the first of them ends; raise its error."""
     tasks = [asyncio.create_task(work) for work in works]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -89,15 +89,15 @@ async def run_until_first(*works: Coroutine[Any, Any, object]) -> None:
 
 @dataclass(eq=False, kw_only=True)
 class BrokerConnection:
-    """Keep a connection, send the queue, pass on what is received.
+    """Keep a connection, send the queue, pass on received messages.
 
     Args:
-        client_id: unique for the arm; two clients with one name fight.
-        will: what the broker publishes when this client vanishes.
-        encoding: of the payloads, announced as MQTT 5 content type.
+        client_id: unique for the arm; of two clients with one id each ends the other.
+        will: message that the broker publishes when this client vanishes.
+        encoding: encoding of payloads, announced as MQTT 5 content type.
         subscriptions: topic filters, see `CommandSubscriber`.
         changed: called when the connection is up (True) or lost (False, reason).
-        least_retry_s: tells how long to stay away after a loss, at least [s].
+        least_retry_s: returns the least time to stay away after a loss [s].
         limit_exceeded: called when a message is longer than the broker takes (its kind,
             its length, the limit), and with a length of 0 when all are short enough.
 
@@ -139,7 +139,7 @@ class BrokerConnection:
         )
 
     async def probe(self) -> str | None:
-        """Connect once and leave; None, or why that was not possible."""
+        """Connect once and leave; return the reason if that was impossible."""
         try:
             async with self._connection():
                 return None
@@ -147,7 +147,7 @@ class BrokerConnection:
             return reason_of(error, self.address, WORDING)
 
     def renew(self) -> None:
-        """Connect anew if password or certificates have changed since the last time."""
+        """Reconnect if password or certificates have changed."""
         self._renewal.set()
 
     async def run(self, receive: Callable[[IncomingCommand], float | None]) -> None:
@@ -213,7 +213,7 @@ class BrokerConnection:
             retry_s = min(2 * retry_s, LAST_RETRY_S)
 
     async def _wait_for_changed_files(self) -> None:
-        """Wait until the files that open the broker are others than at connecting."""
+        """Wait until password or certificates have changed since connecting."""
         while True:
             await self._renewal.wait()
             self._renewal.clear()
@@ -227,7 +227,7 @@ class BrokerConnection:
                 return
 
     def _properties(self, message: OutgoingMessage) -> bytes:
-        """Packed properties of a message, for MQTT 5."""
+        """Packed properties of a message (MQTT 5)."""
         return publish_properties(
             message.encoding or self.encoding, message.correlation, message.expiry_s
         )
@@ -236,10 +236,11 @@ class BrokerConnection:
     async def _connection(
         self, handlers: Handlers | None = None
     ) -> AsyncIterator[MqttClient]:
-        """A connection in the newest version that the broker speaks.
+        """Connect with the newest version that the broker speaks.
 
-        Without handlers it has no will, only to try the broker. One of MQTT 3.1.1 may
-        refuse version 5 in words, or cut the line; it may have been updated since.
+        Without handlers it has no will, to try the broker only. A broker of MQTT 3.1.1
+        may refuse version 5 with a code, or close the connection; one may have been
+        updated since. The other version is tried then.
         """
         async with contextlib.AsyncExitStack() as stack:
             try:

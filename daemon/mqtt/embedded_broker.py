@@ -1,7 +1,7 @@
-"""A broker of its own on loopback, for demonstrations and first steps.
+"""Embedded broker on loopback, for demonstrations and first steps.
 
-amqtt in a process of its own, so that it cannot delay the measurement path; it ends
-when its standard input closes, so it never outlives the daemon. MQTT 3.1.1 only, no
+amqtt in a separate process, so that it cannot delay the measurement path; it ends when
+its standard input closes, so it never outlives the daemon. MQTT 3.1.1 only, no
 passwords, loopback only: not for production.
 """
 
@@ -29,7 +29,7 @@ class BrokerStartError(Exception):
 
 @contextlib.asynccontextmanager
 async def embedded_broker(port: int) -> AsyncIterator[int]:
-    """Run a broker on loopback, at a free port for 0; gives its port.
+    """Run a broker on loopback, at a free port for 0; yield its port.
 
     Raises:
         BrokerStartError: the port is taken, or the extra `demo` is not installed.
@@ -67,7 +67,6 @@ async def embedded_broker(port: int) -> AsyncIterator[int]:
 
 
 def free_port() -> int:
-    """A free port on loopback."""
     with socket.socket() as probe:
         probe.bind((HOST, 0))
         return int(probe.getsockname()[1])
@@ -92,7 +91,7 @@ async def _wait_until_ready(process: asyncio.subprocess.Process, port: int) -> N
 
 
 async def _log_complaints(process: asyncio.subprocess.Process) -> None:
-    """Empty the pipe as long as the broker lives: it would wait on a full one."""
+    """Log the broker's output; on a full pipe the broker would stop."""
     while process.stderr is not None and (text := await process.stderr.read(4096)):
         log.warning("embedded broker: %s", text.decode(errors="replace").strip())
 

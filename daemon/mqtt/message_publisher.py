@@ -14,7 +14,7 @@ from traverse.protocol.messages import Event, Message
 
 @dataclass(eq=False)
 class MessagePublisher:
-    """Encodes the arm's messages and puts them into the outgoing queue."""
+    """Encode the arm's messages and put them into the outgoing queue."""
 
     arm: str
     encoding: Encoding
@@ -25,7 +25,6 @@ class MessagePublisher:
     def outgoing(
         self, kind: str, message: Message, sent: Callable[[], None] | None = None
     ) -> OutgoingMessage:
-        """The message as it is handed to the broker."""
         channel = topics.CHANNELS[kind]
         return OutgoingMessage(
             f"{topics.ROOT}/{self.arm}/{kind}",
@@ -38,7 +37,7 @@ class MessagePublisher:
     def publish(
         self, kind: str, message: Message, sent: Callable[[], None] | None = None
     ) -> bool:
-        """Queue a message; False if there was no room for it."""
+        """Queue a message; return False if there was no room for it."""
         is_queued = self.queue.offer(kind, self.outgoing(kind, message, sent))
         if is_queued:
             self.listener.published(self.clock.monotonic_ns(), message)

@@ -1,10 +1,9 @@
-"""What waits to be published: bounded, by kind, each with its own way to overflow.
+"""Bounded queue of messages to publish, with a rule of overflow for each kind.
 
-Points and spooled blocks of scans are never dropped: those for which there is no room
-here are on the disk, and are put in later. Live poses and health are only worth their
-latest. Scan blocks and events are dropped newest first, and counted. Order of sending:
-clock, status, replies, points, events, requested again, spooled scan blocks, scan
-blocks, live, health.
+Points and spooled blocks of scans are never dropped: those without room here are on the
+disk, and are queued later. Of live poses and health the latest is kept. Scan blocks and
+events are dropped newest first, and counted. Order of sending: clock, status, replies,
+points, events, requested again, spooled scan blocks, scan blocks, live, health.
 """
 
 import asyncio
@@ -43,11 +42,12 @@ class OutgoingMessage:
 
     Attributes:
         sent: called once, after the broker has taken it.
-        refused: called instead where the broker refuses it; its owner tries
-            again later.
-        encoding: of the payload, where it is not as configured now.
+        refused: called instead where the broker refuses it; its owner tries again
+            later.
+        encoding: encoding of the payload, if not the configured one.
         correlation: MQTT 5 correlation data of an answer.
-        expiry_s: so long the broker keeps it for whoever is away; None: as it likes.
+        expiry_s: for how long the broker keeps it for absent subscribers; None: no
+            limit.
     """
 
     topic: str
@@ -62,9 +62,9 @@ class OutgoingMessage:
 
 
 class OutgoingQueue:
-    """The one queue between the event loop's work and the publisher.
+    """Queue between the event loop's work and the publisher.
 
-    A message that has been sent stays here, on its way, until the broker has it.
+    A sent message stays here, on its way, until the broker has it.
 
     Attributes:
         dropped: messages dropped, by kind.
@@ -88,20 +88,20 @@ class OutgoingQueue:
 
     @property
     def limit(self) -> int:
-        """How many messages may wait, of all kinds that are not thinned."""
+        """Most messages that may wait, of all kinds that are not thinned."""
         return sum(limit or 0 for limit in self._limits.values())
 
     @property
     def n_waiting(self) -> int:
-        """How many messages have not been taken to be sent."""
+        """Number of messages that have not been taken for sending."""
         return sum(map(len, self._waiting.values()))
 
     def waiting(self, kind: str) -> int:
-        """How many messages of ``kind`` the broker does not have yet."""
+        """Number of messages of ``kind`` that the broker does not have yet."""
         return len(self._waiting[kind]) + len(self._on_the_way[kind])
 
     def offer(self, kind: str, message: OutgoingMessage) -> bool:
-        """Queue a message; False where there was no room and it was dropped."""
+        """Queue a message; return False if there was no room and it was dropped."""
         queue = self._waiting[kind]
         limit = self._limits[kind]
         if limit is None:
@@ -119,7 +119,7 @@ class OutgoingQueue:
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:
-        """What is offered within the block is looked at when it ends, all at once."""
+        """Report all messages offered within the block together, at its end."""
         on_offered, self._on_offered = self._on_offered, None
         try:
             yield
@@ -138,7 +138,7 @@ class OutgoingQueue:
             self._on_offered = None
 
     def next(self) -> tuple[str, OutgoingMessage] | None:
-        """Take the message to send next, if there is one: now it is on its way."""
+        """Take the next message to send; now it is on its way."""
         for kind, queue in self._waiting.items():
             if queue:
                 message = queue.popleft()
@@ -147,35 +147,35 @@ class OutgoingQueue:
         return None
 
     def take_back(self) -> None:
-        """The connection broke: what was on its way is to be sent again, in order."""
+        """Queue the messages on their way again, in order, after a lost connection."""
         for kind, gone in self._on_the_way.items():
             if self._limits[kind] is not None or not self._waiting[kind]:
                 self._waiting[kind].extendleft(reversed(gone))
             gone.clear()
 
     def done(self, kind: str, message: OutgoingMessage) -> None:
-        """``message`` has been sent: drop it."""
+        """Drop a message that has been sent."""
         self._forget(kind, message)
         self.sent[kind] += 1
         if message.sent is not None:
             message.sent()
 
     def drop(self, kind: str, message: OutgoingMessage) -> None:
-        """``message`` cannot be sent: drop and count it."""
+        """Drop and count a message that cannot be sent."""
         self._forget(kind, message)
         self.dropped[kind] += 1
 
     def replace(
         self, kind: str, message: OutgoingMessage, parts: Sequence[OutgoingMessage]
     ) -> None:
-        """Send these before all others of their kind, instead of ``message``."""
+        """Send ``parts`` before all others of their kind, instead of ``message``."""
         self._forget(kind, message)
         self._waiting[kind].extendleft(reversed(parts))
 
     def set_aside(self, kind: str, message: OutgoingMessage) -> None:
-        """``message`` is too long for the broker: count it, and go on after it.
+        """Set a message aside that is too long for the broker, and count it.
 
-        One that is stored stays so, and can be requested again.
+        A stored one remains stored, and can be requested again.
         """
         self._forget(kind, message)
         self.too_long[kind] += 1
@@ -183,7 +183,7 @@ class OutgoingQueue:
             message.sent()
 
     def defer(self, kind: str, message: OutgoingMessage) -> None:
-        """``message`` is queued again later by its owner: drop it here."""
+        """Drop a message that its owner will queue again later."""
         self._forget(kind, message)
         if message.refused is not None:
             message.refused()
@@ -199,5 +199,7 @@ class OutgoingQueue:
         if gone and gone[0] is message:  # answers arrive in the order of sending
             gone.popleft()
         else:
-            self._on_the_way[kind] = deque(one for one in gone if one is not message)
+            self._on_the_way[kind] = deque(
+                waiting for waiting in gone if waiting is not message
+            )
         self._emptied.set()

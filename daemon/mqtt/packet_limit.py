@@ -1,7 +1,7 @@
 """Cut messages that are longer than the packets which a broker takes.
 
-The points of a scan's block are numbered one by one, so that a block can be sent as
-several, each with the numbers of its points. Nothing else can be cut.
+The points of a scan's block are numbered, so that it can be sent as several blocks. No
+other message can be cut.
 """
 
 from dataclasses import replace
@@ -19,9 +19,9 @@ ARRAYS = ("xyz_mm", "ijk", "angles_rad", "counts", "part_xyz_mm", "quality")
 def cut_to_fit(
     kind: str, message: OutgoingMessage, limit_bytes: int
 ) -> list[OutgoingMessage]:
-    """Messages of at most so many bytes of payload; none where it cannot be cut.
+    """Cut into messages of at most so many bytes; none if that is impossible.
 
-    Only when the last of them has been sent is the whole one.
+    The last of them tells when the whole has been sent.
     """
     if kind not in KINDS or limit_bytes <= 0:
         return []
@@ -47,7 +47,7 @@ def cut_to_fit(
 
 
 def _part(block: Scan, begin: int, end: int) -> Scan:
-    """The points of a block from one up to another; the last part ends the scan."""
+    """Points ``begin`` to ``end`` of a block; the last part ends the scan."""
     is_last = end == len(block.dtime_ns)
     before_ns = int(block.dtime_ns[begin])
     arrays = {

@@ -1,11 +1,10 @@
-"""Notice who else publishes the status of this arm on the same broker.
+"""Notice another publisher of this arm's status on the same broker.
 
-The broker keeps one status for those who connect later. Where it is cleared or
-overwritten, or replaced by the will of an earlier connection, ours is published again.
+Our retained status is published again where it was cleared, overwritten, or replaced by
+the will of an earlier connection.
 
-Both connect with one client id, so that the broker ends the connection of each when the
-other connects. A status of a session that is not ours tells who it was: once the broker
-has had ours, every status of this arm is ours, unless somebody else publishes it. A
+Two daemons of an arm share one client id, so that each connection ends the other. After
+the broker has had our status, a status of another session is from another daemon. A
 broker that has been restarted may once have an old one retained.
 """
 
@@ -26,12 +25,12 @@ RESTORE_NS = 1_000_000_000  # not more often: another program may do the same
 UNREAD_NS = 10_000_000_000
 MAX_SESSIONS = 1000
 AWAY_S = 60.0
-"""How long the one of the two that gives way stays away."""
+"""Time to stay away after giving way."""
 OVER_NS = 150_000_000_000
 
 
 class SecondDaemonWatch:
-    """Compares every status of this arm with those that we have sent.
+    """Compare every status of this arm with those that we have sent.
 
     Args:
         restore: publishes our status again.
@@ -62,12 +61,12 @@ class SecondDaemonWatch:
         self._has_read = False
 
     def connected(self, is_connected: bool) -> None:
-        """The connection was made, and our status is on its way; or it was lost."""
+        """The connection was made, with our status on its way, or was lost."""
         waits = is_connected and not self._has_read
         self._unread_since_ns = self._clock.monotonic_ns() if waits else None
 
     def sending(self, status: Status) -> Status:
-        """Remember a status as ours; gives it back."""
+        """Remember a status as ours; return it."""
         if status.session not in self._own:
             self._own.append(status.session)
         if status.online:
@@ -75,7 +74,7 @@ class SecondDaemonWatch:
         return status
 
     def receive(self, payload: bytes, *, retained: bool) -> None:
-        """A status of this arm has arrived, perhaps our own."""
+        """Process a status of this arm, perhaps our own."""
         self._unread_since_ns, self._has_read = None, True
         try:
             status = decode(Status, payload, self._encoding)
@@ -107,18 +106,19 @@ class SecondDaemonWatch:
 
     @property
     def retry_s(self) -> float:
-        """How long to stay away after the connection was lost, at least [s].
+        """Least time to stay away after the connection was lost [s].
 
-        The one whose first session has the greater name gives way, for a while.
+        The daemon whose first session has the greater name gives way for a while.
         """
         gives_way = bool(self._other) and bool(self._own)
         return AWAY_S if gives_way and str(self._own[0]) > self._other else 0.0
 
     def poll(self) -> None:
-        """Report its end after some minutes without a status of it.
+        """Report the other's end after some minutes without a status of it.
 
-        Also, once, that no status is received at all, not even our own: many brokers
-        accept a subscription and withhold what their access list does not allow.
+        Also report, once, that no status is received at all, not even our own: many
+        brokers accept a subscription and withhold what their access list does not
+        allow.
         """
         now_ns, since_ns = self._clock.monotonic_ns(), self._unread_since_ns
         if self._is_overwritten:

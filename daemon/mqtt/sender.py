@@ -1,4 +1,4 @@
-"""One connection's messages on their way: written when offered, done when answered."""
+"""Messages on their way on one connection: written when offered, done when answered."""
 
 import asyncio
 import logging
@@ -24,7 +24,7 @@ REFUSED_S = 5.0  # a refused point is tried again: the access list may be correc
 
 @dataclass(eq=False)
 class PublishLoop:
-    """Takes messages from the queue whenever the connection has room for them.
+    """Take messages from the queue whenever the connection has room for them.
 
     A message is written in the call that offers it. Several may be on their way, so
     none waits for the answer to another.
@@ -33,7 +33,7 @@ class PublishLoop:
         properties: makes a message's packed properties of MQTT 5.
         changed: called when points are refused (False, reason) and taken again (True).
         limit_exceeded: see `BrokerConnection`.
-        broker: how it is called, for people.
+        broker: name of the broker, for people.
     """
 
     queue: OutgoingQueue
@@ -55,7 +55,7 @@ class PublishLoop:
         """Send until the connection fails; it calls `on_acknowledged` and `send`.
 
         Raises:
-            MqttError: it did, or the broker does not answer.
+            MqttError: it failed, or the broker does not answer.
         """
         self._client, queue = client, self.queue
         self.limit_exceeded("", 0, client.limits.maximum_packet_bytes)
@@ -75,7 +75,6 @@ class PublishLoop:
                 self._failed.exception()  # it has been looked at
 
     def send(self) -> None:
-        """Write as much as there is room for; each write wakes the broker."""
         client = self._client
         if client is None or self._is_sending or self._failed.done() or self._resumes_s:
             return
@@ -94,7 +93,7 @@ class PublishLoop:
             self._is_sending = False
 
     def _next_packets(self, client: MqttClient) -> list[bytes]:
-        """Packets of messages that may be sent now, some of those that wait."""
+        """Packets of messages that may be sent now."""
         packets: list[bytes] = []
         n_bytes = 0
         while (
@@ -119,7 +118,7 @@ class PublishLoop:
     def _packet(
         self, client: MqttClient, kind: str, message: OutgoingMessage, number: int
     ) -> bytes | None:
-        """The packet of a message; None where it cannot be sent as it is."""
+        """Encode a message's packet; None if it cannot be sent as it is."""
         is_5 = client.version is Version.V5
         try:
             packet = publish_packet(
@@ -150,7 +149,7 @@ class PublishLoop:
         return None
 
     def on_acknowledged(self, number: int, refusal: int | None) -> None:
-        """The broker has a message, or does not want it."""
+        """Process an acknowledgement, or a refusal."""
         answered = self._in_flight.pop(number, None)
         if answered is None:
             return

@@ -23,10 +23,10 @@ class IncomingCommand:
     """A received command: topic, payload, and topic of the answer.
 
     Attributes:
-        subscribed_ns: when this connection subscribed first, by `HostClock.elapsed_ns`;
-            a broker sends nothing that it had before, but what is retained.
-        expiry_s: what the broker left of the sender's message expiry interval (MQTT
-            5); None: the sender stated none.
+        subscribed_ns: when this connection first subscribed, by `HostClock.elapsed_ns`;
+            of older messages a broker sends the retained ones only.
+        expiry_s: rest of the sender's message expiry interval (MQTT 5); None: the
+            sender stated none.
     """
 
     topic: str
@@ -42,9 +42,9 @@ class CommandSubscriber:
     """Subscribe each connection to commands and pass them on.
 
     Args:
-        subscriptions: topic filters: of the commands, and what else is to be received.
-        receive: called with each command; gives the time for which the broker is to
-            keep further ones, mostly none [s].
+        subscriptions: topic filters, of commands and others.
+        receive: called with each command; returns for how long the broker is to keep
+            further ones, mostly none [s].
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class CommandSubscriber:
     async def run(self, client: MqttClient) -> None:
         """Take commands until cancelled; in a flood of them let the broker keep them.
 
-        The connection stays, and with it points, poses and answers.
+        The connection stays, for points, poses and answers.
         """
         while True:
             if (backoff_s := self._backoff_s()) > 0.0:
@@ -93,7 +93,6 @@ class CommandSubscriber:
                 )
 
     def on_message(self, message: Message) -> None:
-        """Pass a command on; the client calls this."""
         response, correlation, expiry_s = (
             message.properties.get(identifier)
             for identifier in (
@@ -120,5 +119,5 @@ class CommandSubscriber:
             self._flooded.set()
 
     def _backoff_s(self) -> float:
-        """How long not to subscribe yet; 0 or less: subscribe now."""
+        """Time until the next subscription; 0 or less: subscribe now."""
         return self._backoff_until_s - asyncio.get_running_loop().time()

@@ -1,4 +1,4 @@
-"""How the daemon words what its broker says."""
+"""Wording of the broker's errors."""
 
 from traverse.broker.reasons import Wording
 

@@ -1,8 +1,8 @@
 """A point that is the mean of many samples, taken while the arm rests.
 
-Sums run along, of distances from the first sample, so that a minute at 10 kHz needs no
-more memory than a moment. The speed is the slope of the best straight line through all
-samples; a tremble about one place has none, but a spread.
+Sums are of distances from the first sample, so that a minute at 10 kHz needs no more
+memory than a moment. The speed is the slope of the best straight line through all
+samples; a tremble about one place has no speed, but a spread.
 """
 
 from dataclasses import dataclass
@@ -25,15 +25,15 @@ UNUSABLE_FLAGS = (
     | QualityFlag.STALE
     | QualityFlag.INCOMPLETE
 )
-"""Of samples that must not go into a mean."""
+"""Flags of samples that must not go into a mean."""
 
 
 @dataclass(frozen=True, slots=True)
 class AverageLimits:
-    """Beyond them the arm did not rest.
+    """Limits within which the arm is at rest.
 
     Attributes:
-        speed_mm_s: of the ball.
+        speed_mm_s: speed of the ball.
         spread_mm: root mean square distance of the samples from their mean.
     """
 
@@ -42,20 +42,20 @@ class AverageLimits:
 
 
 class SampleAverage:
-    """Collects samples of a stream from one instant on.
+    """Collect samples of a stream from one instant on.
 
     Args:
-        begin_ns: host monotonic; samples before it do not count.
-        samples: so many; None: all of the time given by ``dwell_ns``.
+        begin_ns: host monotonic; earlier samples do not count.
+        samples: how many; None: all within ``dwell_ns``.
         dwell_ns: for how long; None: as long as ``samples`` take.
 
     Attributes:
-        n: how many there are so far.
-        last_ns: the time of the last; ``begin_ns`` before the first.
-        is_complete: no further one is needed.
-        is_mixed: some samples are of the arm before a change of probe.
-        begin_speed_mm_s: how fast the ball moved at the beginning; None: not known.
-        before_mm: where it was before, (3,).
+        n: number of samples so far.
+        last_ns: time of the last; ``begin_ns`` before the first.
+        is_complete: no further sample is needed.
+        is_mixed: some samples are from before a change of probe.
+        begin_speed_mm_s: speed of the ball at the beginning; None: not known.
+        before_mm: earlier place of the probe, (3,).
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class SampleAverage:
 
     @property
     def speed_mm_s(self) -> float | None:
-        """Of the ball, on the whole; None where it is too early to know."""
+        """Speed of the ball over all samples; None if it is too early to know."""
         if self.n < 3 or self.last_ns - int(self._first.sample_time_ns[0]) < SPEED_NS:
             return None
         square_s2 = self._squares_s2 - self._times_s**2 / self.n
@@ -141,10 +141,10 @@ class SampleAverage:
         return float(np.linalg.norm(slopes))
 
     def check_begin(self) -> None:
-        """Refuse at once where the arm does not rest, or is not the same any more.
+        """Refuse at once if the arm moves, or its probe was changed.
 
         Raises:
-            CaptureRefusedError: with its speed, or saying so.
+            CaptureRefusedError: with the speed, or the change.
         """
         if self.is_mixed:
             raise CaptureRefusedError(
@@ -154,7 +154,7 @@ class SampleAverage:
         self._check_speed(self.begin_speed_mm_s, "when samples were to be averaged")
 
     def check(self) -> None:
-        """Refuse what is no mean of one place.
+        """Refuse samples that are no mean of one place.
 
         Raises:
             CaptureRefusedError: with the reason and its size.
@@ -189,7 +189,7 @@ class SampleAverage:
             )
 
     def pose(self) -> LatchedPose:
-        """The mean; its instant is the mean of theirs, its counts are the last ones.
+        """Mean pose, at the mean of the instants, with the last counts.
 
         Its block has only the readings, `Pipeline.block_at` has the rest.
         """
@@ -207,10 +207,10 @@ class SampleAverage:
         )
 
     def refuse_if_over_time(self, now_ns: int, wait_ns: int) -> None:
-        """Refuse where samples do not arrive, or take too long.
+        """Refuse if samples do not arrive, or take too long.
 
         Raises:
-            CaptureRefusedError: with how many there were.
+            CaptureRefusedError: with the number of samples.
         """
         end_ns = self.last_ns if self._end_ns is None else self._end_ns
         if (

@@ -1,4 +1,4 @@
-"""What presses mean: gestures to actions, and the presses not yet decided."""
+"""From presses of buttons to gestures and actions, with presses not yet decided."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ class GestureTimes:
 
 @dataclass(frozen=True, slots=True)
 class GestureDecision:
-    """What a press was.
+    """Decision about a press.
 
     Attributes:
-        press: which, counted from 0.
-        gesture: what it was, or ``part`` of the one before.
+        press: its number, from 0.
+        gesture: its gesture, or ``part`` of the one before.
         time_ns: when that was certain, by the device's time.
     """
 
@@ -34,11 +34,7 @@ class GestureDecision:
 
 
 class GestureDetector:
-    """Follows one button.
-
-    Attributes:
-        presses: how many there have been.
-    """
+    """Detect the gestures of one button."""
 
     def __init__(self, meant: frozenset[str], times: GestureTimes) -> None:
         self._double_ns = times.double_ns if "double" in meant else None
@@ -63,7 +59,7 @@ class GestureDetector:
         return None if self._still is None else self._down_ns + self._still[1]
 
     def edge(self, active: bool, time_ns: int) -> list[GestureDecision]:
-        """The button was pressed or released."""
+        """Process a press or a release."""
         decided = self.passed(time_ns - 1)
         if not active:
             if self._down_ns is not None and self._up_ns is None:
@@ -87,7 +83,7 @@ class GestureDetector:
         return decided
 
     def passed(self, time_ns: int) -> list[GestureDecision]:
-        """All edges up to and including this time have been reported."""
+        """Decide as far as possible when all edges until this time are known."""
         due_ns = self.due_ns
         if due_ns is None or time_ns < due_ns:
             return []
@@ -111,7 +107,7 @@ class Press:
     """One press of a button.
 
     Attributes:
-        gesture, action: what it was and what it does; None while that is not decided.
+        gesture, action: None while undecided.
     """
 
     gesture: Gesture | None = None
@@ -119,10 +115,10 @@ class Press:
 
 
 class ButtonTracker:
-    """Follows all buttons of the configuration.
+    """Follow all buttons of the configuration.
 
     Args:
-        meanings: per input, what its gestures do; others capture at each press.
+        meanings: actions of gestures by input; others capture at each press.
     """
 
     def __init__(
@@ -138,11 +134,10 @@ class ButtonTracker:
 
     @property
     def all_decided(self) -> bool:
-        """No press is still ambiguous, and no hold is still open."""
         return not self._open and not self._held
 
     def down(self, which: Input, time_ns: int) -> Press:
-        """A button was pressed."""
+        """Process the press of a button."""
         button = self._button(which)
         press = self._open[which, button.presses] = Press()
         self._held.pop(which, None)
@@ -150,12 +145,12 @@ class ButtonTracker:
         return press
 
     def up(self, which: Input, time_ns: int) -> Press | None:
-        """A button was released; gives the hold that ends with it, if one does."""
+        """Process the release of a button; return the hold that it ends, if any."""
         self._decide(which, self._button(which).edge(False, time_ns))
         return self._held.pop(which, None)
 
     def passed(self, now_ns: int) -> None:
-        """It is later now: decide what no edge can change any more."""
+        """Decide presses that no later edge can change."""
         for which, button in self._buttons.items():
             if button.due_ns is not None:
                 self._decide(which, button.passed(now_ns - EDGE_DELAY_NS))
@@ -180,7 +175,7 @@ class ButtonTracker:
 
 
 def buttons_of(settings: CaptureSection) -> ButtonTracker:
-    """The buttons of a configuration."""
+    """Make the buttons of a configuration."""
     times = GestureTimes(
         int(settings.hold_s * 1e9),
         int(settings.long_s * 1e9),

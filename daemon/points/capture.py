@@ -1,4 +1,4 @@
-"""From a pose to a captured point: which number, which label, which flags."""
+"""From a pose to a captured point: number, label, flags."""
 
 import uuid
 from collections import OrderedDict, deque
@@ -20,14 +20,14 @@ MAX_UNDONE = 1000  # points that can be taken back, one after the other
 
 
 class Session:
-    """One list of points, numbered from 0; a new one at each start of the daemon.
+    """A list of points, numbered from 0; a new one at each start of the daemon.
 
     Args:
         begun_ns: when it began [UTC].
 
     Attributes:
         id: unique for ever.
-        next_seq: the number of the next point or retraction.
+        next_seq: number of the next point or retraction.
     """
 
     def __init__(self, begun_ns: int, note: str = "") -> None:
@@ -40,16 +40,16 @@ class Session:
 
     @property
     def next_id(self) -> str:
-        """What the next point or retraction is called."""
+        """Identifier of the next point or retraction."""
         return f"{self.id}-{self.next_seq}"
 
     @property
     def last(self) -> Point | None:
-        """The last point that has not been taken back; None where there is none."""
+        """Last point that has not been retracted, if any."""
         return self._standing[-1] if self._standing else None
 
     def add(self, point: Point) -> None:
-        """A point or a retraction has been handed on under the next number."""
+        """Count a point or retraction that was handed on."""
         self.next_seq += 1
         if point.retracts is None:
             self._standing.append(point)
@@ -57,11 +57,11 @@ class Session:
             self._retracted[point.id] = self._standing.pop()
 
     def confirm(self, point: Point) -> None:
-        """The oldest of those handed on is safe: it will never be taken out."""
+        """Mark the oldest point handed on as stored: it is never rolled back."""
         self._retracted.pop(point.id, None)
 
     def roll_back(self, point: Point) -> None:
-        """The newest of those handed on is not to be: as if it had never been."""
+        """Forget the newest point handed on, which was not stored."""
         self.next_seq -= 1
         if point.retracts is None:
             self._standing.pop()
@@ -77,16 +77,15 @@ class ActiveSession:
         self.session = self.begin()
 
     def begin(self, note: str = "") -> Session:
-        """Number from 0 again."""
         begun_ns = self._clock.to_utc_ns(self._clock.monotonic_ns())
         self.session = Session(begun_ns, note)
         return self.session
 
 
 PointWriter = Callable[[Point, int, str], PendingPoint | None]
-"""Writes a point of a session that began at a time [UTC ns], with its note."""
+"""Write a point of a session that began at a time [UTC ns], with its note."""
 MOST_SHARED = 1000
-"""Points whose shared uncertainty is kept, some 600 bytes each."""
+"""Number of points whose shared uncertainty is kept, some 600 bytes each."""
 QUEUE_FULL = (
     "so many points wait for the disk that no more can be taken",
     "wait until the disk has caught up, then try again; see `outbox` in health",
@@ -95,16 +94,16 @@ QUEUE_FULL = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointMeasurement:
-    """What a point is made of.
+    """Measured values of a point.
 
     Attributes:
-        model: the arm that it was measured with.
-        pose: of one latch, or the mean of several samples.
-        temperature_c: of the arm then; None without a sensor.
-        covariance_mm2: of the ball's centre.
-        shared_mm: what of it points share by the arm's parameters, (3, rank).
-        samples, spread_mm: how many were averaged, and how far they lay apart.
-        before_mm: where the probe was before, (3,); None where it does not matter.
+        model: arm that it was measured with.
+        pose: pose of one latch, or the mean of several samples.
+        temperature_c: temperature of the arm; None without a sensor.
+        covariance_mm2: covariance of the ball's centre.
+        shared_mm: part that points share by the arm's parameters, (3, rank).
+        samples, spread_mm: number of averaged samples, and their spread.
+        before_mm: earlier place of the probe, (3,); None where it does not matter.
         surface_mm: the touched point, (3,), by ``compensation``.
     """
 
@@ -121,25 +120,25 @@ class PointMeasurement:
 
 
 class SharedUncertainties:
-    """What the latest points share by the arm's parameters, for their differences."""
+    """Uncertainties that the latest points share, for their differences."""
 
     def __init__(self) -> None:
         self._latest: OrderedDict[str, tuple[Point, Floats]] = OrderedDict()
 
     def keep(self, point: Point, shared_mm: Floats | None) -> None:
-        """Keep that of a point; of the oldest one it is dropped."""
+        """Keep the share of a point; drop the oldest one's."""
         if shared_mm is not None:
             self._latest[point.id] = (point, shared_mm.copy())
         if len(self._latest) > MOST_SHARED:
             self._latest.popitem(last=False)
 
     def of(self, point_id: str) -> tuple[Point, Floats] | None:
-        """The point, and what it shares, (3, rank); None where it is not kept."""
+        """A point and its share, (3, rank); None if it is not kept."""
         return self._latest.get(point_id)
 
 
 class Capture:
-    """Makes points; one that is refused, or not kept, uses up no number.
+    """Make points; one that is refused, or not kept, uses up no number.
 
     Args:
         write: writes a point to the disk; None if there is no room for it.
@@ -164,11 +163,11 @@ class Capture:
 
     @property
     def session(self) -> Session:
-        """The list that points are added to."""
+        """Session that points are added to."""
         return self._active.session
 
     def take(self, measured: PointMeasurement, trigger: Trigger) -> PendingPoint:
-        """Capture a point; it is one as soon as it is on the disk.
+        """Capture a point; it counts as soon as it is on the disk.
 
         Raises:
             CaptureRefusedError: there is no room for it.
@@ -204,7 +203,7 @@ class Capture:
         return pending
 
     def undo(self, trigger: Trigger, point_id: str | None = None) -> PendingPoint:
-        """Retract the last point that is not retracted, or only if it is that of an id.
+        """Retract the last point that is not retracted, or only if it has this id.
 
         Raises:
             CaptureRefusedError: there is none, it is another, or there is no room.
@@ -229,7 +228,6 @@ class Capture:
         return self._submit(retraction)
 
     def begin_session(self, note: str = "") -> Session:
-        """Number from 0 again, without a label."""
         self.label = Label()
         return self._active.begin(note)
 
@@ -256,5 +254,4 @@ Triggers = Mapping[tuple[str, int | None], Trigger]
 
 
 def triggers_of(settings: CaptureSection) -> Triggers:
-    """The triggers of a configuration."""
     return {(i.device_id, i.number): i.trigger for i in settings.inputs}

@@ -1,4 +1,4 @@
-"""From the ball's centre to the touched point, where it is known how it was touched.
+"""From the ball's centre to the touched point, if the direction of touch is known.
 
 `traverse.kinematics.probing.compensation` has the geometry. Where the direction of the
 material is known, the effects of the contact are applied too; where it is required and
@@ -23,13 +23,13 @@ UNKNOWN = QualityFlag.SURFACE_UNKNOWN.value
 
 @dataclass(slots=True, eq=False)
 class RetractDetector:
-    """Watches where the probe is pulled to after a touch.
+    """Watch in which direction the probe is pulled away after a touch.
 
     Attributes:
         from_ns, from_mm: instant and place of the touch.
-        distance_mm: so far away is off the surface.
+        distance_mm: distance at which the probe is off the surface.
         until_ns: deadline.
-        place_mm: its place; None before it.
+        place_mm: first place off the surface; None before it.
     """
 
     from_ns: int
@@ -41,14 +41,14 @@ class RetractDetector:
     def add(self, poses: PoseBlock) -> None:
         """Process a block of the stream."""
         if self.place_mm is None:
-            found = first_sample_beyond(
+            beyond = first_sample_beyond(
                 poses, self.from_ns, self.from_mm, self.distance_mm
             )
-            if found is not None and found[0] <= self.until_ns:
-                self.place_mm = found[1]
+            if beyond is not None and beyond[0] <= self.until_ns:
+                self.place_mm = beyond[1]
 
     def is_over(self, path: TrajectoryBuffer, now_ns: int, wait_ns: int) -> bool:
-        """Whether nothing more is to be waited for."""
+        """Whether the probe was pulled away, or the wait has ended."""
         last_ns = path.last_ns
         seen_all = last_ns is not None and last_ns > self.until_ns
         return self.place_mm is not None or seen_all or now_ns > self.until_ns + wait_ns
@@ -71,7 +71,6 @@ class TipCompensator:
 
     @property
     def follows_stream(self) -> bool:
-        """Whether the direction of a touch follows from where the probe moves."""
         return self._method in ("pretouch", "pulled")
 
     @property
@@ -80,14 +79,14 @@ class TipCompensator:
         return self._method == "pretouch" and self.air_mm is None
 
     def before(self, time_ns: int, place_mm: Floats) -> Floats | None:
-        """Where the probe was before a place, (3,); None where it does not matter."""
+        """Earlier place of the probe, (3,); None where it does not matter."""
         if self._method != "pretouch":
             return None
         distance_mm = self._settings.pretouch_mm
         return self._path.last_position_beyond_mm(time_ns, place_mm, distance_mm)
 
     def pull(self, time_ns: int, place_mm: Floats) -> RetractDetector | None:
-        """What watches the probe from now on; None where it does not matter."""
+        """Watch the probe from now on; None where it does not matter."""
         if self._method != "pulled":
             return None
         settings = self._settings
@@ -100,7 +99,7 @@ class TipCompensator:
     def compensated(
         self, measured: PointMeasurement, pull: RetractDetector | None
     ) -> PointMeasurement:
-        """The point with the place that was touched.
+        """Add the touched place to a point.
 
         Raises:
             DirectionError: it is not known; `without_direction` marks the point.

@@ -1,4 +1,4 @@
-"""Points: from an edge or a command to the capture, in order and never twice."""
+"""From an edge or a command to the captured point, in order and never twice."""
 
 import asyncio
 import logging
@@ -38,7 +38,7 @@ REPORT_IT = "report it with the daemon's log"
 
 
 class PointController:
-    """Takes points, and all commands that must keep their order with points.
+    """Take points, and all commands that must keep their order with points.
 
     Args:
         on_action: called with actions of buttons that are not about points.
@@ -67,7 +67,7 @@ class PointController:
         self._answers = OrderedReplies(self._report_outcome)
 
     def arm_changed(self) -> None:
-        """Use another arm from now on, also for requests that wait."""
+        """Use another arm from now on, also for waiting requests."""
         self.evaluator.arm_changed()
         for observation in self._pending.observations:
             observation.begin_anew()
@@ -79,18 +79,18 @@ class PointController:
         return not (self._pending or self._answers) and self._buttons.all_decided
 
     def use(self, settings: CaptureSection) -> None:
-        """Go by other rules; only while `is_idle`."""
+        """Follow other rules; only while `is_idle`."""
         self.triggers = triggers_of(settings)
         self._buttons = buttons_of(settings)
         self.evaluator = PointEvaluator(self._stage, settings, self._events)
 
     @property
     def has_pending(self) -> asyncio.Event:
-        """Set while something waits for time to pass."""
+        """Set while a request waits for time to pass."""
         return self._pending.some
 
     def settle(self, now_ns: int | None = None) -> None:
-        """Take all points that can be taken; refuse what waits beyond some time."""
+        """Take all points that can be taken; refuse requests that wait too long."""
         pending = self._pending
         if not pending:
             return
@@ -130,13 +130,13 @@ class PointController:
         self._add(request)
 
     def take_now(self) -> PointFuture:
-        """Take a point at this very instant, out of the stream."""
+        """Take a point at this instant from the stream."""
         return self._take_from_now(None)
 
     def add_latched(
         self, latch: LatchedCounts, answer: PointFuture, requested_by: str | None
     ) -> None:
-        """Take a point of what a device has latched on request."""
+        """Take a point from counts that a device latched on request."""
         deadline_ns = self._deadline_ns()
         seen = Observation(latch.sample_time_ns, deadline_ns, latch=latch)
         self._add(
@@ -146,11 +146,10 @@ class PointController:
         )
 
     def take_mean(self, average: SampleAverage) -> PointFuture:
-        """Take a point that is the mean of the samples from now on."""
         return self._take_from_now(average)
 
     def in_order(self, act: Callable[[], Any]) -> asyncio.Future[Any]:
-        """Do this after all points that were requested before."""
+        """Call a function after all points that were requested before."""
         answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         self._add(OrderedAct(self._now_ns(), self._deadline_ns(), answer, act))
         return answer
@@ -172,7 +171,7 @@ class PointController:
         return self._now_ns() + self._stage.point_wait_ns
 
     def report(self, code: str, text: str, data: dict[str, str] | None = None) -> None:
-        """Report what has changed, each time it does."""
+        """Report a state, each time it changes."""
         self._events.report("info", code, text, data=data, distinct=True)
 
     def begin_session(self, note: str = "") -> Session:
@@ -185,7 +184,7 @@ class PointController:
     # -- results ---------------------------------------------------------------
 
     def _deal_with(self, request: Request, is_last_chance: bool) -> bool:
-        """Deal with a request; False while it has to wait."""
+        """Deal with a request; return False while it has to wait."""
         outcome: Outcome = True
         requested_by = None
         if isinstance(request, EdgeRequest):
@@ -214,7 +213,7 @@ class PointController:
         return True
 
     def _outcome(self, request: Request, is_last_chance: bool) -> object:
-        """The result of a request; None while it is pending.
+        """Result of a request; None while it is pending.
 
         Raises:
             CaptureRefusedError: nothing, for a reason.
@@ -249,7 +248,7 @@ class PointController:
         return self._capture.take(measured, trigger)
 
     def _action_done(self, edge: EdgeRequest, *, is_last_chance: bool) -> object:
-        """Do what an edge means that takes no point; None while that has to wait."""
+        """Do an edge's action that takes no point; None while that has to wait."""
         action = None if edge.press is None else edge.press.action
         if edge.ends is not None and edge.ends.action == "scan":
             action = "stop"
@@ -288,7 +287,7 @@ class PointController:
             request.resolve(outcome)
 
     def _report_edge(self, edge: EdgeRequest) -> None:
-        """An edge was dealt with: first what it was, then the gesture it made."""
+        """Report an edge that was dealt with, then the gesture it made."""
         trigger, press, latch = edge.trigger, edge.press, edge.latch
         if trigger is None:
             return

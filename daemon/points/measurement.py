@@ -1,4 +1,4 @@
-"""What is known of the arm at one instant, or of the mean of many samples."""
+"""State of the arm at one instant, or in the mean of many samples."""
 
 from abc import ABC, abstractmethod
 from dataclasses import replace
@@ -34,7 +34,7 @@ from traverse.protocol.messages import QualityFlag
 
 
 class MeasurementContext(ABC):
-    """What points are made with; `Measurement` composes it.
+    """Context of points; `Measurement` composes it.
 
     Attributes:
         point_wait_ns: how long a point waits for the readings after its instant.
@@ -52,11 +52,11 @@ class MeasurementContext(ABC):
 
     @abstractmethod
     def evaluate_readings(self) -> None:
-        """Compute the poses of readings for which that was deferred."""
+        """Compute the deferred poses of readings."""
 
 
 class PointEvaluator:
-    """Follows the stream for all points that need more than their instant."""
+    """Follow the stream for all points that need more than their instant."""
 
     def __init__(
         self, stage: MeasurementContext, settings: CaptureSection, events: EventLog
@@ -77,14 +77,13 @@ class PointEvaluator:
         return bool(self._averages or self._pulls) or self.tip.follows_stream
 
     def follow(self, poses: PoseBlock) -> None:
-        """Process a block of the arm's stream."""
         for average in self._averages:
             average.add(poses)
         for pull in self._pulls:
             pull.add(poses)
 
     def look(self, observation: Observation) -> None:
-        """Find out what can be seen of the arm at an instant."""
+        """Look up the state of the arm at an instant."""
         if observation.average is not None:
             return
         seen = observation.seen
@@ -104,7 +103,7 @@ class PointEvaluator:
     def start_average(
         self, observation: Observation, average: SampleAverage | None = None
     ) -> None:
-        """Average samples from an instant on, as given or else as buttons do."""
+        """Start the mean of samples from an instant on, by default as buttons do."""
         self._stage.evaluate_readings()
         begin_ns, path = observation.instant_ns, self._stage.trajectory
         if average is None:
@@ -120,7 +119,7 @@ class PointEvaluator:
             average.before_mm = self.tip.before(begin_ns, here_mm)
 
     def set_air_point(self, observation: Observation, *, is_last_chance: bool) -> bool:
-        """Remember where the ball was at an instant, in the air; False while it waits.
+        """Remember the ball's place in the air at an instant; False while it waits.
 
         Raises:
             CaptureRefusedError: its place is not known.
@@ -135,7 +134,7 @@ class PointEvaluator:
     def measured(
         self, observation: Observation, *, is_last_chance: bool, is_crowded: bool
     ) -> PointMeasurement | None:
-        """What a point of an instant is made of; None while that has to wait.
+        """Measured values of a point at an instant; None while they have to wait.
 
         Raises:
             CaptureRefusedError: nothing, for a reason.
@@ -170,12 +169,12 @@ class PointEvaluator:
             return without_direction(seen)
 
     def arm_changed(self) -> None:
-        """The samples from now on are of another arm: they mix with none before."""
+        """Keep samples of the arm before a change out of means."""
         for average in self._averages:
             average.is_mixed = average.is_mixed or average.n > 0
 
     def forget(self, observation: Observation) -> None:
-        """Nothing more is wanted of an instant."""
+        """Stop observing an instant."""
         if observation.average is not None:
             self._averages.remove(observation.average)
         if observation.pull is not None:
@@ -210,7 +209,7 @@ class PointEvaluator:
     # -- the arm at an instant ---------------------------------------------------
 
     def _evaluate(self, observation: Observation) -> PointMeasurement | None:
-        """The arm at an instant; None while that is not known."""
+        """State of the arm at an instant; None while it is not known."""
         stage = self._stage
         temperature_c = stage.joint_devices.temperature_c
         pose = self._pose(observation, temperature_c)
@@ -240,7 +239,7 @@ class PointEvaluator:
         )
 
     def _evaluate_mean(self, average: SampleAverage) -> PointMeasurement:
-        """The arm as it was on the mean of samples, while it rested."""
+        """State of the arm in the mean of samples at rest."""
         stage, pose = self._stage, average.pose()
         temperature_c = stage.joint_devices.temperature_c
         block = stage.pipeline.block_at(
@@ -261,7 +260,7 @@ class PointEvaluator:
         )
 
     def _missing_reason(self, observation: Observation) -> tuple[str, str]:
-        """Why nothing is known of an instant, and what to do."""
+        """Why an instant has no state, and how to mend that."""
         first_mismatched = self._stage.joint_devices.first_mismatched
         if first_mismatched is not None:
             text = f"{first_mismatched.section.id} does not fit the arm file"
@@ -277,9 +276,9 @@ class PointEvaluator:
     ) -> PointMeasurement:
         stage = self._stage
         model = stage.pipeline.model
-        found = stage.uncertainty.covariance(model, reading)
+        stated = stage.uncertainty.covariance(model, reading)
         return PointMeasurement(
-            model, pose, temperature_c, found.own_mm2, shared_mm=found.shared_mm
+            model, pose, temperature_c, stated.own_mm2, shared_mm=stated.shared_mm
         )
 
     def _pose(
@@ -291,17 +290,17 @@ class PointEvaluator:
         if latch is not None and self._is_whole(latch):
             return stage.pipeline.latched_pose(latch, temperature_c)
         instant_ns = observation.instant_ns
-        found = stage.resampler.at(instant_ns, latch)
+        reading = stage.resampler.at(instant_ns, latch)
         is_waiting = stage.clock.monotonic_ns() < observation.deadline_ns
         # Motion at the instant follows from all samples before it, not from those that
         # happen to have arrived already: a replay finds the same, however it is cut.
-        if found is None or (is_waiting and not stage.trajectory.covers(instant_ns)):
+        if reading is None or (is_waiting and not stage.trajectory.covers(instant_ns)):
             return None
-        pose = stage.pipeline.pose_at(found, temperature_c)
+        pose = stage.pipeline.pose_at(reading, temperature_c)
         return stage.skew.with_flags(stage.pipeline.model, pose)
 
     def _is_whole(self, latch: LatchedCounts) -> bool:
-        """The one device that reads all joints has latched them."""
+        """Whether one device reads all joints and has latched them."""
         devices = self._stage.joint_devices
-        alone = devices.is_single and devices.devices[0].section.id == latch.device
-        return alone and bool(latch.counts)
+        reads_all = devices.is_single and devices.devices[0].section.id == latch.device
+        return reads_all and bool(latch.counts)

@@ -1,4 +1,4 @@
-"""What is seen of the arm at one instant, or from it on."""
+"""Observation of the arm at one instant, or from it on."""
 
 from dataclasses import KW_ONLY, dataclass
 
@@ -10,18 +10,18 @@ from traverse.drivers.base.values import LatchedCounts
 
 @dataclass(slots=True, eq=False)
 class Observation:
-    """One instant, and what `PointEvaluator` has found out about it so far.
+    """An instant, and the arm's state found for it so far by `PointEvaluator`.
 
     Attributes:
-        instant_ns: host monotonic time of it.
-        deadline_ns: until when readings after it may be waited for.
-        latch: what a device latched at that instant.
-        time_bound_ns: how far off the instant may be, by the clock that gave it.
-        average: the samples of a mean.
-        mean: of these samples, as soon as they are complete.
-        pull: watches where the probe is pulled to.
-        seen: the arm at the instant, as soon as it is known.
-        is_complete: nothing more is to be seen of its instant.
+        instant_ns: host monotonic time.
+        deadline_ns: until when later readings may be awaited.
+        latch: counts that a device latched at that instant.
+        time_bound_ns: possible error of the instant, by the clock that gave it.
+        average: samples of a mean.
+        mean: their mean, as soon as they are complete.
+        pull: watches in which direction the probe is pulled.
+        seen: state of the arm at the instant, as soon as it is known.
+        is_complete: no more is expected of the instant.
     """
 
     instant_ns: int
@@ -36,6 +36,6 @@ class Observation:
     is_complete: bool = False
 
     def begin_anew(self) -> None:
-        """Forget what was seen: it was of another arm."""
+        """Forget the state: it was of another arm."""
         self.seen = None
         self.is_complete = False

@@ -1,7 +1,7 @@
 """Edges and commands in the order of arrival, until they have been processed.
 
 Where a device latches all joints, that is at once. Else the readings after the instant
-are awaited, or the samples of a mean; later ones wait too, so that points keep
+are awaited, or the samples of a mean; later requests wait too, so that points keep
 their order and no edge is acknowledged before an earlier one.
 """
 
@@ -21,10 +21,10 @@ MAX_WAITING_DURING_MEAN = (
 
 
 class RequestQueue:
-    """Keeps requests in order.
+    """Keep requests in order.
 
     Attributes:
-        some: set while there are requests that wait.
+        some: set while requests wait.
     """
 
     def __init__(self) -> None:
@@ -36,17 +36,17 @@ class RequestQueue:
 
     @property
     def is_crowded(self) -> bool:
-        """So many wait that a mean must not be waited for."""
+        """Whether so many wait that a mean must not be awaited."""
         return len(self._requests) > MAX_WAITING_DURING_MEAN
 
     @property
     def first(self) -> Request:
-        """The one whose turn it is."""
+        """The request in turn."""
         return self._requests[0]
 
     @property
     def observations(self) -> Iterator[Observation]:
-        """What all that wait are to see of the arm."""
+        """Observations of all waiting requests."""
         return filter(None, map(observation_of, self._requests))
 
     def add(self, request: Request) -> None:
@@ -55,7 +55,7 @@ class RequestQueue:
         self.some.set()
 
     def remove_first(self) -> None:
-        """The first has been dealt with."""
+        """Remove the first request, which has been dealt with."""
         self._requests.popleft()
         if not self._requests:
             self.some.clear()
@@ -73,8 +73,8 @@ class OrderedReplies:
     """Requests with their results.
 
     Args:
-        report: called with each request and its result, when it may be reported: a
-            point, another result, or why there is none.
+        report: called with each request and its result, in order: a point, another
+            result, or the reason for none.
     """
 
     def __init__(self, report: Callable[[Request, Outcome], None]) -> None:
@@ -85,7 +85,7 @@ class OrderedReplies:
         return len(self._waiting)
 
     def add(self, request: Request, outcome: Outcome) -> None:
-        """Report the result of a request; of a `PendingPoint`, what becomes of it."""
+        """Report the result of a request; of a `PendingPoint`, once it is known."""
         self._waiting.append((request, outcome))
         if isinstance(outcome, PendingPoint):
             outcome.on_settled(self._report_settled)

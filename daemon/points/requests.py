@@ -1,4 +1,4 @@
-"""What waits for its turn among points: a type for each kind of request."""
+"""Requests that wait for their turn among points, a type for each kind."""
 
 import asyncio
 from collections.abc import Callable
@@ -24,8 +24,8 @@ class EdgeRequest:
     Attributes:
         received_ns: when the daemon got it.
         deadline_ns: until when it may wait for readings.
-        trigger: what is wired to the input; None for nothing.
-        press: which press of a button it is; None for releases and probes.
+        trigger: trigger wired to the input, if any.
+        press: press of a button; None for releases and probes.
         ends: the hold that ends with this release.
         observation: of the arm at its instant; None where it captures nothing.
     """
@@ -57,7 +57,7 @@ class _Answered:
     """A request of a command, which waits for its result.
 
     Attributes:
-        requested_by: the request of the command; None for none.
+        requested_by: request identifier of the command, if any.
     """
 
     received_ns: int
@@ -67,7 +67,6 @@ class _Answered:
     requested_by: str | None = field(default_factory=CURRENT_REQUEST.get)
 
     def resolve(self, outcome: object) -> None:
-        """Report the result to the requester, if it still waits."""
         if self.answer.done():
             return
         if isinstance(outcome, Exception):
@@ -97,5 +96,5 @@ Request = EdgeRequest | PointRequest | OrderedAct
 
 
 def observation_of(request: Request) -> Observation | None:
-    """What a request is to see of the arm; None where it captures nothing."""
+    """Observation that a request needs; None where it captures nothing."""
     return None if isinstance(request, OrderedAct) else request.observation

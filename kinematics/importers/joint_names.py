@@ -53,6 +53,6 @@ def names_for_arm(
 
 def _plain(name: str) -> str:
     letters = unicodedata.normalize("NFKD", name)
-    bare = "".join(one for one in letters if not unicodedata.combining(one))
+    bare = "".join(letter for letter in letters if not unicodedata.combining(letter))
     plain = re.sub(r"[^A-Za-z0-9-]+", "_", bare).strip("_-")
     return plain if re.search(r"[A-Za-z0-9]", plain) else ""

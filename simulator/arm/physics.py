@@ -132,8 +132,9 @@ def _lines(
 def _cross(first: Floats, second: Floats) -> Floats:
     """Compute u x v; for many small vectors faster than NumPy's."""
     product = np.empty(np.broadcast_shapes(first.shape, second.shape))
-    for at, (one, other) in enumerate(((1, 2), (2, 0), (0, 1))):
-        product[..., at] = (
-            first[..., one] * second[..., other] - first[..., other] * second[..., one]
+    for axis, (left, right) in enumerate(((1, 2), (2, 0), (0, 1))):
+        product[..., axis] = (
+            first[..., left] * second[..., right]
+            - first[..., right] * second[..., left]
         )
     return product

@@ -113,5 +113,5 @@ def read_recording(path: Path) -> Recording:
             path, f"{counted(len(values), 'row')} of counts; needs 2 or more"
         )
     counts_read = np.array(values, dtype=np.int64)
-    columns = {name: counts_read[:, at] for at, name in enumerate(channels)}
+    columns = {name: counts_read[:, column] for column, name in enumerate(channels)}
     return Recording(np.array(times_s) - times_s[0], columns)

@@ -43,7 +43,7 @@ def test_at_a_terminal_it_is_asked(tmp_path, answer, absolute):
     out, said = made(tmp_path, answer=answer)
     assert "do they count right again after a loss of power?" in said
     encoders = [joint.encoder for joint in read_arm(out).joints]
-    assert [one.absolute for one in encoders] == [absolute, absolute]
+    assert [encoder.absolute for encoder in encoders] == [absolute, absolute]
 
 
 def test_elsewhere_it_is_warned_of_unless_it_is_stated(tmp_path):

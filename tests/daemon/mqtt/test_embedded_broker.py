@@ -78,26 +78,26 @@ async def test_retained_messages_go_to_their_subscribers_alone() -> None:
             await plain.subscribe("traverse/a/point")
             assert await plain.settled(publisher, "traverse/a/point") == []
             await plain.subscribe("traverse/+/status")
-            found = await plain.settled(publisher, "traverse/a/point")
-            assert found == ["traverse/a/status", "traverse/b/status"]
+            received = await plain.settled(publisher, "traverse/a/point")
+            assert received == ["traverse/a/status", "traverse/b/status"]
             await plain.subscribe("traverse/+/status")  # again
-            found = await plain.settled(publisher, "traverse/a/point")
-            assert found == ["traverse/a/status", "traverse/b/status"]
+            received = await plain.settled(publisher, "traverse/a/point")
+            assert received == ["traverse/a/status", "traverse/b/status"]
             plain.client.unsubscribe("traverse/+/status")
             await plain.subscribe("traverse/a/health")
-            found = await plain.settled(publisher, "traverse/a/point")
-            assert found == ["traverse/a/health"]
+            received = await plain.settled(publisher, "traverse/a/point")
+            assert received == ["traverse/a/health"]
 
         async with subscribing(port) as wide:
             await wide.subscribe("#")
-            found = await wide.settled(publisher, "traverse/a/point")
-            assert found == sorted(RETAINED)  # nothing that begins with $
+            received = await wide.settled(publisher, "traverse/a/point")
+            assert received == sorted(RETAINED)  # nothing that begins with $
 
         await publisher.publish("traverse/b/status", b"", qos=1, retain=True)
         async with subscribing(port) as after:
             await after.subscribe("traverse/#")
-            found = await after.settled(publisher, "traverse/a/point")
-            assert found == ["traverse/a/health", "traverse/a/status"]
+            received = await after.settled(publisher, "traverse/a/point")
+            assert received == ["traverse/a/health", "traverse/a/status"]
 
 
 @pytest.mark.parametrize("topic_filter", ["traverse/+/point", "+/+/point"])

@@ -75,9 +75,11 @@ async def test_points_go_over_an_encrypted_line(
             bench.queue.offer("scan", OutgoingMessage("traverse/bench-7/scan", blocks))
         payloads = await seen.payloads(105)
         await bench.all_sent()
-    points = [one for one in payloads if len(one) < 3]  # QoS 0 may overtake QoS 1
+    points = [
+        content for content in payloads if len(content) < 3
+    ]  # QoS 0 may overtake QoS 1
     assert points == [str(k).encode() for k in range(100)]
-    assert sorted(len(one) for one in payloads)[100:] == [400_000] * 5
+    assert sorted(len(content) for content in payloads)[100:] == [400_000] * 5
 
 
 async def test_many_commands_in_one_record_all_arrive(

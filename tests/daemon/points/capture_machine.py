@@ -163,7 +163,7 @@ class CaptureBench(RuleBasedStateMachine):
             self.sessions,
             self.failures,
         )
-        found = [
+        captured = [
             (
                 self.sessions.index(point.session),
                 point.seq,
@@ -175,7 +175,7 @@ class CaptureBench(RuleBasedStateMachine):
             )
             for point in self.published
         ]
-        assert found == [line for line, _ in expected]
+        assert captured == [line for line, _ in expected]
         assert len(self.acknowledged) == self.tokens
         done_at = dict(self.acknowledged)
         for place, (_, token) in enumerate(expected):
@@ -183,15 +183,15 @@ class CaptureBench(RuleBasedStateMachine):
             assert token is None or done_at[token] > place
 
     def compare_scans(self) -> None:
-        found: dict[str, list[int]] = {}
+        by_scan: dict[str, list[int]] = {}
         for message in self.scans:
-            counts = found.setdefault(message.scan, [])
+            counts = by_scan.setdefault(message.scan, [])
             assert message.seq == len(counts)
             assert (message.lost, message.dropped) == (0, 0)
             if len(message.counts):
                 counts += message.counts[:, 0].tolist()
-        assert set(found) == set(self.scan_counts)
-        for name, counts in found.items():
+        assert set(by_scan) == set(self.scan_counts)
+        for name, counts in by_scan.items():
             if name in self.held_scans:  # `test_scan_modes` says which exactly
                 assert counts == sorted(set(counts) & set(self.scan_counts[name]))
             else:

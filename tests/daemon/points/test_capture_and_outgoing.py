@@ -24,9 +24,9 @@ def message(name: str, **options) -> OutgoingMessage:
 def sent_order(queue: OutgoingQueue, n: int) -> list[str]:
     order = []
     for _ in range(n):
-        kind, one = queue.next()
-        queue.done(kind, one)
-        order.append(one.topic)
+        kind, message = queue.next()
+        queue.done(kind, message)
+        order.append(message.topic)
     return order
 
 

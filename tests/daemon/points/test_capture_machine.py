@@ -73,11 +73,11 @@ class CaptureMachine(CaptureBench):
     @rule(n=st.integers(1, 4))
     def stream_goes_on(self, n):
         seq = np.arange(self.samples, self.samples + n)
-        own = np.arange(self.sample_counts, self.sample_counts + n)
+        joint_counts = np.arange(self.sample_counts, self.sample_counts + n)
         self.samples, self.sample_counts = self.samples + n, self.sample_counts + n
         times_ns = self.clock.now_ns - (n - 1 - np.arange(n)) * MS
         counts = np.zeros((n, 3), np.uint32)
-        counts[:, 2] = own
+        counts[:, 2] = joint_counts
         samples = CountSamples(
             "base",
             self.stream,
@@ -90,7 +90,7 @@ class CaptureMachine(CaptureBench):
             np.zeros((n, 3), np.uint8),
         )
         if (plan := self.scanner.plan) is not None:
-            self.scan_counts[plan.id] += own[seq % plan.every == 0].tolist()
+            self.scan_counts[plan.id] += joint_counts[seq % plan.every == 0].tolist()
         self.take(samples)
 
     @rule()
@@ -127,11 +127,11 @@ class CaptureMachine(CaptureBench):
             Path(f"{copy}{end}").write_bytes(content)
         Path(f"{copy}-shm").unlink(missing_ok=True)
         store = MessageDatabase(copy)
-        found = [
+        stored = [
             (m.session, m.seq, m.id) for m in read_unsent(store.connection, 0, 10_000)
         ]
         store.close()
-        assert found == [(p.session, p.seq, p.id) for p in self.published]
+        assert stored == [(p.session, p.seq, p.id) for p in self.published]
 
     # -- commands: they arrive after all that was on the line before -----------
 

@@ -53,43 +53,43 @@ def touched(model, method, path=None, other=None, quality=0, **changes):
     tip = TipCompensator(settings(method, **changes), path or TrajectoryBuffer())
     if other is not None:
         tip.air_mm = np.array(other)
-    found = PointMeasurement(model, pose(quality), None)
-    found = replace(found, before_mm=tip.before(START_NS, AT_MM))
-    return tip.compensated(found, tip.pull(START_NS, AT_MM))
+    measured = PointMeasurement(model, pose(quality), None)
+    measured = replace(measured, before_mm=tip.before(START_NS, AT_MM))
+    return tip.compensated(measured, tip.pull(START_NS, AT_MM))
 
 
 def test_without_a_method_there_is_no_surface(model):
-    found = touched(model, "none")
-    assert (found.surface_mm, found.compensation) == (None, "none")
+    measured = touched(model, "none")
+    assert (measured.surface_mm, measured.compensation) == (None, "none")
 
 
 def test_the_shank_points_at_the_material(model):
-    found = touched(model, "shank")
-    assert found.surface_mm == pytest.approx(AT_MM + 3.0 * SHANK)
-    assert found.pose.xyz_mm == pytest.approx(AT_MM)  # the ball's centre is kept
-    assert found.compensation == "shank"
+    measured = touched(model, "shank")
+    assert measured.surface_mm == pytest.approx(AT_MM + 3.0 * SHANK)
+    assert measured.pose.xyz_mm == pytest.approx(AT_MM)  # the ball's centre is kept
+    assert measured.compensation == "shank"
 
 
 def test_the_last_place_off_the_surface_tells_where_the_probe_came_from(model):
     # It moved down 1 mm in 10 ms, rested, and the last millimetre does not count.
     z_mm = [20.0, 5.0, 2.5, 1.0, 0.0, 0.0, 0.0]
     places_mm = [AT_MM + np.array([0.5 * z, 0.0, z]) for z in z_mm]
-    found = touched(model, "pretouch", path_of(model, places_mm, -8))
+    measured = touched(model, "pretouch", path_of(model, places_mm, -8))
     from_above = np.array([-0.5, 0.0, -1.0]) / np.hypot(0.5, 1.0)
-    assert found.surface_mm == pytest.approx(AT_MM + 3.0 * from_above)
+    assert measured.surface_mm == pytest.approx(AT_MM + 3.0 * from_above)
 
 
 def test_a_place_in_the_air_that_was_pressed_counts_once_and_before_the_path(model):
     path = path_of(model, [AT_MM + np.array([0.0, 9.0, 0.0])], -5)
     tip = TipCompensator(settings("pretouch"), path)
     tip.air_mm = AT_MM + np.array([4.0, 0.0, 0.0])
-    found = replace(
+    measured = replace(
         PointMeasurement(model, pose(), None), before_mm=tip.before(START_NS, AT_MM)
     )
-    assert tip.compensated(found, None).surface_mm == pytest.approx(
+    assert tip.compensated(measured, None).surface_mm == pytest.approx(
         AT_MM - np.array([3, 0, 0])
     )
-    assert tip.compensated(found, None).surface_mm == pytest.approx(
+    assert tip.compensated(measured, None).surface_mm == pytest.approx(
         AT_MM - np.array([0, 3, 0])
     )
 
@@ -97,8 +97,8 @@ def test_a_place_in_the_air_that_was_pressed_counts_once_and_before_the_path(mod
 def test_the_material_lies_away_from_where_the_probe_is_pulled(model):
     places_mm = [AT_MM + np.array([0.0, 0.0, z]) for z in (0.0, 0.0, 1.0, 2.5, 30.0)]
     path = path_of(model, places_mm, 1)
-    found = touched(model, "pulled", path)
-    assert found.surface_mm == pytest.approx(AT_MM - np.array([0.0, 0.0, 3.0]))
+    measured = touched(model, "pulled", path)
+    assert measured.surface_mm == pytest.approx(AT_MM - np.array([0.0, 0.0, 3.0]))
     late = path_of(model, places_mm, 100)  # its 2.5 mm follow after more than a second
     with pytest.raises(DirectionError, match="pull the probe off"):
         touched(model, "pulled", late)
@@ -125,21 +125,21 @@ def test_effects_of_the_contact_are_applied_and_the_flag_goes(tmp_path):
     model = arm_model(tmp_path, ARM + radius)
     unknown = QualityFlag.SURFACE_UNKNOWN | QualityFlag.TEMPERATURE
     came_from = AT_MM - 4.0 * SHANK
-    found = touched(model, "pretouch", other=came_from, quality=unknown.value)
-    assert found.pose.xyz_mm == pytest.approx(AT_MM + 0.02 * SHANK)
-    assert found.surface_mm == pytest.approx(AT_MM + 3.02 * SHANK)
-    assert found.pose.quality == QualityFlag.TEMPERATURE
+    measured = touched(model, "pretouch", other=came_from, quality=unknown.value)
+    assert measured.pose.xyz_mm == pytest.approx(AT_MM + 0.02 * SHANK)
+    assert measured.surface_mm == pytest.approx(AT_MM + 3.02 * SHANK)
+    assert measured.pose.quality == QualityFlag.TEMPERATURE
     # The shank's direction is assumed: effects are left out, which the point reports.
-    found = touched(model, "shank", quality=unknown.value)
-    assert found.pose.xyz_mm == pytest.approx(AT_MM)
-    assert found.surface_mm == pytest.approx(AT_MM + 3.0 * SHANK)
-    assert found.pose.quality == unknown
+    measured = touched(model, "shank", quality=unknown.value)
+    assert measured.pose.xyz_mm == pytest.approx(AT_MM)
+    assert measured.surface_mm == pytest.approx(AT_MM + 3.0 * SHANK)
+    assert measured.pose.quality == unknown
     # A bent stylus bends to the side only, which the shank's direction is not.
     bending = effect("stylus_bending", compliance_mm_n=0.1)
     model = arm_model(tmp_path, ARM + bending)
     side = np.array([400.0, 0.0, 100.0])
-    found = touched(model, "outside", middle_mm=tuple(side.tolist()))
-    assert np.linalg.norm(found.pose.xyz_mm - AT_MM) > 0.05
+    measured = touched(model, "outside", middle_mm=tuple(side.tolist()))
+    assert np.linalg.norm(measured.pose.xyz_mm - AT_MM) > 0.05
 
 
 @pytest.fixture

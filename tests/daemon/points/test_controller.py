@@ -248,24 +248,24 @@ async def test_one_device_that_latches_all_is_passed_on_bit_for_bit(tmp_path):
     model = arm_model(tmp_path, ARM)
     bench = ArmBench(tmp_path, model)
     whole = base(channels=(1, 2, 0))
-    alone = ArmBench(tmp_path, model)
-    for one in (bench, alone):
-        one.up("base")
-        one.take(whole.samples(range(30)))
-        one.take(edge("base", EDGE_NS, 0, counts=(5, 6, 7)))
+    latching = ArmBench(tmp_path, model)
+    for arm_bench in (bench, latching):
+        arm_bench.up("base")
+        arm_bench.take(whole.samples(range(30)))
+        arm_bench.take(edge("base", EDGE_NS, 0, counts=(5, 6, 7)))
     assert [p.quality.flags for p in bench.points] == [()]
     assert bench.live[-1].quality.flags == ()
     bench.take(edge("handle", EDGE_NS, 0))
     assert bench.points[1].quality.flags == ("interpolated",)
     assert off_mm(bench, bench.points[1], EDGE_NS) < 0.3
-    assert alone.points[0].xyz_mm == bench.points[0].xyz_mm
-    assert alone.live[-1].xyz_mm == bench.live[-1].xyz_mm
+    assert latching.points[0].xyz_mm == bench.points[0].xyz_mm
+    assert latching.live[-1].xyz_mm == bench.live[-1].xyz_mm
     assert bench.measurement.resampler.lacks() == {}
     assert (
         bench.measurement.skew.pop_largest_mm() is not None
     )  # of the interpolated point
     bench.close()
-    alone.close()
+    latching.close()
 
 
 async def test_nothing_is_remembered_where_nothing_will_be_interpolated(tmp_path):

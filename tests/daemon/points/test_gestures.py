@@ -29,11 +29,11 @@ KINDS = [
 def decided(meant, *edges_ms, until_ms=10_000):
     """Gestures by press, of presses and releases at alternating times."""
     button = GestureDetector(meant, TIMES)
-    found = []
-    for number, at in enumerate(edges_ms):
-        found += button.edge(number % 2 == 0, at * MS)
-    found += button.passed(until_ms * MS)
-    return [(d.press, d.gesture, d.time_ns // MS) for d in found]
+    decisions = []
+    for number, edge_ms in enumerate(edges_ms):
+        decisions += button.edge(number % 2 == 0, edge_ms * MS)
+    decisions += button.passed(until_ms * MS)
+    return [(d.press, d.gesture, d.time_ns // MS) for d in decisions]
 
 
 ALL = frozenset(("click", "double", "hold"))
@@ -93,24 +93,24 @@ def by_definition(meant, edges_ms):
         for i in range(0, len(edges_ms), 2)
     ]
     still = 400 if "hold" in meant else 1000 if "long" in meant else None
-    found, number = [], 0
+    gestures, number = [], 0
     while number < len(presses):
         down, up = presses[number]
         if still is not None and (up is None or up - down >= still):
-            found.append("hold" if "hold" in meant else "long")
+            gestures.append("hold" if "hold" in meant else "long")
         elif "double" in meant and (up is None or up - down >= 1000):
-            found.append("click")
+            gestures.append("click")
         elif (
             "double" in meant
             and number + 1 < len(presses)
             and presses[number + 1][0] - up <= 300
         ):
-            found += ["double", "part"]
+            gestures += ["double", "part"]
             number += 1
         else:
-            found.append("click")
+            gestures.append("click")
         number += 1
-    return found
+    return gestures
 
 
 @given(
@@ -125,17 +125,17 @@ def by_definition(meant, edges_ms):
 def test_every_press_is_decided_once_and_as_defined(meant, gaps, looks):
     edges_ms = [sum(gaps[: i + 1]) for i in range(len(gaps))]
     end = (edges_ms or [0])[-1] + 5000
-    button, found = GestureDetector(meant, TIMES), []
-    edges = sorted([(at, 1, n) for n, at in enumerate(edges_ms)])
-    edges += [(at, 0, -1) for at in looks if at not in edges_ms]
-    for at, is_edge, number in sorted(edges):
+    button, decisions = GestureDetector(meant, TIMES), []
+    edges = sorted([(at_ms, 1, n) for n, at_ms in enumerate(edges_ms)])
+    edges += [(at_ms, 0, -1) for at_ms in looks if at_ms not in edges_ms]
+    for at_ms, is_edge, number in sorted(edges):
         if is_edge:
-            found += button.edge(number % 2 == 0, at * MS)
+            decisions += button.edge(number % 2 == 0, at_ms * MS)
         else:
-            found += button.passed(at * MS)
-    found += button.passed(end * MS)
-    gestures = {d.press: d.gesture for d in found}
-    assert len(gestures) == len(found)
+            decisions += button.passed(at_ms * MS)
+    decisions += button.passed(end * MS)
+    gestures = {d.press: d.gesture for d in decisions}
+    assert len(gestures) == len(decisions)
     expected = by_definition(meant, edges_ms)
     assert [gestures.get(n) for n in range(len(expected))] == expected
     assert button.presses == len(expected)
@@ -146,10 +146,10 @@ def test_every_press_is_decided_once_and_as_defined(meant, gaps, looks):
     edges=st.lists(st.tuples(st.booleans(), st.integers(1, 1500)), max_size=14),
 )
 def test_no_press_is_lost_or_decided_twice_where_edges_are_lost(meant, edges):
-    button, found, now = GestureDetector(meant, TIMES), [], 0
+    button, decisions, now = GestureDetector(meant, TIMES), [], 0
     for active, gap in edges:
         now += gap * MS
-        found += button.edge(active, now)
-    found += button.edge(False, now + 1)
-    found += button.passed(now + 10_000 * MS)
-    assert sorted(d.press for d in found) == list(range(button.presses))
+        decisions += button.edge(active, now)
+    decisions += button.edge(False, now + 1)
+    decisions += button.passed(now + 10_000 * MS)
+    assert sorted(d.press for d in decisions) == list(range(button.presses))

@@ -115,41 +115,41 @@ def unchecked(counts):
 @given(st.integers(32, 1500), st.booleans())
 def test_a_spoilt_count_leaves_the_motion_and_puts_its_neighbours_in_doubt(off, back):
     counts = led(30)
-    one, now_ns = unchecked(counts[:20])
+    encoder, now_ns = unchecked(counts[:20])
     spoilt = (counts[20] + (-off if back else off)) % TURN
-    assert one.accept(EncoderReading(spoilt, now_ns), now_ns) is IMPLAUSIBLE
-    assert one.count == counts[19]
+    assert encoder.accept(EncoderReading(spoilt, now_ns), now_ns) is IMPLAUSIBLE
+    assert encoder.count == counts[19]
     now_ns += PERIOD_NS
-    assert one.accept(EncoderReading(counts[21] % TURN, now_ns), now_ns) is None
-    assert one.count == counts[21]
-    assert one.status(now_ns) == STATUS_WARNING
-    assert one.status(now_ns + DAMAGE_NS) == 0
+    assert encoder.accept(EncoderReading(counts[21] % TURN, now_ns), now_ns) is None
+    assert encoder.count == counts[21]
+    assert encoder.status(now_ns) == STATUS_WARNING
+    assert encoder.status(now_ns + DAMAGE_NS) == 0
 
 
 def test_a_joint_that_is_stopped_suddenly_is_in_no_doubt():
     counts = led(20, speed=60.0, acceleration=0.0)
-    one, now_ns = unchecked(counts)
+    encoder, now_ns = unchecked(counts)
     stopped = EncoderReading(counts[-1], now_ns)
-    assert one.accept(stopped, now_ns) is IMPLAUSIBLE
+    assert encoder.accept(stopped, now_ns) is IMPLAUSIBLE
     for number in range(1, 20):
         at_ns = now_ns + number * PERIOD_NS
-        assert one.accept(EncoderReading(counts[-1], at_ns), at_ns) is None
-        assert one.status(at_ns) == 0
+        assert encoder.accept(EncoderReading(counts[-1], at_ns), at_ns) is None
+        assert encoder.status(at_ns) == 0
 
 
 @given(st.floats(-100.0, 100.0), st.floats(-0.4, 0.4))
 def test_what_a_hand_does_is_in_no_doubt(speed, acceleration):
-    one, now_ns = unchecked(led(60, speed, acceleration))
-    assert one.status(now_ns) == 0
+    encoder, now_ns = unchecked(led(60, speed, acceleration))
+    assert encoder.status(now_ns) == 0
 
 
 @pytest.mark.parametrize("is_checked", [True, False])
 def test_a_reading_with_wrong_check_bits_puts_others_in_doubt(is_checked):
-    one = PolledChannel("encoder 1", TURN, TURN, SPEED_RAD_S, is_checked=is_checked)
-    one.accept(SILENT, 0)
-    assert one.status(0) == 0
-    one.accept(GARBLED, MS)
-    assert one.status(MS) == (0 if is_checked else STATUS_WARNING)
+    encoder = PolledChannel("encoder 1", TURN, TURN, SPEED_RAD_S, is_checked=is_checked)
+    encoder.accept(SILENT, 0)
+    assert encoder.status(0) == 0
+    encoder.accept(GARBLED, MS)
+    assert encoder.status(MS) == (0 if is_checked else STATUS_WARNING)
 
 
 def test_a_sample_states_how_far_the_worst_of_its_instants_may_be_off():

@@ -98,13 +98,13 @@ def follow(world: World) -> Followed:
     )
 
 
-def assert_within_bounds(found: Followed) -> None:
+def assert_within_bounds(followed: Followed) -> None:
     """Times that are certain are within their bounds.
 
     These rest on the smallest delays of many, whose luck is worth a few hundredths in
     one world of some hundred: of eight drawn, one may have that.
     """
-    shares = np.abs(found.errors_ns / found.bounds_ns)[~found.uncertain]
+    shares = np.abs(followed.errors_ns / followed.bounds_ns)[~followed.uncertain]
     assert shares.max() < 1.25
     assert (shares > 1.0).mean() < 0.02
 
@@ -126,24 +126,24 @@ FAULTLESS = st.builds(
 @example(World(seed=1, ppm=-20_000.0, tick_rate_hz=1000, reads_hz=20, delay_ms=0.1))
 @given(FAULTLESS)
 def test_a_clock_without_a_fault_is_within_its_bound_and_certain_after_5_s(world):
-    found = follow(world)
-    certain = ~found.uncertain
-    assert_within_bounds(found)
+    followed = follow(world)
+    certain = ~followed.uncertain
+    assert_within_bounds(followed)
     # The last poll may have come in the midst of what the next one would have read.
-    whole = found.at_s < world.seconds - 0.1
+    whole = followed.at_s < world.seconds - 0.1
     # Long delays of few reads take longer to be known. One that is later than all
     # before it may be a counter that stood still: the next read tells.
-    settled = found.at_s > 5.0 + 0.05 * world.delay_ms
+    settled = followed.at_s > 5.0 + 0.05 * world.delay_ms
     assert certain[settled & whole].mean() > 0.98
-    assert found.clock.steps == 0
+    assert followed.clock.steps == 0
 
 
 @settings(max_examples=8, deadline=None)
 @given(FAULTLESS, st.floats(3.0, 8.0), st.floats(0.001, 1.0))
 def test_reads_of_a_host_that_stood_still_are_within_their_bound(world, at_s, long_s):
-    found = follow(World(**{**world.__dict__, "stall": (at_s, long_s)}))
-    certain = ~found.uncertain
-    assert_within_bounds(found)
+    followed = follow(World(**{**world.__dict__, "stall": (at_s, long_s)}))
+    certain = ~followed.uncertain
+    assert_within_bounds(followed)
     assert certain[-world.reads_hz : -world.reads_hz // 10].all()
 
 
@@ -158,33 +158,35 @@ def test_reads_of_a_host_that_stood_still_are_within_their_bound(world, at_s, lo
 )
 def test_steps_of_a_counter_are_within_the_bound_or_uncertain(world, at_s, by_s):
     """But of two reads, where the usual delays are as large as the step."""
-    found = follow(World(**{**world.__dict__, "step": (at_s, by_s)}))
-    beyond = np.abs(found.errors_ns) - found.bounds_ns
-    wrong = ~found.uncertain & (beyond > 0.0)
+    followed = follow(World(**{**world.__dict__, "step": (at_s, by_s)}))
+    beyond = np.abs(followed.errors_ns) - followed.bounds_ns
+    wrong = ~followed.uncertain & (beyond > 0.0)
     n_read_together = max(1, int(world.delay_ms * 1e-3 * world.reads_hz))
     assert wrong.sum() <= 3 * n_read_together
-    assert (np.abs(found.errors_ns[wrong]) < 1.1e9 * abs(by_s) + PROOF_SLACK_NS).all()
-    assert found.uncertain[-world.reads_hz : -world.reads_hz // 10].mean() < 0.1
+    assert (
+        np.abs(followed.errors_ns[wrong]) < 1.1e9 * abs(by_s) + PROOF_SLACK_NS
+    ).all()
+    assert followed.uncertain[-world.reads_hz : -world.reads_hz // 10].mean() < 0.1
 
 
 @pytest.mark.parametrize("ppm", [-20_000, -3000, -1500, 3000, 10_000, 20_000])
 @pytest.mark.parametrize("reads_hz", [20, 100])
 def test_a_resonator_is_followed_within_a_tenth_of_a_millisecond(ppm, reads_hz):
-    found = follow(World(seed=2, ppm=ppm, reads_hz=reads_hz, delay_ms=0.3))
-    settled = found.at_s > 5.0
-    assert np.abs(found.errors_ns[settled] - SMALLEST_NS).max() < 200_000
-    assert not found.uncertain[settled].any()
-    assert found.clock.rate_error == pytest.approx(ppm * 1e-6, abs=2e-5)
+    followed = follow(World(seed=2, ppm=ppm, reads_hz=reads_hz, delay_ms=0.3))
+    settled = followed.at_s > 5.0
+    assert np.abs(followed.errors_ns[settled] - SMALLEST_NS).max() < 200_000
+    assert not followed.uncertain[settled].any()
+    assert followed.clock.rate_error == pytest.approx(ppm * 1e-6, abs=2e-5)
 
 
 @pytest.mark.parametrize("lost_s", [0.05, 0.3, 1.0])
 @pytest.mark.parametrize("reads_hz", [20, 100])
 def test_no_time_is_certain_and_wrong_when_a_timer_stands_still(lost_s, reads_hz):
-    found = follow(World(seed=4, reads_hz=reads_hz, step=(6.0, -lost_s)))
-    certain = ~found.uncertain
-    assert np.abs(found.errors_ns[certain]).max() < 3_000_000
-    assert found.clock.steps == 1
-    assert not found.uncertain[found.at_s > 6.0 + lost_s + 4.0].any()
+    followed = follow(World(seed=4, reads_hz=reads_hz, step=(6.0, -lost_s)))
+    certain = ~followed.uncertain
+    assert np.abs(followed.errors_ns[certain]).max() < 3_000_000
+    assert followed.clock.steps == 1
+    assert not followed.uncertain[followed.at_s > 6.0 + lost_s + 4.0].any()
 
 
 def test_an_answer_ties_a_clock_at_once_and_proves_a_step():
