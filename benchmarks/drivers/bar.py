@@ -78,7 +78,7 @@ class Taker:
         self._asked_hz = asked_hz
         self._over = over
 
-    def put(self, delivery: Delivery) -> bool:
+    def put(self, delivery: Delivery, *, wakes: bool = True) -> bool:
         """Keep a delivery until the motion is over."""
         if self._over.is_set():
             return True
@@ -90,6 +90,9 @@ class Taker:
         if isinstance(delivery, LatchedCounts) and self.driver is not None:
             self.driver.acknowledge(delivery.token)
         return True
+
+    def wake(self) -> None:
+        """Do nothing: deliveries are taken as they are put."""
 
 
 @dataclass(frozen=True, slots=True)

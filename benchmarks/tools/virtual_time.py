@@ -216,11 +216,14 @@ class Straight:
         self.all: list[Delivery] = []
         self._over = over
 
-    def put(self, delivery: Delivery) -> bool:
+    def put(self, delivery: Delivery, *, wakes: bool = True) -> bool:
         """Keep it, unless the time is over."""
         if not self._over.is_set():
             self.all.append(delivery)
         return True
+
+    def wake(self) -> None:
+        """Do nothing: deliveries are taken as they are put."""
 
 
 def played(driver: Driver, over: threading.Event, patience_s: float = 60.0) -> None:

@@ -155,11 +155,14 @@ class Straight:
         self._take = take
         self.lost: DeviceLost | None = None
 
-    def put(self, delivery: Delivery) -> bool:
+    def put(self, delivery: Delivery, *, wakes: bool = True) -> bool:
         if isinstance(delivery, DeviceLost):
             self.lost = self.lost or delivery
         self._take(delivery)
         return True
+
+    def wake(self) -> None:
+        """Do nothing: deliveries are taken as they are put."""
 
 
 def played(
