@@ -65,7 +65,7 @@ def from_table(
     for name in from_table.FILES:
         if out.exists():
             check_target(out / name, force=force)
-    told: Any = {
+    column_options: Any = {
         "joints": joints and joints.split(","),
         "position": position and position.split(","),
         "angles": angles,
@@ -77,7 +77,10 @@ def from_table(
         rows = foreign_table.read_foreign_table(table, len(names))
         with refusals(foreign_columns.UnclearError):
             meant = foreign_columns.understood(
-                rows, geometry_from_arm(model), names, foreign_columns.Told(**told)
+                rows,
+                geometry_from_arm(model),
+                names,
+                foreign_columns.ColumnOptions(**column_options),
             )
         lines = list(from_table.understood_lines(meant, names))
         if not yes:

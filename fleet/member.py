@@ -279,13 +279,13 @@ class Member:
             self._name_is_taken.set()
 
     async def _report_no_connection(self) -> None:
-        told = ""
+        reported = ""
         while True:
             await asyncio.sleep(1.0)
             reason = "" if self.link.is_connected else self.link.reason
-            if reason not in ("", told):
+            if reason not in ("", reported):
                 self._report(f"broker {self.link.address}: {reason}; tries again")
-            told = reason
+            reported = reason
 
     async def _end_if_name_is_taken(self) -> None:
         await self._name_is_taken.wait()

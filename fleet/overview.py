@@ -153,10 +153,10 @@ def _alarms(status: bytes | None) -> list[str]:
     if status is None:
         return []
     try:
-        told = decode(Status, bytes(status))
+        latest = decode(Status, bytes(status))
     except MessageError:  # of a version to come
         return []
-    return [f"{one.source}: {one.text}" for one in told.alarms or ()]
+    return [f"{one.source}: {one.text}" for one in latest.alarms or ()]
 
 
 def _concerns(

@@ -210,8 +210,8 @@ def _cluster(address: str) -> Iterator[_Pool]:
             if threads:
                 seen_s = monotonic()
             elif monotonic() - seen_s > _NO_WORKERS_S:
-                told = f"no worker for {_NO_WORKERS_S:.0f} s; start some"
-                raise WorkersError(f"{address}: {told}: `dask worker {address}`")
+                lack = f"no worker for {_NO_WORKERS_S:.0f} s; start some"
+                raise WorkersError(f"{address}: {lack}: `dask worker {address}`")
             return max(sum(map(int, threads.values())), 1)
 
         try:

@@ -91,8 +91,8 @@ def parse_strict(
         kind = found.rpartition("/")[0]
         if wanted and kind.startswith("traverse/") and f"{kind}/" not in wanted:
             # Whatever else is in it belongs to that other kind.
-            told = f"this is a file {found!r}; expected {wanted}"
-            raise FileError(source, [Problem("schema", told)]) from error
+            mismatch = f"this is a file {found!r}; expected {wanted}"
+            raise FileError(source, [Problem("schema", mismatch)]) from error
         problems = [*problems, *_model_problems(model, raw, errors, problems)]
         raise FileError(source, in_file_order(problems, raw)) from error
     if problems:

@@ -74,7 +74,7 @@ def _points(sight: ArmSight, system: System) -> RenderableType:
         style = "" if point.quality.ok else "yellow"
         table.add_row(*_row(point, system), style=style)
     lost = f", {sight.lost_points} lost" if sight.lost_points else ""
-    old = "" if sight.is_online else ", not of now"
+    old = "" if sight.is_online else ", out of date"
     title = f"{counted(len(points), 'point')}{lost}{old}, {SYSTEMS[system]}"
     return Group(Text(title, style="bold"), table)
 

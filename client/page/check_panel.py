@@ -64,7 +64,7 @@ class CheckPanel:
         """Show where the joints have been."""
         old = sight.is_stale
         self._coverage.classes("old" if old else "", remove="old")
-        when = ": not of now" if old and sight.live else ""
+        when = ": out of date" if old and sight.live else ""
         self._title.set_content(f"<h2>Where the joints have been{when}</h2>")
         self._bars.set_content(coverage_bars(sight))
 

@@ -53,8 +53,8 @@ class UnclearError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """What the user says of a table; None where it is to be guessed."""
+class ColumnOptions:
+    """Columns and units that the user names; None where they are guessed."""
 
     joints: Sequence[str] | None = None
     position: Sequence[str] | None = None
@@ -102,7 +102,10 @@ class Understood:
 
 
 def understood(
-    table: ForeignTable, geometry: Geometry, joint_names: Sequence[str], told: Told
+    table: ForeignTable,
+    geometry: Geometry,
+    joint_names: Sequence[str],
+    options: ColumnOptions,
 ) -> Understood:
     """Find out what the columns of a table are.
 
@@ -110,13 +113,13 @@ def understood(
         UnclearError: Something stays open.
     """
     names = list(table.numbers)
-    joints = _given(told.joints, names, "--joints") or _joints(table, joint_names)
+    joints = _given(options.joints, names, "--joints") or _joints(table, joint_names)
     if len(joints) != len(joint_names):
         named, expected = len(joints), len(joint_names)
         raise UnclearError(f"--joints names {named} columns; the arm has {expected}")
     rest = [name for name in names if name not in joints]
     orientation = _quadruple(rest)
-    position = _given(told.position, names, "--position") or _position(
+    position = _given(options.position, names, "--position") or _position(
         table, [name for name in rest if name not in orientation], len(joints)
     )
     if len(position) != 3:
@@ -130,8 +133,8 @@ def understood(
                 f"a {what} of row {row} is empty; fill it, or drop the row"
             )
     stated_angle, stated_length = _stated(joints, ANGLES), _stated(position, LENGTHS)
-    angle_unit: Any = told.angles or stated_angle
-    length_unit: Any = told.lengths or stated_length
+    angle_unit: Any = options.angles or stated_angle
+    length_unit: Any = options.lengths or stated_length
     reasons = []
     if angle_unit is None and np.abs(raw_angles).max() > _FULL_TURN_RAD:
         angle_unit = "deg"

@@ -1,4 +1,4 @@
-"""The page never says "Ready" where a number would be in doubt, or is not of now."""
+"""The page never says "Ready" where a number would be in doubt, or is out of date."""
 
 import re
 
@@ -138,7 +138,7 @@ async def test_nothing_is_green_when_broker_or_arm_is_gone(
         for name in ("Take point", "Mean of", "Undo", "Start scan", "New session"):
             await expect(page.get_by_role("button", name=name)).to_be_disabled()
         await expect(page.get_by_text("Out of date:", exact=True)).to_be_visible()
-        await expect(page.get_by_text("have been: not of now")).to_be_visible()
+        await expect(page.get_by_text("have been: out of date")).to_be_visible()
         for gone in (".state.good", ".sectors rect.here", ".message .point"):
             await expect(page.locator(gone)).to_have_count(0)
         await expect(page.get_by_text("connected", exact=True)).to_have_count(0)

@@ -91,4 +91,4 @@ def test_nothing_is_reported_as_if_it_were_of_now_without_the_broker() -> None:
     assert "BROKER GONE" in text
     assert "connected" not in text
     assert "not known now" in text
-    assert "0 points, not of now" in text
+    assert "0 points, out of date" in text

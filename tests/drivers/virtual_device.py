@@ -28,7 +28,7 @@ FIRST_NS = 10**12
 
 
 @dataclass
-class Told(Delivered):
+class Recorded(Delivered):
     """What a driver has delivered."""
 
     all: list[Any]
@@ -61,7 +61,7 @@ def told_by(
     n_channels: int = 2,
     device_class: Callable[..., Any] = make_device,
     **options: Any,
-) -> Told:
+) -> Recorded:
     """Let a driver read a simulated device for a time.
 
     Args:
@@ -97,4 +97,4 @@ def told_by(
     )
     driver.request_stream(rate_hz)
     played(driver, time.over)
-    return Told(straight.all, mounting.notes, device.totals())
+    return Recorded(straight.all, mounting.notes, device.totals())
