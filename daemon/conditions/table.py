@@ -96,7 +96,8 @@ CONDITIONS = (
         "device",
         "place and turns of the joints that the device reads are known",
         "`reference`, or `home` for incremental encoders, after each loss of power; "
-        "an absolute encoder needs it once",
+        "an absolute encoder needs it once, a polled one without a serial number "
+        "after each loss of its port",
         "the device has been without power, or a joint may have turned unseen",
         QualityFlag.TURNS_UNCERTAIN,
         "all",

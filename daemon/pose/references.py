@@ -113,12 +113,12 @@ class ReferenceMonitor:
         moduli = None if before is None else before.moduli_counts
         if up.restarted or moduli != up.identity.moduli_counts:
             self._outages.pop(device, None)
-        self._take_up(up)
+        self._take_up(up, is_back=before is not None)
         joints = self._joints_of(device)
         if (before is None or up.restarted) and any(j in self._turning for j in joints):
             self._doubt_turns(device)
 
-    def _take_up(self, up: DeviceUp) -> None:
+    def _take_up(self, up: DeviceUp, *, is_back: bool = False) -> None:
         device, identity = up.device, up.identity
         is_first = device not in self._identities
         self._identities[device] = identity
@@ -127,7 +127,9 @@ class ReferenceMonitor:
         self._compare_serials(device, identity, known)
         self._keep_offsets(up, known)
         incremental = self._incremental_joints(device, identity)
-        if cause := self._why_unknown(up, known, incremental, is_first=is_first):
+        if cause := self._why_unknown(
+            up, known, incremental, is_first=is_first, is_back=is_back
+        ):
             joints = incremental or self._joints_of(device)
             self._doubt_place(device, cause, joints)
             return
@@ -187,8 +189,17 @@ class ReferenceMonitor:
         incremental: Sequence[int],
         *,
         is_first: bool,
+        is_back: bool,
     ) -> str:
-        """State why a device's positions are in doubt; empty if they are not."""
+        """State why a device's positions are in doubt; empty if they are not.
+
+        Args:
+            up: What the device reported.
+            known: What was confirmed of it.
+            incremental: Its joints whose encoders are not known to be absolute.
+            is_first: Whether it answers for the first time in this run.
+            is_back: Whether it was lost meanwhile.
+        """
         device, identity = up.device, up.identity
         if known is None:
             lost = ", or what was confirmed cannot be read" * self.memory.is_lost
@@ -198,9 +209,10 @@ class ReferenceMonitor:
         if known.encoders != encoders_text(self._model, device):
             return f"the arm file describes {device} otherwise than when confirmed"
         is_nameless = not (identity.serials or identity.boot)
-        if is_nameless and up.restarted and not is_first:
-            # Also of absolute encoders: another board begins anew like this one.
-            return f"{device} began anew, and cannot tell whether it is the same device"
+        # A device that is polled cannot show either that its counts went on meanwhile.
+        if is_nameless and is_back and (up.restarted or bool(identity.absolute)):
+            # Also of absolute encoders: another one answers like this one.
+            return f"{device} was lost, and cannot tell whether it is the same device"
         has_lost_power = up.restarted or bool(
             identity.boot and identity.boot != known.boot
         )

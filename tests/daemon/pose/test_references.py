@@ -438,3 +438,15 @@ def test_another_arm_file_needs_another_confirmation(tmp_path):
     other.monitor.on_up(up(absolute=True))
     assert other.is_doubtful
     assert "otherwise than when confirmed" in other.events[0].text
+
+
+def test_a_polled_device_without_a_serial_number_is_confirmed_after_each_loss(tmp_path):
+    """Encoders of another arm at the same addresses answer as these do."""
+    rig = Rig(tmp_path)
+    rig.accept(up(boot="", absolute=True))
+    assert not rig.is_doubtful
+    rig.monitor.on_up(up(boot="", absolute=True))
+    assert rig.is_doubtful
+    assert "was lost, and cannot tell whether it is the same" in rig.events[-1].text
+    rig.monitor.confirm()
+    assert not rig.is_doubtful
