@@ -44,6 +44,14 @@ class Keyboard(Protocol):
         """Release what is open."""
 
 
+def _no_desktop() -> ValueError:
+    return ValueError(
+        f"--through desktop: no desktop can be reached (DISPLAY is "
+        f"{os.environ.get('DISPLAY')!r}); run this in the operator's session, "
+        "or use --through uinput"
+    )
+
+
 class DesktopKeyboard:
     """The desktop's keyboard, by pynput.
 
@@ -64,11 +72,7 @@ class DesktopKeyboard:
         except ModuleNotFoundError:
             raise
         except ImportError as error:
-            raise ValueError(
-                f"--through desktop: no desktop can be reached (DISPLAY is "
-                f"{os.environ.get('DISPLAY')!r}); run this in the operator's session, "
-                "or use --through uinput"
-            ) from error
+            raise _no_desktop() from error
 
         class Listener(keyboard.Listener):  # type: ignore[misc] # it has no types
             def run(self) -> None:
@@ -86,7 +90,10 @@ class DesktopKeyboard:
         key = keyboard.Key[stop_key]
         self.name = "the desktop's keyboard"
         self._shift = keyboard.Key.shift
-        self._controller = Controller()
+        try:
+            self._controller = Controller()
+        except Exception as error:  # each desktop has its own
+            raise _no_desktop() from error
         self._keys: dict[str, tuple[Any, bool]] = {
             "\t": (keyboard.Key.tab, False),
             "\n": (keyboard.Key.enter, False),
