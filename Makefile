@@ -55,7 +55,7 @@ $(STAMP): $(VENV)/.demo pyproject.toml requirements.lock $(KERNEL)
 	@touch $@
 
 system:  # Debian packages that the tests need
-	@sh deploy/debian-packages.sh $(TEST_GROUPS)
+	@PYTHON=$(BIN)/python sh deploy/debian-packages.sh $(TEST_GROUPS)
 
 demo: $(VENV)/.demo  ## one round of measurements with a simulated arm
 	$(BIN)/traverse demo --once

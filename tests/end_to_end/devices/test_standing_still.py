@@ -32,7 +32,8 @@ line, arm = amt21.line, two_makes.arm  # fixtures
 LONGEST_S = pytest.mark.parametrize("longest_s", [0.06, 0.5, 1.8])
 TRIED_S = 12.0
 ENDS_S = 5.0  # after the last standstill edges that waited are points or refused
-SCENE = (rest(1.0), SPHERE.format(points=6), REST)
+# At rest until all is established, which a motion would put off.
+SCENE = (rest(3.0), SPHERE.format(points=6), REST)
 
 
 async def stand_still(programs: list[Program], longest_s: float) -> None:
