@@ -370,7 +370,7 @@ class Member:
                 log.warning("%s lists what cannot be: %s", arm, error)
 
     async def _ask_for(self, gaps: list[Gap], now_ns: int) -> None:
-        """Ask each arm for one gap, series by series: the rest comes next time.
+        """Ask each arm for one gap of each series; further gaps follow next time.
 
         A series that an arm never answers for must not hold up its others.
         """

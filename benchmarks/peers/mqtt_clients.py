@@ -15,7 +15,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterable, AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -55,19 +55,28 @@ class Client:
 
 
 @asynccontextmanager
+async def counting(
+    client: Client, messages: AsyncIterable[object]
+) -> AsyncIterator[None]:
+    """Count the messages of an asynchronous iterator meanwhile."""
+
+    async def receive() -> None:
+        async for _ in messages:
+            client.received()
+
+    task = asyncio.create_task(receive())
+    yield
+    task.cancel()
+
+
+@asynccontextmanager
 async def ours(port: int) -> AsyncIterator[Client]:
     """Connect our own."""
     async with MqttClient("127.0.0.1", port) as link:
         client = Client(lambda: link.publish(OUT, PAYLOAD, 1))
         await link.subscribe((IN, 1))
-
-        async def receive() -> None:
-            async for _ in link.messages:
-                client.received()
-
-        task = asyncio.create_task(receive())
-        yield client
-        task.cancel()
+        async with counting(client, link.messages):
+            yield client
 
 
 @asynccontextmanager
@@ -78,14 +87,8 @@ async def aiomqtt(port: int) -> AsyncIterator[Client]:
         link.pending_calls_threshold = 2 * AT_ONCE
         client = Client(lambda: link.publish(OUT, PAYLOAD, 1))
         await link.subscribe(IN, 1)
-
-        async def receive() -> None:
-            async for _ in link.messages:
-                client.received()
-
-        task = asyncio.create_task(receive())
-        yield client
-        task.cancel()
+        async with counting(client, link.messages):
+            yield client
 
 
 @asynccontextmanager

@@ -195,16 +195,16 @@ def lines(turns: list[Turn], rate_hz: float) -> Iterator[str]:
             f"ratio {spread(ratios, 2)}"
         )
     kept = ", ".join(
-        f"{name} {sum(t.kept_up for t in found)} of {len(found)}"
-        for name, found in of.items()
+        f"{name} {sum(t.kept_up for t in trials)} of {len(trials)}"
+        for name, trials in of.items()
     )
     yield f"  kept up: {kept}"
-    for name, found in of.items():
+    for name, trials in of.items():
         threads = " + ".join(
             f"{np.median(column):.0f}"
-            for column in zip(*(t.threads_us for t in found), strict=False)
+            for column in zip(*(t.threads_us for t in trials), strict=False)
         )
-        switches = np.median([t.switches for t in found])
+        switches = np.median([t.switches for t in trials])
         yield f"  {name}: by thread {threads} us, {switches:.1f} switches a point"
 
 
@@ -217,16 +217,16 @@ def main(path: Path | None = None) -> None:
         folder, port = Path(name), rig.free_port()
         with rig.mosquitto(folder, port):
             idle = {who: idle_share(who, folder, port) for who in PROGRAMS}
-            own = ", ".join(f"{who} {share:.2%}" for who, share in idle.items())
-            print(f"share of a core while nobody presses: {own}", flush=True)
+            idle_shares = ", ".join(f"{who} {share:.2%}" for who, share in idle.items())
+            print(f"share of a core while nobody presses: {idle_shares}", flush=True)
             for _ in range(ROUNDS):
                 for who, share in idle.items():
                     turns.extend(turn(who, folder, port, share))
     for rate_hz, _ in PHASES:
         print("\n".join(lines(turns, rate_hz)))
     print(load())
-    found = {"load": before, "idle": idle, "turns": [asdict(one) for one in turns]}
-    write_json(path, found)
+    figures = {"load": before, "idle": idle, "turns": [asdict(one) for one in turns]}
+    write_json(path, figures)
 
 
 if __name__ == "__main__":

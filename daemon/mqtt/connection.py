@@ -1,4 +1,4 @@
-"""Keep the connection to the broker: one method publishes, the rest goes by itself.
+"""Keep the connection to the broker: one method publishes; it reconnects by itself.
 
 MQTT 5 where the broker speaks it, else 3.1.1 (version 5 properties are never needed to
 decode). A message leaves its queue only after the broker has taken it.

@@ -49,7 +49,7 @@ _FULL_TURN_RAD = 2.0 * np.pi * (1.0 + 1e-3)
 
 
 class UnclearError(ValueError):
-    """A table cannot be understood without being told; says by which option."""
+    """A table is ambiguous; names the option that decides."""
 
 
 @dataclass(frozen=True, slots=True)

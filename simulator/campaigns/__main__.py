@@ -1,29 +1,16 @@
-"""Make a campaign folder, as before `traverse simulate campaign`: kept for one release.
+"""Make a campaign folder, as before `traverse simulate campaign`."""
 
-`python -m traverse.simulator.campaigns SPEC.toml --out DIR`
-"""
-
-import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from traverse.simulator.campaigns.command import campaign_made
+from traverse.simulator.campaigns.old_command import run_old_command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; say what it is called now."""
-    program = "python -m traverse.simulator.campaigns"
-    parser = argparse.ArgumentParser(prog=program)
-    parser.add_argument("spec", type=Path, help="specification, TOML")
-    parser.add_argument("--out", type=Path, required=True, help="folder to write")
-    parser.add_argument("--seed", type=int, help="in place of the specification's")
-    given = parser.parse_args(arguments)
-    if given.seed is not None and given.seed < 0:
-        parser.error(f"--seed {given.seed} is negative; expected 0 or more")
-    now = f"{program}: is `traverse simulate campaign` from this release on"
-    print(now, file=sys.stderr)  # noqa: T201 - for people who type it
-    return campaign_made(given.spec, given.out, given.seed)
+    module, now = "traverse.simulator.campaigns", "traverse simulate campaign"
+    return run_old_command(module, now, campaign_made, arguments)
 
 
 if __name__ == "__main__":

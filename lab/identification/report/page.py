@@ -62,7 +62,7 @@ def report_page(
         "identification/report/page.jinja",
         _FILTERS,
         result=result,
-        found=uncertainty,
+        uncertainty=uncertainty,
         judged=outcome_of(result),
         words=WORDS,
         pictures=pictures_of(result, uncertainty),

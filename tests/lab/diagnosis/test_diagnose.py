@@ -187,9 +187,9 @@ def test_slow_noise_is_no_drift():
 
 
 def test_slow_noise_that_a_jump_and_a_curve_imitate_is_noise():
-    found = decided(measured_with(seed=3, serial_share=0.5))
-    assert found.verdict == "clean"
-    assert found.noise.serial_share > 0.1
+    diagnosis = decided(measured_with(seed=3, serial_share=0.5))
+    assert diagnosis.verdict == "clean"
+    assert diagnosis.noise.serial_share > 0.1
 
 
 @pytest.mark.slow
