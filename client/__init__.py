@@ -13,7 +13,7 @@ from traverse.client.errors import (
 from traverse.client.points.session_order import Lost
 from traverse.client.results import Resent, ResentScan, StartedScan, StoredSession
 
-__all__ = [
+__all__: list[str] = [
     "Arm",
     "BlockingArm",
     "BrokerAddress",

@@ -3,15 +3,22 @@
 The correction of a kind is its class in `traverse.kinematics.effects`. This table has
 its keys, where it can be applied, and what the laboratory needs: plausible size,
 similar kinds, plots, labels. A new effect needs its class, its row, and the simulator's
-own law.
+own law; another package offers these three by entry points.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from functools import partial
+from functools import cache, partial
 from types import MappingProxyType
 from typing import Any, Literal
+
+from traverse.extensions import (
+    EFFECT_GROUP,
+    broken_extension,
+    load_extension,
+    offered_extensions,
+)
 
 Vector = tuple[float, float, float]
 EffectClass = Literal["L", "D", "A", "O"]
@@ -215,7 +222,42 @@ _contact = partial(
     acts_on="ball",
 )
 
-EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
+
+class EffectKinds(Mapping[str, EffectKind]):
+    """The kinds of Traverse, and those that other packages offer."""
+
+    def __init__(self, built_in: Mapping[str, EffectKind]) -> None:
+        self.built_in = built_in
+
+    def __getitem__(self, kind: str) -> EffectKind:
+        row = self.built_in.get(kind)
+        return _row_of_extension(kind) if row is None else row
+
+    def __contains__(self, kind: object) -> bool:
+        return kind in self.built_in or kind in offered_extensions(EFFECT_GROUP)
+
+    def __iter__(self) -> Iterator[str]:
+        offered = offered_extensions(EFFECT_GROUP)
+        return iter(dict.fromkeys((*self.built_in, *offered)))
+
+    def __len__(self) -> int:
+        return len(tuple(iter(self)))
+
+
+@cache
+def _row_of_extension(kind: str) -> EffectKind:
+    correction = load_extension(EFFECT_GROUP, kind, type)
+    row = getattr(correction, "row", None)
+    if isinstance(row, EffectKind) and getattr(correction, "kind", None) == kind:
+        return row
+    raise broken_extension(
+        EFFECT_GROUP,
+        offered_extensions(EFFECT_GROUP)[kind][0],
+        f"lacks kind = {kind!r} or row, an EffectKind",
+    )
+
+
+EFFECT_KINDS = EffectKinds(
     {
         "encoder_eccentricity": _own_angle(
             keys={"cos_rad": float, "sin_rad": float},

@@ -19,8 +19,8 @@ from tests.end_to_end.listener import numbers
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import SWEEP, Workbench
 from tests.mosquitto import Mosquitto
-from tests.waiting import until
 from traverse.protocol.messages import Scan
+from traverse.testing.waiting import until
 
 SECONDS = 20.0
 RATE_HZ = 1000.0

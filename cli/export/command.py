@@ -36,11 +36,11 @@ def export(
     from traverse.cli.common.point_flags import FlaggedPoints, allowed_flags
     from traverse.cli.export import campaign as labelled
     from traverse.cli.export.file import file_words, write_file
-    from traverse.client.exports.formats import FORMATS
+    from traverse.client.exports.formats import format_names
 
     to = wanted.to
-    if to not in (*FORMATS, "campaign"):
-        refuse(f"--to {to}: one of {', '.join(FORMATS)}, campaign")
+    if to not in (*format_names(), "campaign"):
+        refuse(f"--to {to}: one of {', '.join(format_names())}, campaign")
     with refusals(ValueError):
         if to == "campaign":
             if arm is None or campaign is None:

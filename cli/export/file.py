@@ -12,7 +12,7 @@ import numpy as np
 from traverse.cli.common.qif_check import check_schema, schema_words
 from traverse.cli.export.options import ExportOptions
 from traverse.cli.export.sources import PIECE, points_of, scans_of, tear_of
-from traverse.client.exports.formats import FORMATS
+from traverse.client.exports.formats import format_class
 from traverse.client.exports.point_table import (
     PointTable,
     Sink,
@@ -58,7 +58,7 @@ def write_file(source: Path, path: Path, wanted: ExportOptions) -> dict[str, Any
         raise ValueError("--template needs --to text")
     if wanted.to == "qif" and wanted.schemas is not None:
         options["check"] = partial(check_schema, file=path, schemas=wanted.schemas)
-    with replacing(path) as file, FORMATS[wanted.to](file, **options) as sink:
+    with replacing(path) as file, format_class(wanted.to)(file, **options) as sink:
         if wanted.kind == "scans":
             _write_scans(source, sink, chain, wanted)
         else:

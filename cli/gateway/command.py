@@ -10,6 +10,7 @@ import typer
 from traverse.cli.common.broker_options import BrokerOptions
 from traverse.cli.common.options import CommandGroup
 from traverse.cli.common.refusals import client_errors, refusals, refuse
+from traverse.cli.gateway.installed import add_installed
 from traverse.cli.gateway.running import (
     Kind,
     host_port,
@@ -274,6 +275,10 @@ def home_assistant(
         last_check()  # whether it can be read is said at once
         shown = HomeAssistantGateway(arm, address, prefix, report, last_check)
         asyncio.run(shown.remove() if remove else until_signal(shown.run()))
+
+
+BUILT_IN = tuple(command.name or "" for command in gateway.registered_commands)
+add_installed(gateway, BUILT_IN)
 
 
 def _outlet(

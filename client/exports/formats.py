@@ -8,6 +8,11 @@ from traverse.client.exports.dxf import Dxf
 from traverse.client.exports.point_table import Coordinates, Sink, standing
 from traverse.client.exports.qif import Qif
 from traverse.client.exports.text import Csv, JsonLines, Template, Xyz
+from traverse.extensions import (
+    EXPORT_GROUP,
+    load_extension_class,
+    offered_extensions,
+)
 from traverse.protocol.messages import Point
 
 FORMATS: dict[str, type[Sink]] = {
@@ -23,11 +28,29 @@ FORMATS: dict[str, type[Sink]] = {
 }
 
 
+def format_class(name: str) -> type[Sink]:
+    """Return the class that writes a format.
+
+    Raises:
+        KeyError: there is no such format.
+        BrokenExtensionError: another package offers it, and it cannot be used.
+    """
+    built_in = FORMATS.get(name)
+    if built_in is not None:
+        return built_in
+    return load_extension_class(EXPORT_GROUP, name, Sink)  # type: ignore[type-abstract]  # a child is wanted
+
+
+def format_names() -> tuple[str, ...]:
+    """Return the names of all formats, those of other packages last."""
+    return tuple(dict.fromkeys((*FORMATS, *offered_extensions(EXPORT_GROUP))))
+
+
 def points_as(
     kind: str, points: Sequence[Point], coordinates: Coordinates = "centre"
 ) -> tuple[str, bytes]:
     """Return name and content of a file with points that are not retracted."""
     file = io.BytesIO()
-    with FORMATS[kind](file, coordinates) as sink:
+    with format_class(kind)(file, coordinates) as sink:
         sink.points(standing(points))
     return f"points.{kind}", file.getvalue()

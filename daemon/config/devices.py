@@ -14,7 +14,12 @@ from pydantic import (
 )
 
 from traverse.drivers.base.driver import DriverOptions
-from traverse.drivers.base.registry import DRIVERS, DriverUnavailableError, driver_class
+from traverse.drivers.base.registry import (
+    DriverUnavailableError,
+    driver_class,
+    driver_names,
+)
+from traverse.extensions import BrokenExtensionError
 from traverse.strict_toml.problems import unknown_name_message
 
 
@@ -47,8 +52,8 @@ class UnavailableDriverSection(DeviceSection):
         try:
             driver_class(name)
         except KeyError:
-            text = unknown_name_message("driver", name, DRIVERS)
-        except DriverUnavailableError as error:
+            text = unknown_name_message("driver", name, driver_names())
+        except (DriverUnavailableError, BrokenExtensionError) as error:
             text = str(error)
         raise ValueError(text)
 
@@ -57,7 +62,7 @@ class UnavailableDriverSection(DeviceSection):
 def section_class(driver: str) -> type[DeviceSection]:
     try:
         options = driver_class(driver).options_class
-    except (KeyError, DriverUnavailableError):
+    except (KeyError, DriverUnavailableError, BrokenExtensionError):
         return UnavailableDriverSection
     bases: tuple[type[Any], ...] = (DeviceSection, options)
     return create_model(f"{options.__name__}Section", __base__=bases)

@@ -1,11 +1,17 @@
 """Drivers by name in the configuration; loaded on demand.
 
-A new driver is a file with a child of `Driver` and its options, and an entry here.
+A new driver is a file with a child of `Driver` and its options, and an entry here, or
+in another package's entry points.
 """
 
 from importlib import import_module
 
 from traverse.drivers.base.driver import Driver
+from traverse.extensions import (
+    DRIVER_GROUP,
+    load_extension_class,
+    offered_extensions,
+)
 from traverse.installation import missing
 
 DRIVERS = {
@@ -36,7 +42,10 @@ def driver_class(name: str) -> type[Driver]:
     Raises:
         KeyError: there is no such driver.
         DriverUnavailableError: a library is not installed.
+        BrokenExtensionError: another package offers it, and it cannot be used.
     """
+    if name not in DRIVERS:
+        return load_extension_class(DRIVER_GROUP, name, Driver)  # type: ignore[type-abstract]  # a child is wanted
     module, _, attribute = DRIVERS[name].partition(":")
     try:
         cls: type[Driver] = getattr(import_module(module), attribute)
@@ -45,3 +54,8 @@ def driver_class(name: str) -> type[Driver]:
             missing(f"driver {name!r}", str(error.name), EXTRAS.get(name, "daemon"))
         ) from error
     return cls
+
+
+def driver_names() -> tuple[str, ...]:
+    """Return the names of all drivers, those of other packages last."""
+    return tuple(dict.fromkeys((*DRIVERS, *offered_extensions(DRIVER_GROUP))))

@@ -5,8 +5,24 @@ from collections.abc import Sequence
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.extensions import (
+    EFFECT_GROUP,
+    LAW_GROUP,
+    BrokenExtensionError,
+    broken_extension,
+    load_extension,
+    offered_extensions,
+)
 from traverse.kinematics.arm_file.arm import Arm, Effect
-from traverse.simulator.effects.fault import OF_ARM, OF_JOINT, EffectEntry
+from traverse.simulator.effects.fault import (
+    OF_ARM,
+    OF_JOINT,
+    BodyFault,
+    EffectEntry,
+    Fault,
+    ReadingFault,
+    TouchFault,
+)
 from traverse.simulator.effects.laws import OF_MASSES, PLAYED
 from traverse.strict_toml.problems import FileError, Problem
 
@@ -21,21 +37,20 @@ OF_STANDARDS = "artefact_length"
 
 def faults_from_effects(
     arm: Arm, effects: Sequence[Effect], source: str = "arm file"
-) -> tuple[EffectEntry, ...]:
+) -> tuple[Fault, ...]:
     """Make faults, except of standards.
 
-    Messages call them ``source``.
+    Messages call the effects ``source``.
 
     Raises:
         FileError: lists all effects that cannot be played.
     """
     names = tuple(joint.name for joint in arm.joints)
-    problems, faults = [], []
+    problems: list[Problem] = []
+    faults: list[Fault] = []
     for number, effect in enumerate(effects):
         if effect.kind == OF_STANDARDS:
             continue
-        if effect.kind not in PLAYED:
-            raise KeyError(effect.kind)
         where = f"effects[{number}]"
         if effect.joint is not None and effect.joint not in names:
             message = f"'{effect.joint}' is no joint of this arm: {', '.join(names)}"
@@ -61,11 +76,35 @@ def faults_from_effects(
                 f"or a joint followed by {', '.join(OF_JOINT)}"
             )
             problems.append(Problem(f"{where}.covariate", message))
+        elif effect.kind not in PLAYED:
+            try:
+                faults.append(fault_of_extension(entry))
+            except BrokenExtensionError as error:
+                problems.append(Problem(f"{where}.kind", str(error)))
         else:
             faults.append(entry)
     if problems:
         raise FileError(source, problems)
     return tuple(faults)
+
+
+def fault_of_extension(entry: EffectEntry) -> Fault:
+    """Make the fault of an effect that another package offers, by its own law.
+
+    Raises:
+        BrokenExtensionError: it has no law, or one that makes something else.
+    """
+    group, kind = LAW_GROUP, entry.kind
+    if kind not in offered_extensions(group):
+        effects = offered_extensions(EFFECT_GROUP)[kind]
+        reason = f"has no law for the simulator; offer one under {group}"
+        raise broken_extension(EFFECT_GROUP, effects[0], reason)
+    law = load_extension(group, kind, object)
+    fault = law(entry) if callable(law) else law
+    if isinstance(fault, ReadingFault | BodyFault | TouchFault):
+        return fault
+    reason = f"makes no ReadingFault, BodyFault or TouchFault but {fault!r}"
+    raise broken_extension(group, offered_extensions(group)[kind][0], reason)
 
 
 def effect_problems(arm: Arm, where: str) -> list[Problem]:

@@ -7,7 +7,6 @@ from itertools import pairwise
 import pytest
 import uvloop
 
-from tests.waiting import until
 from traverse.broker.client import MAX_QUEUED, Handlers, MqttClient
 from traverse.broker.errors import (
     ClosedBeforeAnswerError,
@@ -18,6 +17,7 @@ from traverse.broker.errors import (
     RefusedError,
 )
 from traverse.broker.packets import Message, Version, publish_packet
+from traverse.testing.waiting import until
 
 HOST = "127.0.0.1"
 ACCEPTED = b"\x20\x03\x00\x00\x00"  # MQTT 5: CONNACK, success, no properties

@@ -24,9 +24,9 @@ from tests.conftest import no_task_stays
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import HOST, Mosquitto, free_port
-from tests.waiting import until
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.protocol.messages import Clock, Point, Quality
+from traverse.testing.waiting import until
 
 expect.set_options(timeout=20_000)  # a busy machine is no fault
 # There is no graphics card in a container, and no user whom a sandbox could keep apart.

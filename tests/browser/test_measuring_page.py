@@ -8,9 +8,9 @@ from playwright.async_api import Locator, Page, expect
 from benchmarks.tools.network import Network
 from tests.browser.conftest import OpenPage, PosedDaemon, hears_server
 from tests.mosquitto import Mosquitto
-from tests.waiting import until
 from traverse.client.arm import Arm
 from traverse.protocol.messages import Label, LabelArgs, ProbeArgs
+from traverse.testing.waiting import until
 
 pytestmark = [
     pytest.mark.needs("mosquitto", "chromium"),

@@ -9,7 +9,6 @@ from benchmarks.tools.network import Network
 from tests.client.reading import PATIENCE_S, read
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import HEALTH, LIVE, POINT, SCAN
-from tests.waiting import until
 from traverse.client import Arm, CommandRefused, NoAnswerError
 from traverse.protocol.messages import (
     AlignArgs,
@@ -20,6 +19,7 @@ from traverse.protocol.messages import (
     ResendArgs,
     ScanArgs,
 )
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

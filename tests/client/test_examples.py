@@ -14,9 +14,9 @@ from tests.client.reading import PATIENCE_S
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import POINT
 from tests.running import run_program
-from tests.waiting import until
 from traverse.protocol.messages import Label
 from traverse.protocol.messages.quality import Quality
+from traverse.testing.waiting import until
 
 CHECKOUT = Path(__file__).parent.parent.parent
 EXAMPLES = CHECKOUT / "examples"

@@ -14,7 +14,7 @@ from tests.deploy.places import DEPLOY, program, said
 from tests.deploy.test_mosquitto_configuration import listens
 from tests.end_to_end.programs import Program
 from tests.mosquitto import HOST, Mosquitto, free_port
-from tests.waiting import until
+from traverse.testing.waiting import until
 
 UNIT = DEPLOY / "systemd/traverse-page@.service"
 ENVIRONMENT = DEPLOY / "systemd/environment"

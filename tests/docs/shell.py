@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from tests.docs.pages import CHECKOUT
-from tests.waiting import until
+from traverse.testing.waiting import until
 
 PATIENCE_S = 30.0
 

@@ -12,7 +12,7 @@ from tests.docs.pages import commands, examples, text_of
 from tests.docs.shell import Shell, answered, as_run
 from tests.established import believe_utc
 from tests.mosquitto import Mosquitto
-from tests.waiting import until
+from traverse.testing.waiting import until
 
 PAGE = "docs/tutorial/first-light.md"
 

@@ -19,7 +19,7 @@ from tests.docs.shell import Shell, as_run
 from tests.docs.telling import assert_printed, printed_blocks
 from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import HOST, free_port
-from tests.waiting import until
+from traverse.testing.waiting import until
 
 ARM_FILES = "docs/how-to/arm-file-from-dh-or-urdf.md"
 SECURE = "docs/how-to/secure-the-broker.md"

@@ -11,7 +11,7 @@ from tests.docs.pages import text_of
 from tests.end_to_end.programs import Program
 from tests.established import believe_utc
 from tests.mosquitto import free_port
-from tests.waiting import until
+from traverse.testing.waiting import until
 
 PAGE = "docs/tutorial/old-microscribe.md"
 _BLOCK = re.compile(r"^```(?P<language>\w+)\n(?P<text>.*?)^```$", re.DOTALL | re.M)

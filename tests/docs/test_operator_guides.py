@@ -10,7 +10,7 @@ from tests.docs.shell import PATIENCE_S, Shell, as_run
 from tests.docs.telling import blocks, numbers_of, printed_blocks, words_of
 from tests.end_to_end.workbench import REST, Workbench, rest
 from tests.mosquitto import Mosquitto
-from tests.waiting import until
+from traverse.testing.waiting import until
 
 PART = "docs/how-to/measure-a-part.md"
 PROBE = "docs/how-to/change-a-probe.md"

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.drivers.pty_peer import Peer
 from traverse.simulator.devices.device import DeviceContext, SimulatedDevice
 from traverse.simulator.pacing import MonotonicClock, live_real
+from traverse.testing.pty_peer import Peer
 
 
 class CountsUp:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from tests.end_to_end.programs import PATIENCE_S
-from tests.waiting import until
 from traverse.broker.address import BrokerAddress
 from traverse.broker.errors import MqttError
 from traverse.client.cancel_tasks import cancel_tasks
@@ -30,6 +29,7 @@ from traverse.protocol.messages import (
     ScanArgs,
     Status,
 )
+from traverse.testing.waiting import until
 
 
 class Listener:

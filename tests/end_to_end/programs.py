@@ -6,8 +6,8 @@ import subprocess
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
-from tests.waiting import until
 from tests.warm_start import warm_start
+from traverse.testing.waiting import until
 
 PATIENCE_S = 20.0
 

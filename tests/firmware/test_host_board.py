@@ -3,14 +3,6 @@
 import numpy as np
 import pytest
 
-from tests.drivers.driver_contract import (
-    DriverContract,
-    KeptEdgeContract,
-    LatchContract,
-    StreamContract,
-    streaming,
-    up,
-)
 from tests.firmware.host_rig import HostBoardRig, host_board_at
 from traverse.drivers.base.values import (
     CountSamples,
@@ -19,6 +11,14 @@ from traverse.drivers.base.values import (
     DeviceTemperatures,
     DeviceUp,
     LatchedCounts,
+)
+from traverse.testing.driver_contract import (
+    DriverContract,
+    KeptEdgeContract,
+    LatchContract,
+    StreamContract,
+    streaming,
+    up,
 )
 
 pytestmark = pytest.mark.needs("compiler")

@@ -17,8 +17,8 @@ from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.interface.conftest import ROOT
 from tests.interface.test_asyncapi import validator
 from tests.mosquitto import Mosquitto
-from tests.waiting import until
 from traverse.protocol.messages import ScanArgs
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto", "node")
 

@@ -22,9 +22,9 @@ from tests.vm.bus_checks import NODES
 from tests.vm.can_arm import N_POINTS, TRACKING_HZ, write_files
 from tests.vm.can_interface import NAME, open_raw, send
 from tests.vm.table import Table
-from tests.waiting import until
 from traverse.protocol.canopen.frames import HEARTBEAT, identifiers
 from traverse.protocol.messages import Event, PointArgs
+from traverse.testing.waiting import until
 
 START_S = 120.0
 SOON_S = 40.0

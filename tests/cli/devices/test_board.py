@@ -10,7 +10,6 @@ from contextlib import closing
 
 import pytest
 
-from tests.drivers.pty_peer import PtyPeer
 from tests.end_to_end.workbench import REST, Workbench
 from tests.firmware.core_bench import opened
 from tests.firmware.host_rig import host_board_at
@@ -18,6 +17,7 @@ from tests.protocol.latch_board_frames import framed
 from tests.running import invoke
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.latch_board.conformance import BoardTester
+from traverse.testing.pty_peer import PtyPeer
 
 CHECKS = [
     "HELLO and the identity", "answers within 100 ms", "another major version",

@@ -18,10 +18,10 @@ from tests.client.virtual_daemon import VirtualDaemon
 from tests.end_to_end.programs import Program
 from tests.mosquitto import Mosquitto, free_port
 from tests.running import invoke, run_traverse
-from tests.waiting import until
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.lab.daily_check.figures import DailyCheckFigures
 from traverse.lab.daily_check.history import Check, add_check
+from traverse.testing.waiting import until
 
 LINES = ("gateway", "lines")
 

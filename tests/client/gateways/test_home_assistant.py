@@ -17,12 +17,12 @@ import pytest
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.mosquitto import Mosquitto
 from tests.protocol.message_examples import HEALTH, STATUS
-from tests.waiting import until
 from traverse.broker.address import BrokerAddress
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.errors import BrokerUnreachableError
 from traverse.client.gateways import home_assistant
 from traverse.client.gateways.home_assistant import HomeAssistantGateway, state_of
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

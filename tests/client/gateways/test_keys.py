@@ -12,7 +12,6 @@ from tests.client.gateways.desktop import Desktop, desktop
 from tests.client.reading import PATIENCE_S
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import POINT, STATUS
-from tests.waiting import until
 from traverse.client import Arm
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.gateways import keys
@@ -24,6 +23,7 @@ from traverse.client.gateways.keys import (
 )
 from traverse.client.gateways.lines import LineForm, LineGateway
 from traverse.protocol.messages.quality import Quality
+from traverse.testing.waiting import until
 
 GOOD = {"quality": Quality.from_bits(0)}
 on_a_desktop = pytest.mark.needs("mosquitto", "xvfb")

@@ -10,13 +10,13 @@ import pytest
 
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import POINT, SCAN
-from tests.waiting import until
 from traverse.client import Arm
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.gateways.lines import LineForm, LineGateway
 from traverse.client.gateways.outlets import FileOutlet
 from traverse.protocol.messages import Point
 from traverse.protocol.messages.quality import Quality
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

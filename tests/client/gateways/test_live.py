@@ -14,7 +14,6 @@ import pytest
 from tests.client.gateways.foxglove_viewer import Viewer
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import EVENT, HEALTH, LIVE, POINT, SCAN, STATUS
-from tests.waiting import until
 from traverse.client import Arm
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.gateways import live
@@ -23,6 +22,7 @@ from traverse.kinematics.model.quaternion import rotation_matrix
 from traverse.protocol.messages import Point
 from traverse.protocol.messages.quality import Quality
 from traverse.recording.views import CLOUD_TYPE, bytes_to_cloud
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

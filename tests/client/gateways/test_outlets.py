@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.waiting import until
 from traverse.client.gateways import outlets
 from traverse.client.gateways.outlets import (
     MAX_RECEIVERS,
@@ -20,6 +19,7 @@ from traverse.client.gateways.outlets import (
     TcpOutlet,
     UdpOutlet,
 )
+from traverse.testing.waiting import until
 
 PATIENCE_S = 30.0
 

@@ -17,11 +17,11 @@ from tests.docs.pages import commands
 from tests.end_to_end.programs import Program
 from tests.mosquitto import HOST, Mosquitto, free_port
 from tests.running import invoke
-from tests.waiting import until
 from traverse.client import Arm, BrokerAddress, BrokerUnreachableError
 from traverse.client.display.follower import Follower, following
 from traverse.client.mqtt.subscription import find_arms
 from traverse.protocol.messages import Point
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto", "openssl")
 

@@ -9,9 +9,9 @@ import pytest
 import uvicorn
 from starlette.types import Receive, Scope, Send
 
-from tests.waiting import until
 from traverse.client.page import connections
 from traverse.client.page.connections import MOST_OF_ONE, BoundedHttpProtocol
+from traverse.testing.waiting import until
 
 HOST = "127.0.0.1"
 REQUEST = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"

@@ -13,10 +13,10 @@ from tests.client.reading import read
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.mosquitto import Mosquitto, free_port
 from tests.protocol.message_examples import EVENT
-from tests.waiting import until
 from traverse.client import Arm, BrokerUnreachableError, Lost
 from traverse.client.points.session_order import FORGOTTEN
 from traverse.protocol.message_error import MessageError
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

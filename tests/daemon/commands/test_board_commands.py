@@ -9,7 +9,6 @@ from tests.daemon.values import arm_model, configuration, kept_at_once
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import HELLO, START, FakeBoard
 from tests.established import confirmed
-from tests.waiting import until
 from traverse.daemon.acquisition.device import open_device
 from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.points import PointCommands
@@ -22,6 +21,7 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.startup_check import check_devices
 from traverse.drivers.base.values import Identity
 from traverse.protocol.messages import PointArgs, ScanArgs
+from traverse.testing.waiting import until
 
 IDENTITY = Identity(
     "", "", (), 0, 0.0, serials=(bodies.BOARD_ID.hex(),), boot="deadbeef"

@@ -4,7 +4,6 @@ import json
 import msgpack
 import pytest
 
-from tests.waiting import until
 from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.dispatcher import (
     MAX_REMEMBERED,
@@ -18,6 +17,7 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.subscriber import IncomingCommand
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import PointArgs, Reply
+from traverse.testing.waiting import until
 
 
 class SteppedClock(HostClock):

@@ -6,7 +6,6 @@ import logging
 import pytest
 
 from tests.daemon.commands.test_dispatcher import Bench, command
-from tests.waiting import until
 from traverse.daemon.commands.dispatcher import MAX_CORRELATION_BYTES
 from traverse.daemon.commands.rate_limit import (
     ALL,
@@ -18,6 +17,7 @@ from traverse.daemon.commands.rate_limit import (
     PAUSE_S,
 )
 from traverse.protocol.messages import COMMANDS, Reply
+from traverse.testing.waiting import until
 
 
 @pytest.fixture

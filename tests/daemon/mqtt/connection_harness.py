@@ -5,10 +5,10 @@ import contextlib
 
 import aiomqtt
 
-from tests.drivers.taken import until
 from traverse.broker.address import BrokerAddress
 from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
+from traverse.testing.taken import until
 
 STATUS = "traverse/bench-7/status"
 

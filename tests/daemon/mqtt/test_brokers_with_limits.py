@@ -6,9 +6,9 @@ import contextlib
 import pytest
 
 from tests.daemon.mqtt.connection_harness import STATUS, Bench
-from tests.drivers.taken import until
 from traverse.broker.address import BrokerAddress
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
+from traverse.testing.taken import until
 
 HOST = "127.0.0.1"
 

@@ -6,10 +6,10 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
 from tests.daemon.mqtt.connection_harness import STATUS, Bench, Witness, address
-from tests.drivers.taken import until
 from traverse.broker.address import BrokerAddress
 from traverse.daemon.mqtt.embedded_broker import embedded_broker
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
+from traverse.testing.taken import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -7,8 +7,8 @@ import aiomqtt
 import pytest
 
 from tests.daemon.mqtt.connection_harness import STATUS, Bench, Witness, address
-from tests.drivers.taken import until
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
+from traverse.testing.taken import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -8,8 +8,8 @@ import aiomqtt
 import paho.mqtt.client as paho
 import pytest
 
-from tests.waiting import until
 from traverse.daemon.mqtt.embedded_broker import embedded_broker
+from traverse.testing.waiting import until
 
 HOST = "127.0.0.1"
 RETAINED = {

@@ -7,9 +7,9 @@ import pytest
 
 from tests.certificates import Authority
 from tests.daemon.mqtt.connection_harness import Bench, Witness
-from tests.drivers.taken import until
 from traverse.broker.address import BrokerAddress
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
+from traverse.testing.taken import until
 
 pytestmark = pytest.mark.needs("mosquitto", "openssl")
 

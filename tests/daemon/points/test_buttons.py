@@ -7,13 +7,13 @@ import pytest
 from tests.daemon.arm_harness import ArmBench, edge
 from tests.daemon.two_devices import BEGIN_NS, base, wrist
 from tests.daemon.values import SetClock
-from tests.waiting import until
 from traverse.daemon.commands.scans import ButtonScans
 from traverse.daemon.config.schema import InputSection
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.buttons import EDGE_DELAY_NS
 from traverse.protocol.messages import PointArgs
+from traverse.testing.waiting import until
 
 ALL = {"click": "point", "double": "undo", "hold": "scan"}
 

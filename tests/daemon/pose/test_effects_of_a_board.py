@@ -11,9 +11,9 @@ from tests.daemon.pose.test_pipeline import probe_by_hand
 from tests.daemon.values import ARM, arm_model
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import HELLO, FakeBoard
-from tests.waiting import until
 from traverse.daemon.startup_check import check_devices
 from traverse.protocol.messages import PointArgs, Quality, ScanArgs
+from traverse.testing.waiting import until
 
 GOOD = Quality(ok=True, flags=())
 

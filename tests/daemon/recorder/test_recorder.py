@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from tests.daemon.recorder.recorded_runs import RecordedRun, replayed
-from tests.waiting import until
 from traverse.daemon.errors import RequestRefusedError
 from traverse.drivers.base.values import CountSamples
 from traverse.protocol.messages import Event, RecordArgs
 from traverse.recording.run_reader import RunReader
+from traverse.testing.waiting import until
 
 
 def fault(run, code="alarm.encoder_error", severity="error"):

@@ -13,7 +13,6 @@ import time
 import pytest
 
 from tests.daemon.values import SetClock
-from tests.waiting import until
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.monitoring.events import EventLog
@@ -22,6 +21,7 @@ from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.drivers.base.values import DeviceCounters
 from traverse.drivers.latch_board.driver import LatchBoardDriver
+from traverse.testing.waiting import until
 
 WATCHDOG_S = 10.0
 S = 1_000_000_000

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.tools.virtual_time import Cable
-from tests.drivers.pty_peer import PtyPeer
+from traverse.testing.pty_peer import PtyPeer
 
 TURN_S, LOOK_S = 0.02, 0.001
 

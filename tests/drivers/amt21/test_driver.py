@@ -9,8 +9,6 @@ from pydantic import ValidationError
 
 from tests.drivers.amt21.fake_encoders import PtyEncoders
 from tests.drivers.amt21.virtual_run import ADDRESSES, Played, line
-from tests.drivers.driver_contract import DriverContract, StreamContract
-from tests.drivers.pty_peer import PeerRig, rig_fixture
 from traverse.drivers.amt21.driver import Amt21Driver, Amt21Options
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
@@ -20,6 +18,8 @@ from traverse.drivers.base.values import (
     DeviceUp,
     StreamStarted,
 )
+from traverse.testing.driver_contract import DriverContract, StreamContract
+from traverse.testing.pty_peer import PeerRig, rig_fixture
 
 
 @pytest.mark.parametrize("echo", [False, True])

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import can
 
-from tests.drivers.pty_peer import Peer
+from traverse.testing.pty_peer import Peer
 
 TURN_S = 0.001
 ABORT_NO_OBJECT, ABORT_READ_ONLY = 0x0602_0000, 0x0601_0002

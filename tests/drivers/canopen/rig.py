@@ -6,11 +6,11 @@ import itertools
 from typing import Self
 
 from tests.drivers.canopen.fake_nodes import FakeNodes
-from tests.drivers.taken import Taken
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import CountSamples, DeviceAlarm
 from traverse.drivers.canopen.driver import CanOpenDriver
 from traverse.drivers.canopen.options import CanOpenOptions
+from traverse.testing.taken import Taken
 
 channels = itertools.count()
 

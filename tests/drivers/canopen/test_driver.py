@@ -6,15 +6,20 @@ import pytest
 
 from tests.drivers.canopen.fake_nodes import u16, u32
 from tests.drivers.canopen.rig import CanRig, until_status
-from tests.drivers.driver_contract import DriverContract, StreamContract, streaming, up
-from tests.drivers.taken import Taken
-from tests.waiting import until
 from traverse.drivers.base.values import (
     CountSamples,
     DeviceLost,
     DeviceUp,
     StreamStarted,
 )
+from traverse.testing.driver_contract import (
+    DriverContract,
+    StreamContract,
+    streaming,
+    up,
+)
+from traverse.testing.taken import Taken
+from traverse.testing.waiting import until
 
 
 class TestCanOpen(DriverContract, StreamContract):

@@ -13,7 +13,6 @@ from tests.drivers.canopen.rig import (
     last_status,
     until_status,
 )
-from tests.drivers.driver_contract import streaming, up
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_LATE,
@@ -25,6 +24,7 @@ from traverse.drivers.base.values import (
     DeviceLost,
     DeviceUp,
 )
+from traverse.testing.driver_contract import streaming, up
 
 
 async def test_a_lost_node_is_reported_and_set_up_again_when_it_is_back(rig: CanRig):

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from tests.drivers.driver_contract import streaming, up
 from tests.drivers.simulated_peer import SimulatedPeer
 from tests.simulator.one_hinge import mounted
 from traverse.drivers.base.delivery_queue import DeliveryQueue
@@ -24,6 +23,7 @@ from traverse.drivers.canopen.driver import CanOpenDriver
 from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.simulator.devices.canopen.device import CanOpenBus
 from traverse.simulator.devices.canopen.table import CanOpenTable
+from traverse.testing.driver_contract import streaming, up
 
 names = itertools.count()
 BOTH = {"nodes": (5, 9)}

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from tests.drivers.canopen.rig import CanRig, channels
-from tests.drivers.driver_contract import streaming
-from tests.drivers.taken import Taken
-from tests.waiting import until
 from traverse.drivers.base.values import CountSamples, DeviceAlarm, DeviceLost
 from traverse.drivers.canopen.sdo import NodeError, NodeSdo
 from traverse.drivers.io.can_bus import CanBus
+from traverse.testing.driver_contract import streaming
+from traverse.testing.taken import Taken
+from traverse.testing.waiting import until
 
 ALARMS, WARNINGS = 0x6503, 0x6505
 QUICK_S = 0.02

@@ -14,8 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tests.drivers.latch_board import frame_bodies as bodies
-from tests.drivers.pty_peer import PtyPeer
 from tests.protocol.latch_board_frames import framed
+from traverse.testing.pty_peer import PtyPeer
 
 HELLO, CONFIGURE, START, STOP, LATCH, EDGE_ACK = 1, 2, 3, 4, 5, 6
 TURN_S = 0.02

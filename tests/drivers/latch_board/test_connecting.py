@@ -8,12 +8,9 @@ import time
 
 import pytest
 
-from tests.drivers.driver_contract import streaming
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import CONFIGURE, HELLO, LATCH
 from tests.drivers.latch_board.rig import board_rig
-from tests.drivers.taken import Taken
-from tests.waiting import until
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     DeviceLost,
@@ -22,6 +19,9 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.latch_board.driver import LatchBoardDriver, LatchBoardOptions
+from traverse.testing.driver_contract import streaming
+from traverse.testing.taken import Taken
+from traverse.testing.waiting import until
 
 
 @pytest.fixture

@@ -5,17 +5,9 @@ import asyncio
 import numpy as np
 import pytest
 
-from tests.drivers.driver_contract import (
-    DriverContract,
-    KeptEdgeContract,
-    LatchContract,
-    StreamContract,
-    streaming,
-)
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import CONFIGURE, HELLO, LATCH, START
 from tests.drivers.latch_board.rig import board_rig
-from tests.drivers.taken import Taken
 from tests.protocol.latch_board_frames import framed
 from traverse.drivers.base.registry import driver_class
 from traverse.drivers.base.values import (
@@ -30,6 +22,14 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.latch_board.driver import LatchBoardDriver
+from traverse.testing.driver_contract import (
+    DriverContract,
+    KeptEdgeContract,
+    LatchContract,
+    StreamContract,
+    streaming,
+)
+from traverse.testing.taken import Taken
 
 
 @pytest.fixture

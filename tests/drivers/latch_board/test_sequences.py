@@ -8,12 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.drivers.driver_contract import streaming
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import CONFIGURE, HELLO, LATCH
 from tests.drivers.latch_board.rig import board_rig
-from tests.drivers.taken import Taken
-from tests.waiting import until
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     DeviceFault,
@@ -25,6 +22,9 @@ from traverse.drivers.base.values import (
 from traverse.drivers.latch_board.driver import LatchBoardDriver, LatchBoardOptions
 from traverse.drivers.latch_board.edge_sequence import WRAP, EdgeSequencer
 from traverse.drivers.latch_board.session import StreamSequence
+from traverse.testing.driver_contract import streaming
+from traverse.testing.taken import Taken
+from traverse.testing.waiting import until
 
 
 def reference(numbers: list[int]) -> tuple[list[int], int]:

@@ -15,9 +15,9 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from tests.drivers.pty_peer import PtyPeer
 from traverse.simulator.devices.microscribe import box
 from traverse.simulator.devices.microscribe.device import BAUD_RATES
+from traverse.testing.pty_peer import PtyPeer
 
 TEXTS = {
     box.PRODUCT: b"MicroScribe 3D",

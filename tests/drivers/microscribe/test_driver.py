@@ -3,16 +3,7 @@ import asyncio
 import numpy as np
 import pytest
 
-from tests.drivers.driver_contract import (
-    DriverContract,
-    EdgeContract,
-    StreamContract,
-    up,
-)
 from tests.drivers.microscribe.fake_arm import FakeMicroscribe
-from tests.drivers.pty_peer import PeerRig, rig_fixture
-from tests.drivers.taken import Taken
-from tests.waiting import until
 from traverse.drivers.base.registry import driver_class
 from traverse.drivers.base.values import (
     STATUS_MISSING,
@@ -25,6 +16,15 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.microscribe.driver import MicroscribeDriver
+from traverse.testing.driver_contract import (
+    DriverContract,
+    EdgeContract,
+    StreamContract,
+    up,
+)
+from traverse.testing.pty_peer import PeerRig, rig_fixture
+from traverse.testing.taken import Taken
+from traverse.testing.waiting import until
 
 
 class MicroscribeRig(PeerRig):

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from tests.drivers.driver_contract import DriverContract, StreamContract
-from tests.drivers.pty_peer import PeerRig, rig_fixture
 from tests.drivers.simulated_peer import CountsUp, SimulatedPeer
 from tests.drivers.virtual_device import told_by
 from tests.simulator.one_hinge import mounted
@@ -21,6 +19,8 @@ from traverse.drivers.base.values import (
 from traverse.drivers.rls.driver import RlsDriver
 from traverse.drivers.rls.options import RlsOptions
 from traverse.simulator.devices.rls import RlsTable, SimulatedRls
+from traverse.testing.driver_contract import DriverContract, StreamContract
+from traverse.testing.pty_peer import PeerRig, rig_fixture
 
 PORTS = ("a", "b")
 FIELD = {"baud_rate": 115_200, "request_delay_s": 2e-4, "reply_delay_s": 2e-4}

@@ -8,17 +8,8 @@ import time
 
 import pytest
 
-from tests.drivers.driver_contract import (
-    DriverContract,
-    EdgeContract,
-    StreamContract,
-    streaming,
-)
-from tests.drivers.pty_peer import PeerRig, PtyPeer, rig_fixture
 from tests.drivers.simulated_peer import SimulatedPeer
-from tests.drivers.taken import Taken
 from tests.simulator.one_hinge import mounted
-from tests.waiting import until
 from traverse.drivers.base.values import (
     CountSamples,
     DeviceFault,
@@ -28,6 +19,15 @@ from traverse.drivers.base.values import (
 )
 from traverse.drivers.text_line.driver import TextLineDriver
 from traverse.simulator.devices.text_line import SimulatedTextLine, TextLineTable
+from traverse.testing.driver_contract import (
+    DriverContract,
+    EdgeContract,
+    StreamContract,
+    streaming,
+)
+from traverse.testing.pty_peer import PeerRig, PtyPeer, rig_fixture
+from traverse.testing.taken import Taken
+from traverse.testing.waiting import until
 
 PERIOD_MS = 5
 PATTERN = "$TRV,{seq},{time},{joint},{joint},{buttons}*{checksum}"

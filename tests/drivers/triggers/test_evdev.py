@@ -10,8 +10,6 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from tests.drivers.driver_contract import DriverContract, EdgeContract, up
-from tests.drivers.taken import Taken
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import DeviceFault, DeviceUp, LatchedCounts
 from traverse.drivers.triggers.evdev import (
@@ -22,6 +20,8 @@ from traverse.drivers.triggers.evdev import (
     EvdevDriver,
     EvdevOptions,
 )
+from traverse.testing.driver_contract import DriverContract, EdgeContract, up
+from traverse.testing.taken import Taken
 
 HEADER = Path("/usr/include/linux/input-event-codes.h")
 KEY_B, KEY_C, KEY_A = 48, 46, 30

@@ -17,11 +17,11 @@ pytest.importorskip("gpiod", reason="the extra gpio is not installed")
 import gpiod
 from gpiod.line import Bias, Clock, Direction, Edge, Value
 
-from tests.drivers.driver_contract import DriverContract, EdgeContract, up
-from tests.drivers.taken import Taken
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import DeviceFault, DeviceLost, LatchedCounts
 from traverse.drivers.triggers.gpio import GpioDriver, GpioOptions
+from traverse.testing.driver_contract import DriverContract, EdgeContract, up
+from traverse.testing.taken import Taken
 
 RISING, FALLING = gpiod.EdgeEvent.Type.RISING_EDGE, gpiod.EdgeEvent.Type.FALLING_EDGE
 OFFSETS = {17: 17, "probe": 27}

@@ -18,10 +18,10 @@ from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, Program
 from tests.end_to_end.workbench import CONE, REST, SPHERE, Workbench, rest
 from tests.mosquitto import HOST, free_port
-from tests.waiting import until
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.protocol.messages import PointArgs
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -9,7 +9,7 @@ from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import HOST, free_port
-from tests.waiting import until
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 DOUBT = "device.turns_uncertain"

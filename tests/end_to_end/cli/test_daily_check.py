@@ -9,10 +9,10 @@ import pytest
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import CONE, SPHERE, Workbench, rest
-from tests.waiting import until
 from traverse.installation import remedy
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.daily_check.history import checks_of
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

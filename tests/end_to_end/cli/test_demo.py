@@ -9,7 +9,7 @@ import pytest
 
 from tests.end_to_end.programs import Program
 from tests.mosquitto import HOST, Mosquitto, free_port
-from tests.waiting import until
+from traverse.testing.waiting import until
 
 
 def assert_nothing_is_left(folder: Path) -> None:

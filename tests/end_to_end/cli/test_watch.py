@@ -15,9 +15,9 @@ from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import HOST, free_port
 from tests.running import run_program
-from tests.waiting import until
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Point, PointArgs, Status
+from traverse.testing.waiting import until
 
 
 def watch(bench: Workbench, *options: str) -> Program:

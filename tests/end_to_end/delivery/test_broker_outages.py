@@ -13,7 +13,7 @@ from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.mosquitto import Mosquitto
-from tests.waiting import until
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

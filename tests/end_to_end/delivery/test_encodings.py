@@ -12,8 +12,8 @@ import pytest
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S
 from tests.end_to_end.workbench import REST, SPHERE, Workbench
-from tests.waiting import until
 from traverse.protocol.messages import ScanArgs
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -15,7 +15,6 @@ from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.hostile_messages import examples, fixed, names, payloads
-from tests.waiting import until
 from traverse.broker.packets import HEAD_BYTES
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.daemon.commands.dispatcher import MAX_COMMAND_BYTES
@@ -25,6 +24,7 @@ from traverse.daemon.mqtt.subscriber import MAX_COMMAND_PAYLOAD_BYTES
 from traverse.protocol import topics
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Command, PointArgs, ScanArgs
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

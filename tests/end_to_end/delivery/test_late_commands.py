@@ -13,11 +13,11 @@ from benchmarks.tools.network import Network
 from tests.end_to_end.listener import Listener
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import Workbench
-from tests.waiting import until
 from traverse.client import Arm, NoAnswerError
 from traverse.daemon.commands.expiry import EXPIRED, SETTLING_S, VALID_S
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Command, PointArgs
+from traverse.testing.waiting import until
 
 WANTED = "after the instant until which its sender wanted it"
 

@@ -17,9 +17,9 @@ from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.mosquitto import Mosquitto
-from tests.waiting import until
 from traverse.daemon.store.queries import iter_messages, open_read_only, read_sessions
 from traverse.protocol.messages import Args, PointArgs, ResendArgs, UndoArgs
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

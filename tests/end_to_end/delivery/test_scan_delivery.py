@@ -12,8 +12,8 @@ from tests.end_to_end.listener import listening, numbers
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import SWEEP, Workbench
 from tests.mosquitto import Mosquitto
-from tests.waiting import until
 from traverse.protocol.messages import ResendArgs
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

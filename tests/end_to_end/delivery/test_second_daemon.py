@@ -7,8 +7,8 @@ import pytest
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import Mosquitto
-from tests.waiting import until
 from traverse.daemon.mqtt.second_daemon import CODE, UNREAD
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

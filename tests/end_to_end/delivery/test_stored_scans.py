@@ -11,7 +11,7 @@ from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import SWEEP, Workbench
 from tests.fleet.running import becomes, rows, started
 from tests.mosquitto import Mosquitto
-from tests.waiting import until
+from traverse.testing.waiting import until
 
 pytestmark = [pytest.mark.needs("mosquitto"), pytest.mark.slow]
 

@@ -14,10 +14,10 @@ from tests.certificates import Authority
 from tests.end_to_end.programs import PATIENCE_S, Program
 from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import HOST, Mosquitto, free_port
-from tests.waiting import until
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.protocol.encoding import decode, encode
 from traverse.protocol.messages import Args, Command, PointArgs, Reply, ScanArgs
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto", "openssl")
 

@@ -9,7 +9,7 @@ import pytest
 from tests.end_to_end.agreement import assert_where_the_ball_was
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import REST, SPHERE, Workbench, rest
-from tests.waiting import until
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -8,8 +8,8 @@ import pytest
 from tests.end_to_end.listener import Listener, numbers, times_ns
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import REST, SPHERE, Workbench
-from tests.waiting import until
 from traverse.protocol.messages import Scan
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 RATE_HZ = 500.0

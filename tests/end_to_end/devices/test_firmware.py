@@ -7,7 +7,7 @@ from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.listener import listening
 from tests.end_to_end.workbench import Workbench
 from tests.firmware.host_rig import host_board_at
-from tests.waiting import until
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto", "compiler")
 

@@ -9,8 +9,8 @@ from tests.end_to_end.agreement import assert_one_point_an_edge
 from tests.end_to_end.listener import Listener, numbers
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import REST, SPHERE, Workbench
-from tests.waiting import until
 from traverse.protocol.messages import QualityFlag
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 N_POINTS = 4

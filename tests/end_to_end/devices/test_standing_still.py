@@ -23,8 +23,8 @@ from tests.end_to_end.devices import test_two_makes as two_makes
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import REST, SPHERE, Workbench, rest
-from tests.waiting import until
 from traverse.client.cancel_tasks import cancel_tasks
+from traverse.testing.waiting import until
 
 pytestmark = [pytest.mark.needs("mosquitto"), pytest.mark.slow]
 

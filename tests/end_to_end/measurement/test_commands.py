@@ -11,10 +11,10 @@ from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S
 from tests.end_to_end.workbench import Workbench
-from tests.waiting import until
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode, encode
 from traverse.protocol.messages import Command, PointArgs, Reply, UndoArgs
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

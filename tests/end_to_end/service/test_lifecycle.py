@@ -15,7 +15,7 @@ from tests.end_to_end.measuring import measuring
 from tests.end_to_end.service.service_manager import Manager, stopped_thread
 from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import HOST, free_port
-from tests.waiting import until
+from traverse.testing.waiting import until
 
 WATCHDOG_S = 1.0
 FED = "WATCHDOG=1"

@@ -12,7 +12,6 @@ from tests.end_to_end.measurement.test_capture_points import LIBRARY, result
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import SPHERE, Workbench
-from tests.waiting import until
 from traverse.protocol.messages import (
     Label,
     LabelArgs,
@@ -24,6 +23,7 @@ from traverse.protocol.messages import (
     ScanArgs,
     UndoArgs,
 )
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -11,7 +11,7 @@ from tests.end_to_end.listener import listening
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import HOST, free_port
-from tests.waiting import until
+from traverse.testing.waiting import until
 
 REFUSED, UNREACHABLE = 2, 3
 

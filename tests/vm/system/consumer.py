@@ -9,8 +9,8 @@ import aiomqtt
 from tests.end_to_end.listener import Listener
 from tests.vm.system.preparation import OPERATOR, PASSWORDS
 from tests.vm.system.unit import ARM
-from tests.waiting import until
 from traverse.client.mqtt.subscription import received, subscribe
+from traverse.testing.waiting import until
 
 START_S = 60.0
 

@@ -10,8 +10,8 @@ from functools import partial
 from tests.end_to_end.listener import Listener
 from tests.vm.system import unit
 from tests.vm.system.pedal import Pedal
-from tests.waiting import until
 from traverse.protocol.messages import Args, PointArgs, Reply, ResendArgs
+from traverse.testing.waiting import until
 
 SOON_S = 150.0
 N_POINTS = 3

@@ -9,8 +9,8 @@ import time
 from tests.end_to_end.listener import Listener
 from tests.vm.system import unit
 from tests.vm.system.preparation import FOLDER
-from tests.waiting import until
 from traverse.protocol.messages import Status
+from traverse.testing.waiting import until
 
 SOON_S = 150.0
 

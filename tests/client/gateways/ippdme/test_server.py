@@ -11,12 +11,12 @@ from tests.client.gateways.ippdme.client import IppClient
 from tests.client.reading import PATIENCE_S
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import LIVE
-from tests.waiting import until
 from traverse.client import Arm
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.gateways.ippdme.server import IppServer
 from traverse.client.gateways.ippdme.session import Options
 from traverse.protocol.messages.quality import Quality
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

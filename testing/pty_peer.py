@@ -5,8 +5,9 @@ import os
 import threading
 import tty
 from abc import ABC, abstractmethod
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import pytest
 
@@ -15,7 +16,13 @@ from traverse.drivers.base.driver import Driver
 
 
 class Peer(ABC):
-    """A device that lives in a thread of its own while it is plugged in."""
+    """A device that lives in a thread of its own while it is plugged in.
+
+    Attributes:
+        link: where the host finds the port.
+    """
+
+    link: Path
 
     def __init__(self) -> None:
         self._thread: threading.Thread | None = None
@@ -97,11 +104,11 @@ class PeerRig:
         """Nothing to do."""
 
 
-def rig_fixture(make):
-    """A fixture that makes a rig in a folder, and takes it down."""
+def rig_fixture(make: Callable[[Path], PeerRig]) -> Any:  # noqa: ANN401 - of pytest
+    """Make a fixture that makes a rig in a folder, and takes it down."""
 
     @pytest.fixture
-    async def rig(tmp_path):
+    async def rig(tmp_path: Path) -> AsyncIterator[PeerRig]:
         rig = make(tmp_path)
         rig.plug()
         yield rig

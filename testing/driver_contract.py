@@ -17,8 +17,6 @@ from typing import Protocol
 import numpy as np
 import pytest
 
-from tests.drivers.taken import Taken
-from tests.waiting import until
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import (
@@ -32,6 +30,8 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
+from traverse.testing.taken import Taken
+from traverse.testing.waiting import until
 
 
 class Rig(Protocol):
@@ -71,6 +71,9 @@ class EdgeRig(Rig, Protocol):
 
 class KeptEdgeRig(EdgeRig, Protocol):
     """One whose device keeps its edges."""
+
+    def press(self) -> int:
+        """Change an input; return the token of the edge."""
 
     def emit(self, n: int) -> None:
         """Send n samples."""
@@ -114,7 +117,9 @@ def missing_samples(blocks: Sequence[CountSamples]) -> int:
 class DriverContract:
     """Every driver. Inherit as `Test...` and provide a fixture `rig`."""
 
-    async def test_a_lost_port_is_reported_and_returns_by_itself(self, rig: Rig):
+    async def test_a_lost_port_is_reported_and_returns_by_itself(
+        self, rig: Rig
+    ) -> None:
         with rig.driver:
             taken = await up(rig)
             rig.unplug()
@@ -124,7 +129,7 @@ class DriverContract:
         assert taken.of(DeviceLost)[0].remedy
         assert [up.restarted for up in taken.of(DeviceUp)] == [False, False]
 
-    async def test_closing_ends_the_thread_and_may_be_repeated(self, rig: Rig):
+    async def test_closing_ends_the_thread_and_may_be_repeated(self, rig: Rig) -> None:
         rig.driver.start()
         await up(rig)
         rig.driver.close()
@@ -133,11 +138,15 @@ class DriverContract:
         rig.driver.request_stream(10.0)  # too late, and harmless
         rig.driver.acknowledge(0)
 
-    async def test_a_driver_that_was_never_started_can_be_closed(self, rig: Rig):
+    async def test_a_driver_that_was_never_started_can_be_closed(
+        self, rig: Rig
+    ) -> None:
         rig.driver.close()
         assert driver_threads(rig) == []
 
-    async def test_a_missing_port_is_reported_once_with_its_name(self, rig: Rig):
+    async def test_a_missing_port_is_reported_once_with_its_name(
+        self, rig: Rig
+    ) -> None:
         rig.unplug()
         with rig.driver:
             taken = Taken(rig.delivery_queue)
@@ -148,7 +157,7 @@ class DriverContract:
         assert rig.port in lost.reason
         assert lost.remedy
 
-    async def test_what_it_says_of_itself_agrees_with_itself(self, rig: Rig):
+    async def test_what_it_says_of_itself_agrees_with_itself(self, rig: Rig) -> None:
         with rig.driver:
             taken = await up(rig)
         identity = taken.of(DeviceUp)[0].identity
@@ -172,7 +181,9 @@ class StreamContract:
     parts: Sequence[int] = (1, 7, 40, 300)
     dropped: Sequence[str] = ()
 
-    async def test_samples_come_in_order_and_nothing_is_invented(self, rig: StreamRig):
+    async def test_samples_come_in_order_and_nothing_is_invented(
+        self, rig: StreamRig
+    ) -> None:
         n = sum(self.parts)
         with rig.driver:
             taken = await streaming(rig, self.rate_hz)
@@ -209,7 +220,9 @@ class StreamContract:
             assert (block.counts < np.array(identity.moduli_counts)).all()
             assert (block.sample_time_ns <= block.received_ns).all()
 
-    async def test_what_is_lost_on_the_line_is_counted_and_seen(self, rig: StreamRig):
+    async def test_what_is_lost_on_the_line_is_counted_and_seen(
+        self, rig: StreamRig
+    ) -> None:
         with rig.driver:
             taken = await streaming(rig, self.rate_hz)
             rig.emit(5)
@@ -222,7 +235,7 @@ class StreamContract:
             await taken.until(lambda: told_lost(taken) >= 3, "its count")
         assert missing_samples(taken.of(CountSamples)) >= 3
 
-    async def test_the_stream_continues_after_an_outage(self, rig: StreamRig):
+    async def test_the_stream_continues_after_an_outage(self, rig: StreamRig) -> None:
         with rig.driver:
             taken = await streaming(rig, self.rate_hz)
             rig.unplug()
@@ -259,7 +272,7 @@ def told_lost(taken: Taken) -> int:
 class EdgeContract:
     """Drivers with inputs."""
 
-    async def test_edges_come_once_and_in_order(self, rig: EdgeRig):
+    async def test_edges_come_once_and_in_order(self, rig: EdgeRig) -> None:
         with rig.driver:
             taken = await up(rig)
             tokens = [rig.press() for _ in range(3)]
@@ -283,7 +296,9 @@ class EdgeContract:
 class KeptEdgeContract(EdgeContract):
     """Drivers of devices that keep edges until they are acknowledged."""
 
-    async def test_edges_come_once_however_often_they_are_sent(self, rig: KeptEdgeRig):
+    async def test_edges_come_once_however_often_they_are_sent(
+        self, rig: KeptEdgeRig
+    ) -> None:
         with rig.driver:
             taken = await up(rig)
             tokens = [rig.press() for _ in range(3)]
@@ -297,7 +312,9 @@ class KeptEdgeContract(EdgeContract):
             await until(lambda: not rig.unacknowledged(), "all forgotten")
         assert [latch.token for latch in taken.of(LatchedCounts)] == tokens
 
-    async def test_a_broken_edge_does_not_change_the_order(self, rig: KeptEdgeRig):
+    async def test_a_broken_edge_does_not_change_the_order(
+        self, rig: KeptEdgeRig
+    ) -> None:
         with rig.driver:
             taken = await up(rig)
             rig.break_next()
@@ -307,7 +324,7 @@ class KeptEdgeContract(EdgeContract):
 
     async def test_an_edge_during_an_outage_is_delivered_afterwards(
         self, rig: KeptEdgeRig
-    ):
+    ) -> None:
         with rig.driver:
             taken = await up(rig)
             rig.unplug()
@@ -321,7 +338,7 @@ class KeptEdgeContract(EdgeContract):
 class LatchContract:
     """Drivers that latch on request."""
 
-    async def test_a_latch_by_request_brings_its_token(self, rig: Rig):
+    async def test_a_latch_by_request_brings_its_token(self, rig: Rig) -> None:
         with rig.driver:
             taken = await up(rig)
             tokens = [rig.driver.request_latch() for _ in range(3)]

@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Callable
 from typing import TypeVar
 
-from tests.waiting import until
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import CountSamples, Delivery
+from traverse.testing.waiting import until
 
 __all__ = ["Taken", "until"]
 
