@@ -1,4 +1,4 @@
-"""Covariance between points of one arm: lengths and features with their uncertainty.
+"""Covariance between points of one arm, and lengths with their uncertainty.
 
 Errors of an arm's parameters are the same for all its points. With S_i = A_i F of point
 i (C_p = F F^T, see `arm_covariance`) and its own covariance C_i,
@@ -11,8 +11,8 @@ correction a length is stated too uncertain, or too certain where it turns by mo
 a right angle between them.
 
 A length d = |x_j - x_i| has the variance n^T D n, n its direction, D the covariance of
-the difference; a feature q fitted by least squares L D_x L^T, L = dq/dx. Both are
-linear: a length must be long against its uncertainty (JCGM 102, 6.2).
+the difference: linear, so a length must be long against its uncertainty (JCGM 102,
+6.2). Features: `traverse.kinematics.features`.
 """
 
 from dataclasses import dataclass
@@ -20,8 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.fits.shapes import Plane, Sphere, fit_plane, fit_sphere
-from traverse.kinematics.model.geometry import across
+from traverse.kinematics.fits.shapes import Sphere
 
 COVERAGE_FACTOR = 2.0
 
@@ -123,37 +122,6 @@ class JointCovariance:
         (variance_mm2,), _ = self.part([first, second]).combined(weights)
         std_mm = float(np.sqrt(max(float(variance_mm2[0]), 0.0)))
         return Length(length_mm, std_mm, self.with_arm)
-
-    def sphere(self) -> tuple[Sphere, Floats]:
-        """Fit a sphere to all points.
-
-        Returns:
-            The sphere, and the covariance of centre and radius in mm^2, (4, 4).
-
-        Raises:
-            ValueError: The points determine none.
-        """
-        sphere = fit_sphere(self.points_mm)
-        return sphere, self.combined(sphere_weights(self.points_mm, sphere))[0]
-
-    def plane(self) -> tuple[Plane, Floats]:
-        """Fit a plane to all points.
-
-        Returns:
-            The plane, and the covariance of its place along the normal in mm and of
-            two small turns of the normal about axes across it in rad, (3, 3).
-
-        Raises:
-            ValueError: The points determine none.
-        """
-        plane = fit_plane(self.points_mm)
-        first, second = across(plane.normal)
-        local_mm = self.points_mm - plane.point_mm
-        design = np.column_stack(
-            [np.ones(len(local_mm)), -local_mm @ first, -local_mm @ second]
-        )
-        normals = np.broadcast_to(plane.normal, local_mm.shape)
-        return plane, self.combined(fit_weights(design, normals))[0]
 
 
 def fit_weights(design: Floats, normals: Floats) -> Floats:

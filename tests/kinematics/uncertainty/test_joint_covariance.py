@@ -1,4 +1,4 @@
-"""Lengths and features between points of one arm, against thousands of arms.
+"""Lengths between points of one arm, against thousands of arms.
 
 Each trial draws one arm for all its points, as a session has it, and noise of its own
 for every point; places are computed by the independent arm of the neighbouring module.
@@ -16,7 +16,6 @@ from tests.kinematics.uncertainty.test_point_covariance import (
     stated_values,
 )
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.fits.shapes import fit_plane, fit_sphere
 from traverse.kinematics.uncertainty.arm_covariance import (
     ArmCovariance,
     parameter_columns,
@@ -34,8 +33,6 @@ __all__ = ["arm", "effects", "geometry"]  # fixtures
 N = 2000
 # 95.45 % of 2000 draws lie within k = 2: one in 10,000 times outside of these parts.
 LEAST, MOST = 0.9363, 0.9728
-# The same of a quarter of the draws.
-N_FITS, LEAST_FITS, MOST_FITS = 500, 0.918, 0.991
 CONTACT_MM, ENCODER_RAD = 0.004, 1e-5
 
 
@@ -134,54 +131,6 @@ def test_what_points_share_does_not_lengthen_what_is_between_them(bench):
         short.points_mm, short.covariances_mm2, np.zeros_like(short.shared_mm)
     )
     assert short.length(0, 1).std_mm < 0.5 * apart.length(0, 1).std_mm
-
-
-def test_a_sphere_and_a_plane_of_touches(bench):
-    """Postures that reach a sphere are found by small steps, no inverse is needed."""
-    start = postures(bench.geometry, 1, 5)[0]
-    rng = np.random.default_rng(9)
-    centre_mm = bench.measured(start[None], None)[0]
-    wanted = rng.normal(size=(25, 3))
-    wanted[:, 2] = np.abs(wanted[:, 2])
-    wanted /= np.linalg.norm(wanted, axis=1, keepdims=True)
-    on_sphere = np.array([reaching(bench, start, centre_mm + 20.0 * n) for n in wanted])
-    stated, covariance = bench.stated(on_sphere).sphere()
-    assert abs(stated.radius_mm - 20.0) < 1e-6
-    errors = []
-    for _ in range(N_FITS):
-        sphere = fit_sphere(bench.measured(on_sphere, rng))
-        errors.append([*(sphere.centre_mm - centre_mm), sphere.radius_mm - 20.0])
-    stds = np.sqrt(np.diag(covariance))
-    inside = np.mean(np.abs(errors) <= 2.0 * stds, axis=0)
-    assert np.all((inside > LEAST_FITS) & (inside < MOST_FITS)), inside
-    flat = wanted.copy()
-    flat[:, 2] = 0.0
-    on_plane = np.array([reaching(bench, start, centre_mm + 40.0 * n) for n in flat])
-    plane, covariance = bench.stated(on_plane).plane()
-    heights_mm = []
-    for _ in range(N_FITS):
-        other = fit_plane(bench.measured(on_plane, rng))
-        along = other.normal * np.sign(other.normal @ plane.normal)
-        heights_mm.append(along @ (plane.point_mm - other.point_mm))
-    inside = np.mean(np.abs(heights_mm) <= 2.0 * np.sqrt(covariance[0, 0]))
-    assert LEAST_FITS < inside < MOST_FITS
-
-
-def reaching(bench, start, place_mm):
-    """A posture whose ball is at a place near that of another posture."""
-    angles_rad = start.copy()
-    for _ in range(20):
-        steps = 1e-6 * np.eye(len(angles_rad))
-        tried = angles_rad + np.vstack([0.0 * steps[:1], steps, -steps])
-        here_mm, *moved_mm = bench.measured(tried, None)
-        off_mm = place_mm - here_mm
-        ahead_mm, behind_mm = np.split(np.array(moved_mm), 2)
-        columns = (ahead_mm - behind_mm).T / 2e-6
-        angles_rad = angles_rad + np.linalg.pinv(columns) @ off_mm
-        if np.linalg.norm(off_mm) < 1e-10:
-            break
-    assert np.linalg.norm(off_mm) < 1e-8
-    return angles_rad
 
 
 def test_blocks_are_those_of_the_points_and_of_their_differences(bench):

@@ -1,0 +1,1 @@
+"""Features of a part with the uncertainty that their points' shared arm leaves them."""

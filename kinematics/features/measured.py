@@ -1,0 +1,206 @@
+"""Features from touches: elements compensated by the side touched, and their errors.
+
+All features of a part are functions of the same touches, whose joint covariance has
+what the touches share of the arm. Each keeps its derivatives W by all touches, so that
+whatever is made of several features has the right uncertainty, also where two of them
+share touches.
+
+What the stated noise does not explain is form, or worse: with residuals r of a fit, R
+its projector, C the stated covariance of the distances and nu the redundancy,
+
+    s^2 = max(0, (r^T r - tr(R C)) / nu)
+
+is added to the variance of each of its touches along the normal.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from traverse.arrays import Booleans, Floats
+from traverse.kinematics.fits.elements import (
+    Element,
+    Fit,
+    Kind,
+    line_element,
+    plane_element,
+    point_element,
+    sphere_element,
+)
+from traverse.kinematics.fits.elements_about_axis import cone_element, cylinder_element
+from traverse.kinematics.fits.elements_in_plane import (
+    circle_element,
+    line_in_plane_element,
+)
+from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
+
+Side = Literal["auto", "inside", "outside", "centre"]
+_ROUND: dict[Kind, Callable[[Floats, float], Element]] = {
+    "sphere": sphere_element,
+    "cylinder": cylinder_element,
+    "cone": cone_element,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Definition:
+    """What a feature is, and which touches are of it.
+
+    Attributes:
+        rows: of the touches.
+        side: from which the surface was touched; "auto": as the touches' compensation
+            tells, of planes and edges also the shank; "centre": not compensated.
+        plane: name of the plane that a circle, or an edge, lies in; a circle without
+            one is in the plane of its own touches, a line in space.
+    """
+
+    name: str
+    kind: Kind
+    rows: tuple[int, ...]
+    side: Side = "auto"
+    plane: str | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touches:
+    """All touches of a part.
+
+    Attributes:
+        errors: the balls' centres with their joint covariance.
+        tip_mm: radius of the ball.
+        towards: unit vectors to the material, else of the shank, (n_touches, 3).
+        is_measured: whether these are directions to the material, (n_touches,).
+    """
+
+    errors: JointCovariance
+    tip_mm: float
+    towards: Floats
+    is_measured: Booleans
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Features:
+    """Features that were measured.
+
+    Attributes:
+        elements: by name, their derivatives by all touches.
+        errors: of all touches, with what the fits found beyond the stated noise.
+        problems: why others could not be computed, by name.
+    """
+
+    elements: dict[str, Element]
+    errors: JointCovariance
+    problems: dict[str, str]
+
+
+def measured_features(definitions: Iterable[Definition], touches: Touches) -> Features:
+    """Compute features; a plane comes before what lies in it."""
+    elements: dict[str, Element] = {}
+    problems: dict[str, str] = {}
+    for definition in definitions:
+        try:
+            plane = None
+            if definition.plane is not None:
+                plane = elements.get(definition.plane)
+                if plane is None or plane.kind != "plane":
+                    raise ValueError(
+                        f"{definition.plane} is no plane that was measured before"
+                    )
+            elements[definition.name] = _element(definition, touches, plane)
+        except ValueError as error:
+            problems[definition.name] = str(error)
+    errors = touches.errors
+    fits = [element.fit for element in elements.values() if element.fit is not None]
+    return Features(elements, _with_form(errors, fits), problems)
+
+
+def _element(
+    definition: Definition, touches: Touches, plane: Element | None
+) -> Element:
+    rows, kind = list(definition.rows), definition.kind
+    points_mm, n = touches.errors.points_mm[rows], len(touches.errors.points_mm)
+    tip_mm = 0.0 if definition.side == "centre" else touches.tip_mm
+    outwards = -touches.towards[rows].sum(axis=0) if tip_mm else None
+    if kind == "point":
+        offsets_mm = tip_mm * touches.is_measured[rows, np.newaxis]
+        return _of_all(
+            point_element(points_mm + offsets_mm * touches.towards[rows]), rows, n
+        )
+    if kind == "plane":
+        return _of_all(plane_element(points_mm, tip_mm, outwards), rows, n)
+    if kind == "line":
+        if plane is None:
+            return _of_all(line_element(points_mm), rows, n)
+        line, by_plane = line_in_plane_element(points_mm, plane, tip_mm, outwards)
+        return _with_plane(_of_all(line, rows, n), by_plane, plane)
+    offset_mm = _offset_mm(definition, touches, plane)
+    if kind != "circle":
+        return _of_all(_ROUND[kind](points_mm, offset_mm), rows, n)
+    if plane is None:
+        plane = _of_all(plane_element(points_mm), rows, n)
+    circle, by_plane = circle_element(points_mm, plane, offset_mm)
+    return _with_plane(_of_all(circle, rows, n), by_plane, plane)
+
+
+def _offset_mm(
+    definition: Definition, touches: Touches, plane: Element | None
+) -> float:
+    """Return how far the surface of a round feature is outside of the balls' centres.
+
+    Raises:
+        ValueError: the side is not known.
+    """
+    rows, side = list(definition.rows), definition.side
+    if side == "centre" or touches.tip_mm == 0.0:
+        return 0.0
+    if side == "auto":
+        if not touches.is_measured[rows].all():
+            raise ValueError(
+                "whether it was touched from inside or from outside is not known; say "
+                "which, or touch with tip compensation (pretouch or pulled)"
+            )
+        of_centres = _element(replace(definition, side="centre"), touches, plane).fit
+        normals = touches.towards[rows] if of_centres is None else of_centres.normals
+        along = np.einsum("ij,ij->i", normals, touches.towards[rows])
+        if not (np.all(along > 0.0) or np.all(along < 0.0)):
+            raise ValueError("some touches are from inside, others from outside")
+        side = "inside" if along[0] > 0.0 else "outside"
+    return touches.tip_mm if side == "inside" else -touches.tip_mm
+
+
+def _of_all(element: Element, rows: list[int], n: int) -> Element:
+    """Return an element whose derivatives and rows are of all n touches."""
+    by_points = np.zeros((len(element.values), n, 3))
+    by_points[:, rows] = element.by_points
+    fit = element.fit
+    if fit is not None:
+        fit = replace(fit, rows=np.array(rows)[fit.rows])
+    return replace(element, by_points=by_points, fit=fit)
+
+
+def _with_plane(element: Element, by_plane: Floats, plane: Element) -> Element:
+    """Add what the errors of the plane do to an element in it."""
+    by_points = element.by_points + np.einsum("qp,pni->qni", by_plane, plane.by_points)
+    return replace(element, by_points=by_points)
+
+
+def _with_form(errors: JointCovariance, fits: list[Fit]) -> JointCovariance:
+    covariances_mm2 = errors.covariances_mm2.copy()
+    for fit in fits:
+        if fit.redundancy == 0:
+            continue
+        rows, normals = fit.rows, fit.normals
+        same = rows[:, np.newaxis] == rows
+        stated = same * np.einsum(
+            "ia,iab,jb->ij", normals, errors.own_mm2[rows], normals
+        )
+        shared = np.einsum("ia,iar->ir", normals, errors.shared_mm[rows])
+        stated += shared @ shared.T
+        explained_mm2 = float(np.sum(fit.residual_projector * stated))
+        squares_mm2 = float(fit.distances_mm @ fit.distances_mm)
+        variance_mm2 = max(0.0, squares_mm2 - explained_mm2) / fit.redundancy
+        form_mm2 = variance_mm2 * np.einsum("ia,ib->iab", normals, normals)
+        np.add.at(covariances_mm2, rows, form_mm2)
+    return replace(errors, covariances_mm2=covariances_mm2)

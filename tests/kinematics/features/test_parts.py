@@ -1,0 +1,98 @@
+"""Forty parts of known truth: figures lie within their stated uncertainty."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.kinematics.features.parts import drawn_part, reaching, touched
+from tests.kinematics.uncertainty.test_joint_covariance import bench
+from tests.kinematics.uncertainty.test_point_covariance import (
+    arm,
+    effects,
+    geometry,
+    postures,
+)
+from traverse.kinematics.features.figures import angle, distance, figures_of
+from traverse.kinematics.features.measured import Features, measured_features
+from traverse.kinematics.features.relations import related
+
+__all__ = ["arm", "bench", "effects", "geometry"]  # fixtures
+
+PARTS = 40
+
+
+def figures(features: Features):
+    """All figures of the part, by the names of its truth."""
+    elements, errors = features.elements, features.errors
+    named = {
+        f"{name} {figure.name}": figure
+        for name, element in elements.items()
+        for figure in figures_of(element, errors)
+    }
+    plate, edge, shaft = elements["plate"], elements["edge"], elements["shaft"]
+    hole = elements["hole a"]
+    apex = related("apex", elements["cone"])
+    foot = related("intersection", shaft, plate)
+    return named | {
+        "hole a to hole b": distance(hole, elements["hole b"], errors),
+        "hole a to edge": distance(hole, edge, errors),
+        "shaft to edge": distance(foot, edge, errors),
+        "apex to plate": distance(apex, plate, errors),
+        "shaft to plate angle": angle(shaft, plate, errors),
+        "edge to plate angle": angle(edge, plate, errors),
+        "shaft to cone": distance(shaft, elements["cone"], errors),
+    }
+
+
+@pytest.fixture(scope="module")
+def measured(bench):
+    """Errors over standard uncertainties of 40 parts, by figure, and the last part."""
+    rng = np.random.default_rng(43)
+    start_rad = postures(bench.geometry, 1, 5)
+    at_mm = bench.measured(start_rad, None)[0]
+    turn = Rotation.random(random_state=4).as_matrix()
+    ratios: dict[str, list[float]] = {}
+    nominal_rad = None
+    for _ in range(PARTS):
+        part = drawn_part(rng, at_mm, turn)
+        if nominal_rad is None:
+            nominal_rad = np.tile(start_rad, (len(part.centres_mm), 1))
+            nominal_rad = reaching(
+                lambda angles_rad: bench.measured(angles_rad, None),
+                nominal_rad,
+                part.centres_mm,
+            )
+        features = measured_features(
+            part.definitions, touched(bench, part, nominal_rad, rng)
+        )
+        assert features.problems == {}
+        named = figures(features)
+        assert named.keys() >= part.truth.keys()
+        for name, truth in part.truth.items():
+            ratio = (named[name].value - truth) / named[name].std
+            ratios.setdefault(name, []).append(ratio)
+    return {name: np.array(each) for name, each in ratios.items()}, features
+
+
+def test_figures_of_40_parts_lie_within_their_uncertainty(measured):
+    """Strategy: k = 2 holds 95.45 %. Figures of a part hang together by its arm, so
+    the bounds are wide; what errs on purpose (forms and lengths of zero) holds more.
+    """
+    ratios, _ = measured
+    inside = {name: float(np.mean(np.abs(r) <= 2.0)) for name, r in ratios.items()}
+    assert min(inside.values()) >= 0.85, inside
+    assert np.mean(list(inside.values())) >= 0.94
+
+
+def test_uncertainties_are_not_larger_than_the_errors_need(measured):
+    ratios, _ = measured
+    for name in ("hole a diameter", "shaft diameter", "cone angle", "hole a to hole b"):
+        assert 0.7 < float(np.sqrt(np.mean(ratios[name] ** 2))) < 1.35, name
+
+
+def test_what_the_holes_share_of_the_arm_does_not_widen_their_distance(measured):
+    _, features = measured
+    named = figures(features)
+    places = [named[f"hole {k} {axis}"].std for k in "ab" for axis in "xyz"]
+    apart = float(np.sqrt(np.sum(np.square(places)) / 3.0))
+    assert named["hole a to hole b"].std < 0.7 * apart
