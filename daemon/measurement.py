@@ -75,7 +75,6 @@ from traverse.protocol.messages import (
 MAX_TEMPERATURES = 1000  # in a snapshot
 REST_NS, REST_MM = 2_000_000_000, 0.1  # so long within so much of one place
 EARLIEST_UTC_NS = 1_600_000_000_000_000_000  # in 2020, before this was made
-DEFERRED_NS = 50_000_000  # readings wait no longer for others to be evaluated with
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -276,10 +275,11 @@ class Measurement(MeasurementContext):
         )
 
     def _note_motion(self, poses: PoseBlock) -> None:
-        """Collect larger batches while the arm rests and nothing measures."""
+        """Collect larger batches while the arm rests and nothing waits for samples."""
         now_ns, xyz_mm = int(poses.sample_time_ns[-1]), poses.xyz_mm
         moves = not np.abs(xyz_mm - self._rest_mm).max() < REST_MM  # also of NaN
-        if moves or not self.is_quiet:
+        is_needed = self.scanner.is_running or self.points.has_pending.is_set()
+        if moves or is_needed:
             self._rest_mm, self._moved_ns = xyz_mm[-1], now_ns
         if self._rests != (now_ns - self._moved_ns > REST_NS):
             self._rests = not self._rests
@@ -388,19 +388,20 @@ class Measurement(MeasurementContext):
         self._check_host_clock()
 
     def dispatch(
-        self, device: Device, delivery: Delivery, *, is_before_edge: bool = False
+        self, device: Device, delivery: Delivery, *, has_edges: bool = False
     ) -> None:
         """Process a delivery of a device.
 
-        Edges and latches that arrive with samples need readings, but seldom poses.
-        Poses of samples before an edge are therefore computed later, in larger blocks.
+        An edge needs the readings before it, but seldom their poses. Samples of a batch
+        that ``has_edges`` are therefore evaluated as late, and in as large blocks, as
+        if there were none.
         """
         device.last_ns = self.clock.step()
         self.listener.delivered(device.last_ns, delivery, self)
         self._check_host_clock()
         match delivery:
             case CountSamples():
-                self._take_samples(device, delivery, is_before_edge)
+                self._take_samples(device, delivery, has_edges)
                 return
             case LatchedCounts():
                 self._take_latch(device, delivery)
@@ -443,7 +444,7 @@ class Measurement(MeasurementContext):
                 self.states.on_fault(device, delivery)
 
     def _take_samples(
-        self, device: Device, samples: CountSamples, is_before_edge: bool
+        self, device: Device, samples: CountSamples, has_edges: bool
     ) -> None:
         device.samples += len(samples.seq)
         device.samples_ns = device.last_ns
@@ -462,8 +463,9 @@ class Measurement(MeasurementContext):
                 self.resampler.record(samples)
             first_ns = self._readings[0].samples.received_ns
             if (
-                is_before_edge
-                and samples.received_ns - first_ns < DEFERRED_NS
+                has_edges
+                and samples.received_ns - first_ns
+                < device.delivery_queue.batch_window_ns
                 and not self.scanner.is_running
                 and not self.points.evaluator.needs_poses
             ):

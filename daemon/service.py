@@ -478,14 +478,10 @@ async def _consume(service: Service, device: Device) -> None:
         try:
             with service.queue.together(), service.outbox.together():
                 taken = device.delivery_queue.take_waiting()
-                edges = [i for i, d in enumerate(taken) if isinstance(d, LatchedCounts)]
-                last_edge = edges[-1] if edges else 0
-                for place, delivery in enumerate(taken):
+                has_edges = any(isinstance(d, LatchedCounts) for d in taken)
+                for delivery in taken:
                     begun_ns = clock.monotonic_ns()
-                    is_before_edge = place < last_edge
-                    measurement.dispatch(
-                        device, delivery, is_before_edge=is_before_edge
-                    )
+                    measurement.dispatch(device, delivery, has_edges=has_edges)
                     handling.add(clock.monotonic_ns() - begun_ns)
         except Exception as error:  # noqa: BLE001 - raised where it is awaited
             if not failed.done():
@@ -515,6 +511,7 @@ async def _poll_periodically(service: Service) -> None:
         service.measurement.check_recent()
         service.measurement.conditions.check_overdue()
         service.events.flush()
+        service.queue.flush()
         service.utc.check()
         service.outbox.poll()
         service.spool.poll()

@@ -57,7 +57,7 @@ class ConditionMonitor:
         self._events = events
         self._standings: dict[Key, Standing] = {}
         self._counting: frozenset[str] = frozenset()
-        self._sample_rows: list[Condition] = []
+        self._sample_rows: list[tuple[str, int]] = []
         self._sample_bits = 0
         self._marked_ns: dict[Key, int] = {}
         self._open: frozenset[Key] = frozenset()
@@ -89,13 +89,13 @@ class ConditionMonitor:
         }
         self._counting = frozenset(counting)
         self._sample_rows = [
-            row
+            (row.name, int(row.flags))
             for row in CONDITIONS
             if row.marks == "samples" and (row.name, ARM) in self._standings
         ]
         self._sample_bits = 0
-        for row in self._sample_rows:
-            self._sample_bits |= int(row.flags)
+        for _, bits in self._sample_rows:
+            self._sample_bits |= bits
         self._update_bits()
 
     # -- what holds -----------------------------------------------------------
@@ -153,11 +153,11 @@ class ConditionMonitor:
     def add_samples(self, flags: int) -> None:
         if not flags & self._sample_bits and not self._open:
             return
-        for row in self._sample_rows:
-            if marked := flags & row.flags:
-                self.mark(row.name, ARM, meanings(marked))
-            elif (row.name, ARM) in self._open:
-                self.settle(row.name, ARM)
+        for name, bits in self._sample_rows:
+            if marked := flags & bits:
+                self.mark(name, ARM, meanings(marked))
+            elif (name, ARM) in self._open:
+                self.settle(name, ARM)
 
     def mark(self, name: str, subject: str, cause: str) -> None:
         """Note that a sample is flagged by a condition of samples."""

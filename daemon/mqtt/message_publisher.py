@@ -35,16 +35,25 @@ class MessagePublisher:
         )
 
     def publish(
-        self, kind: str, message: Message, sent: Callable[[], None] | None = None
+        self,
+        kind: str,
+        message: Message,
+        sent: Callable[[], None] | None = None,
+        *,
+        at_once: bool = True,
     ) -> bool:
         """Queue a message; return False if there was no room for it."""
-        is_queued = self.queue.offer(kind, self.outgoing(kind, message, sent))
+        outgoing = self.outgoing(kind, message, sent)
+        is_queued = self.queue.offer(kind, outgoing, at_once=at_once)
         if is_queued:
             self.listener.published(self.clock.monotonic_ns(), message)
         return is_queued
 
     def publish_event(self, what: Occurrence, session: str) -> None:
-        """Queue an event; its times become UTC."""
+        """Queue an event; its times become UTC.
+
+        What informs only, such as of each press, waits for another message.
+        """
         offset_ns = self.clock.utc_offset_ns()
         event = Event(
             arm=self.arm,
@@ -60,4 +69,5 @@ class MessagePublisher:
             count=what.count,
             data=dict(what.data),
         )
-        self.publish("event", event)
+        is_urgent = what.severity != "info" or what.active is not None
+        self.publish("event", event, at_once=is_urgent)

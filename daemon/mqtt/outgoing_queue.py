@@ -85,6 +85,7 @@ class OutgoingQueue:
         self.sent: Counter[str] = Counter()
         self.too_long: Counter[str] = Counter()
         self._on_offered: Callable[[], None] | None = None
+        self._is_gathering = self._is_due = False
 
     @property
     def limit(self) -> int:
@@ -100,8 +101,14 @@ class OutgoingQueue:
         """Number of messages of ``kind`` that the broker does not have yet."""
         return len(self._waiting[kind]) + len(self._on_the_way[kind])
 
-    def offer(self, kind: str, message: OutgoingMessage) -> bool:
-        """Queue a message; return False if there was no room and it was dropped."""
+    def offer(
+        self, kind: str, message: OutgoingMessage, *, at_once: bool = True
+    ) -> bool:
+        """Queue a message; return False if there was no room and it was dropped.
+
+        Unless it is to be sent ``at_once`` it is sent with the next that is, or at
+        `flush`: each packet by itself costs a write, and a wake-up for its answer.
+        """
         queue = self._waiting[kind]
         limit = self._limits[kind]
         if limit is None:
@@ -113,20 +120,26 @@ class OutgoingQueue:
             return False
         queue.append(message)
         self._emptied.clear()
-        if self._on_offered is not None:
-            self._on_offered()
+        if at_once:
+            self.flush()
         return True
+
+    def flush(self) -> None:
+        """Have all waiting messages sent; within `together`, at its end."""
+        self._is_due = self._is_gathering
+        if self._on_offered is not None and not self._is_gathering:
+            self._on_offered()
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:
-        """Report all messages offered within the block together, at its end."""
-        on_offered, self._on_offered = self._on_offered, None
+        """Have messages offered within the block sent together, at its end."""
+        self._is_gathering = True
         try:
             yield
         finally:
-            self._on_offered = on_offered
-            if on_offered is not None and any(self._waiting.values()):
-                on_offered()
+            self._is_gathering = False
+            if self._is_due:
+                self.flush()
 
     @contextlib.contextmanager
     def notifying(self, on_offered: Callable[[], None]) -> Iterator[None]:

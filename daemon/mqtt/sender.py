@@ -46,7 +46,7 @@ class PublishLoop:
     def __post_init__(self) -> None:
         self._client: MqttClient | None = None
         self._in_flight: dict[int, tuple[str, OutgoingMessage, float]] = {}
-        self._is_sending = False
+        self._is_sending = self._is_full = False
         self._was_refused = False
         self._resumes_s = 0.0
         self._failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -87,6 +87,7 @@ class PublishLoop:
                 if not packets:
                     break
                 client.write(b"".join(packets))
+            self._is_full = len(self._in_flight) >= client.max_in_flight
         except MqttError as error:
             self._failed.set_exception(error)
         finally:
@@ -172,7 +173,8 @@ class PublishLoop:
         else:
             log.warning("%s; dropped", text)
             self.queue.drop(kind, message)
-        self.send()
+        if self._is_full:
+            self.send()
 
     def _check_timeouts(self) -> None:
         """Notice silence, and the end of the wait after a refusal."""

@@ -45,6 +45,7 @@ class PointController:
 
     Attributes:
         evaluator: follows the stream; another one after `use`.
+        has_pending: set while a request waits for time to pass.
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class PointController:
         self._latencies = latencies
         self._on_action = on_action
         self._pending = RequestQueue()
+        self.has_pending = asyncio.Event()
         self._answers = OrderedReplies(self._report_outcome)
 
     def arm_changed(self) -> None:
@@ -84,11 +86,6 @@ class PointController:
         self._buttons = buttons_of(settings)
         self.evaluator = PointEvaluator(self._stage, settings, self._events)
 
-    @property
-    def has_pending(self) -> asyncio.Event:
-        """Set while a request waits for time to pass."""
-        return self._pending.some
-
     def settle(self, now_ns: int | None = None) -> None:
         """Take all points that can be taken; refuse requests that wait too long."""
         pending = self._pending
@@ -101,8 +98,10 @@ class PointController:
                 self.evaluator.look(observation)
         while pending:
             if not self._deal_with(pending.first, pending.must_not_wait(now_ns)):
-                break
+                self.has_pending.set()
+                return
             pending.remove_first()
+        self.has_pending.clear()
 
     # -- requests for points --------------------------------------------------
 

@@ -5,7 +5,6 @@ are awaited, or the samples of a mean; later requests wait too, so that points k
 their order and no edge is acknowledged before an earlier one.
 """
 
-import asyncio
 from collections import deque
 from collections.abc import Callable, Iterator
 
@@ -21,15 +20,10 @@ MAX_WAITING_DURING_MEAN = (
 
 
 class RequestQueue:
-    """Keep requests in order.
-
-    Attributes:
-        some: set while requests wait.
-    """
+    """Keep requests in order."""
 
     def __init__(self) -> None:
         self._requests: deque[Request] = deque()
-        self.some = asyncio.Event()
 
     def __len__(self) -> int:
         return len(self._requests)
@@ -52,13 +46,10 @@ class RequestQueue:
     def add(self, request: Request) -> None:
         """Take a request."""
         self._requests.append(request)
-        self.some.set()
 
     def remove_first(self) -> None:
         """Remove the first request, which has been dealt with."""
         self._requests.popleft()
-        if not self._requests:
-            self.some.clear()
 
     def must_not_wait(self, now_ns: int | None) -> bool:
         """Whether the first has waited long enough, or there is no more room."""

@@ -56,6 +56,7 @@ TIE_AGAIN_NS, MEASURE_DELAY_NS = 100_000_000, 1_000_000_000
 # while its point is on its way, and several are at once.
 AGAIN_NS = 70_000_000
 ACKNOWLEDGED_NS = 20_000_000
+IDLE_NS = 100_000_000  # of a board that sends nothing
 
 
 class LatchBoardDriver(Driver):
@@ -192,10 +193,9 @@ class LatchBoardDriver(Driver):
         line, session, broken = self._line, self._session, 0
         while line is not None and session is not None and not self._stopping:
             self._carry_out_requests(line, session)
-            wait_ns = (
-                ACKNOWLEDGED_NS if self._edges.needs_acknowledgement else 100_000_000
-            )
-            is_readable = line.port.wait(wait_ns * 1e-9)
+            due_ns = self._acknowledge_if_due()
+            wait_ns = IDLE_NS if due_ns is None else due_ns - self._now_ns()
+            is_readable = line.port.wait(max(0, wait_ns) * 1e-9)
             with self._delivery_queue.together():
                 if is_readable:
                     self._read(line)
@@ -221,10 +221,8 @@ class LatchBoardDriver(Driver):
         arrival, so that none wait in the port.
         """
         window_ns = self._delivery_queue.batch_window_ns
-        if self._edges.needs_acknowledgement:
-            window_ns = min(window_ns, ACKNOWLEDGED_NS)
         until_ns = max(self._taken_ns + window_ns, self._now_ns())
-        line.read(until_ns)
+        line.read(until_ns, self._acknowledge_if_due)
         self._taken_ns = min(until_ns, self._now_ns())
 
     def _disconnect(self) -> None:
@@ -240,8 +238,6 @@ class LatchBoardDriver(Driver):
     def _carry_out_requests(
         self, line: LatchBoardLine, session: LatchBoardSession
     ) -> None:
-        if self._now_ns() - self._acknowledged_ns >= ACKNOWLEDGED_NS:
-            self._acknowledge(line)
         while self._latches:
             # Its answer is taken here and not when it is dispatched, so that a late
             # answer to an earlier try is not a second latch.
@@ -260,12 +256,21 @@ class LatchBoardDriver(Driver):
             else:
                 self._request_or_fault(line, "STOP", wire.stop_request)
 
-    def _acknowledge(self, line: LatchBoardLine) -> None:
-        """Acknowledge processed edges to the board; have waiting ones processed."""
-        self._acknowledged_ns = self._now_ns()
-        self._delivery_queue.wake()
-        if (done := self._edges.take_acknowledgement()) is not None:
-            line.port.write(wire.edge_ack(done))
+    def _acknowledge_if_due(self) -> int | None:
+        """Acknowledge processed edges to the board; have waiting ones processed.
+
+        Returns:
+            When that is due again [ns]; None if the board waits for nothing.
+        """
+        if not self._edges.needs_acknowledgement or self._port is None:
+            return None
+        now_ns = self._now_ns()
+        if now_ns - self._acknowledged_ns >= ACKNOWLEDGED_NS:
+            self._acknowledged_ns = now_ns
+            self._delivery_queue.wake()
+            if (done := self._edges.take_acknowledgement()) is not None:
+                self._port.write(wire.edge_ack(done))
+        return self._acknowledged_ns + ACKNOWLEDGED_NS
 
     def _request_or_fault(
         self, line: LatchBoardLine, name: str, frame: Callable[[int], bytes]

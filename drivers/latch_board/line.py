@@ -58,12 +58,16 @@ class LatchBoardLine:
         self._answer: Response | None = None
         self.repeated = 0
 
-    def read(self, until_ns: int = 0) -> None:
+    def read(
+        self, until_ns: int = 0, meanwhile: Callable[[], int | None] = lambda: None
+    ) -> None:
         """Read available bytes and dispatch them.
 
         Args:
             until_ns: timed samples are collected until then; other messages, above all
                 edges, and wake-ups end it.
+            meanwhile: called while they are, after each read and at the time that it
+                returned last [ns].
         """
         data, received_ns = self.port.read(), self._now_ns()
         reads, n_bytes = [(data, received_ns)], len(data)
@@ -77,7 +81,7 @@ class LatchBoardLine:
             if received_ns - self._read_ns < FAST_NS:
                 time.sleep(PAUSE_S)
             self._read_ns = received_ns
-            if not self.port.wait((until_ns - received_ns) * 1e-9):
+            if not self._wait(until_ns, meanwhile):
                 break
             try:
                 data = self.port.read()
@@ -96,6 +100,16 @@ class LatchBoardLine:
                 self._answer = message
             self._dispatch(message, received_ns, earlier)
             earlier = ()  # they are of the first block
+
+    def _wait(self, until_ns: int, meanwhile: Callable[[], int | None]) -> bool:
+        """Wait for bytes; False at a time, or after a wake-up without any."""
+        while True:
+            due_ns = meanwhile() or until_ns
+            wait_ns = min(due_ns, until_ns) - self._now_ns()
+            if self.port.wait(max(0, wait_ns) * 1e-9):
+                return True
+            if not due_ns <= self._now_ns() < until_ns:
+                return False
 
     def _has_other_frames(self, data: bytes) -> bool:
         """Return whether bytes hold other frames than samples, which must not wait."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.daemon.board_harness import BOARD
-from tests.daemon.values import MODULI, count_samples
+from tests.daemon.values import MODULI, count_samples, latch
 from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.config.schema import CaptureSection
 from traverse.drivers.base.values import DeviceUp, StreamStarted
@@ -37,7 +37,7 @@ async def test_an_arm_that_cannot_latch_is_taken_up_sooner(bench):
 
 
 async def test_an_arm_at_rest_wakes_the_loop_less_often(bench):
-    """Until it moves or something is measured; a point's edge wakes it in any case."""
+    """Until it moves or samples are needed; a point's edge wakes it in any case."""
     queue = bench.device.delivery_queue
     still = np.tile(np.array([500, 600, 700], np.uint32)[: len(MODULI)], (10, 1))
 
@@ -53,5 +53,9 @@ async def test_an_arm_at_rest_wakes_the_loop_less_often(bench):
     for first in range(410, 700, 10):
         taken(first, still)
     assert queue.batch_window_ns == 208_000_000
+    latched = tuple(map(int, still[0]))
+    bench.take(latch(latched, token=1, now_ns=10**12 + 7_000_000_000))
+    assert not bench.measurement.points.has_pending.is_set()  # nothing is awaited
+    assert taken(700, still) == 208_000_000
     bench.take(StreamStarted("base", 2, 100.0))  # as for a scan
     assert queue.batch_window_ns == 52_000_000

@@ -167,6 +167,20 @@ async def test_what_is_offered_together_is_looked_at_once():
     assert looked == [3, 4]
 
 
+async def test_what_is_not_urgent_is_sent_with_the_next_or_at_a_flush():
+    queue, looked = OutgoingQueue(), []
+    with queue.notifying(lambda: looked.append(queue.n_waiting)):
+        queue.offer("event", message("a"), at_once=False)
+        with queue.together():
+            queue.offer("event", message("b"), at_once=False)
+        assert looked == []
+        queue.offer("point", message("c"))
+        assert looked == [3]
+        queue.offer("event", message("d"), at_once=False)
+        queue.flush()
+    assert looked == [3, 4]
+
+
 async def test_empty_waits_until_the_last_message_is_there():
     queue = OutgoingQueue()
     queue.offer("point", message("a"))

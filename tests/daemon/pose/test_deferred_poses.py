@@ -29,7 +29,7 @@ def measured(model, seed, presses, read_ends, *, defers):
             bench.measurement.dispatch(
                 bench.device,
                 count_samples(counts[row : row + 1], first=row),
-                is_before_edge=defers and any(row <= press < end for press in presses),
+                has_edges=defers and any(row <= press < end for press in presses),
             )
             if row in presses:
                 now_ns = 10**12 + row * 10_000_000 + 3_000_000
@@ -51,7 +51,7 @@ def measured(model, seed, presses, read_ends, *, defers):
 def test_no_point_depends_on_when_poses_are_computed(
     full_model, presses, read_ends, seed
 ):
-    """Poses before an edge are deferred where both arrive together, at most 50 ms."""
+    """Poses of samples that arrive with an edge wait for the usual batch."""
     benches = [
         measured(full_model, seed, presses, read_ends, defers=defers)
         for defers in (False, True)
@@ -69,13 +69,14 @@ def test_no_point_depends_on_when_poses_are_computed(
     assert len(paths[1]) <= len(paths[0])
 
 
-async def test_poses_before_an_edge_wait_50_ms_and_no_longer(full_model):
+async def test_poses_of_samples_with_an_edge_wait_for_the_usual_batch(full_model):
     bench = Bench(full_model)
     bench.take(DeviceUp("base", BOARD, False), StreamStarted("base", 1, 100.0))
     counts, known = counts_of(), []
+    bench.device.delivery_queue.batch_window_ns = 50_000_000
     for row in range(8):  # 10 ms apart
         samples = count_samples(counts[row : row + 1], first=row)
-        bench.measurement.dispatch(bench.device, samples, is_before_edge=True)
+        bench.measurement.dispatch(bench.device, samples, has_edges=True)
         known.append(bench.measurement.trajectory.last_ns)
     bench.device.driver.close()
     assert known == [None] * 5 + [10**12 + 50_000_000] * 3

@@ -159,6 +159,25 @@ def test_a_wake_up_ends_the_gathering():
     assert reads(*script) == [(MS_NS, "SampleBlock"), (3 * MS_NS, "SampleBlock")]
 
 
+def test_while_samples_are_gathered_acknowledgements_go_out():
+    """They are due 2 ms after each other, and end no batch."""
+    port = ScriptedPort(*((n * 4 * MS_NS, sample(n)) for n in range(1, 4)))
+    called_ns: list[int] = []
+    blocks: list[int] = []
+
+    def meanwhile() -> int:
+        called_ns.append(port.now_ns)
+        return port.now_ns + 2 * MS_NS
+
+    line = LatchBoardLine(
+        port, lambda: port.now_ns, lambda block, *_: blocks.append(len(block.seq)), bool
+    )
+    assert port.wait(0.1)
+    line.read(port.now_ns + 2 * BATCH_WINDOW_NS, meanwhile)
+    assert blocks == [3]
+    assert called_ns == [4 * MS_NS, 6 * MS_NS, 8 * MS_NS, 10 * MS_NS, 12 * MS_NS]
+
+
 def test_a_flood_is_taken_up_before_the_time_is_over():
     flood = b"".join(sample(seq) for seq in range(400))
     script = [(MS_NS, flood), (2 * MS_NS, sample(400))]
