@@ -20,7 +20,7 @@ SITE ?= site
 # TINY=1: as little of a benchmark or proof as shows that it runs.
 TINY ?=
 # Groups of Debian packages that the tests need, in deploy/debian-packages.sh.
-TEST_GROUPS := compiler cplusplus mosquitto postgresql openssl jq chromium node systemd groff xvfb
+TEST_GROUPS := compiler avr simavr cplusplus mosquitto postgresql openssl jq chromium node systemd groff xvfb
 # Dask scheduler that long proofs run on: make blind SCHEDULER=tcp://host:8786
 SCHEDULER ?=
 CLUSTER := $(if $(SCHEDULER),--scheduler $(SCHEDULER))

@@ -21,7 +21,8 @@ chromium|chromium|chromium
 node|node npm|nodejs npm
 vm|qemu-system-x86_64 busybox ip mmdebstrap depmod mke2fs|qemu-system-x86 busybox-static iproute2 mmdebstrap kmod e2fsprogs
 fresh|mmdebstrap unshare|mmdebstrap util-linux
-avr|avr-gcc avr-size|gcc-avr avr-libc
+avr|avr-gcc avr-size avr-objcopy|gcc-avr avr-libc
+simavr|file:/usr/include/simavr/sim_avr.h|libsimavr-dev
 aarch64|aarch64-linux-gnu-gcc qemu-aarch64|gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user
 prometheus|promtool|prometheus
 systemd|systemd-analyze systemd-sysusers systemd-tmpfiles|systemd

@@ -14,12 +14,12 @@ from traverse.drivers.latch_board.driver import LatchBoardDriver, LatchBoardOpti
 class HostBoard:
     """The program `latch-board`; commands are those of ports/host/script.c."""
 
-    def __init__(self, link: Path, *options: str) -> None:
+    def __init__(self, link: Path, *options: str, program: Path | None = None) -> None:
         self.link = link
         self.n_edges = 0
         self._level = 0
         self._process = subprocess.Popen(
-            [host_board(), "--link", link, *options],
+            [program or host_board(), "--link", link, *options],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -58,13 +58,16 @@ class HostBoard:
 class HostBoardRig:
     """For the contract: encoder 0 counts up by one from sample to sample."""
 
-    def __init__(self, board: HostBoard) -> None:
+    def __init__(self, board: HostBoard, debounce_us: int = 0) -> None:
         self.board = board
         self.port = str(board.link)
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-        options = LatchBoardOptions(port=self.port, debounce_us=0)
+        options = LatchBoardOptions(port=self.port, debounce_us=debounce_us)
         self.driver = LatchBoardDriver("base", options, self.delivery_queue)
-        board.do("turn 0 500")
+        self.turn()
+
+    def turn(self) -> None:
+        self.board.do("turn 0 500")
 
     def emit(self, n):
         """Do nothing: it streams by itself."""
