@@ -16,7 +16,7 @@ from traverse.drivers.base.values import STATUS_ERROR, STATUS_LATE, LatchedCount
 
 pytestmark = [pytest.mark.needs("compiler", "avr", "simavr"), pytest.mark.slow]
 
-CYCLES_PER_US = 16
+LATE_CYCLES = 50 * 16  # LATE_TICKS of firmware/ports/avr/main.c
 QUADRATURE = ("--counts-per-turn", str(COUNTS_PER_TURN))
 
 
@@ -59,8 +59,11 @@ async def test_a_press_has_the_counts_of_its_first_contact(tmp_path):
         board.do("count 1 5000", "turn 2 -3000", "turn 3 20000", "turn 6 10000")
         latches, presses = await pressed(board, 8)
     for latch, press in zip(latches, presses, strict=True):
-        assert not any(s & (STATUS_ERROR | STATUS_LATE) for s in latch.status)
+        status = np.array(latch.status)
+        assert not (status & STATUS_ERROR).any()
+        late = press.mark_cycles > LATE_CYCLES
+        assert ((status & STATUS_LATE) != 0).all() == late, (latch, press)
         assert latch.counts[1] == 5000
-        off = np.subtract(latch.counts, press.counts)
-        assert (abs(off) <= 1).all(), (latch.counts, press)
-    assert max(press.mark_cycles for press in presses) < 50 * CYCLES_PER_US
+        # At most the ways of 100 us at 20 kHz.
+        assert (abs(np.subtract(latch.counts, press.counts)) <= 2).all()
+    assert sorted(press.mark_cycles for press in presses)[4] < LATE_CYCLES
