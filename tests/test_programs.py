@@ -15,9 +15,9 @@ from tests.programs import CHECKOUT, INSTALLER
 from tests.running import run_program
 
 NOBODY = "65534"
-# What `make test` does not install: compilers and an emulator for other processors
+# What `make test` does not install: a compiler and an emulator for another processor
 # (300 MB), and a server of metrics for one of its tools.
-OPTIONAL = {"aarch64", "avr", "prometheus"}
+OPTIONAL = {"aarch64", "prometheus"}
 
 
 def groups_of_make_test() -> set[str]:

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from tests.drivers.driver_contract import (
+from tests.firmware.mega import COUNTS_PER_TURN, MegaRig, mega_at, mega_firmware
+from tests.running import run_traverse
+from traverse.drivers.base.values import STATUS_ERROR, STATUS_LATE, LatchedCounts
+from traverse.testing.driver_contract import (
     DriverContract,
     KeptEdgeContract,
     LatchContract,
     StreamContract,
     up,
 )
-from tests.firmware.mega import COUNTS_PER_TURN, MegaRig, mega_at, mega_firmware
-from tests.running import run_traverse
-from traverse.drivers.base.values import STATUS_ERROR, STATUS_LATE, LatchedCounts
 
 pytestmark = [pytest.mark.needs("compiler", "avr", "simavr"), pytest.mark.slow]
 
