@@ -1,8 +1,11 @@
 """Devices that tests plug in and out, and a driver on the port of one."""
 
 import asyncio
+import contextlib
 import os
+import select
 import threading
+import time
 import tty
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Callable
@@ -73,6 +76,22 @@ class PtyPeer(Peer):
     def __init__(self, link: Path) -> None:
         super().__init__()
         self.link = link
+
+    def receive(self, seconds: float) -> bytes:
+        """Return what the host has sent; nothing if it does not within a time."""
+        until_s = time.monotonic() + seconds
+        while (left_s := until_s - time.monotonic()) > 0:
+            if select.select([self._master], [], [], left_s)[0]:
+                try:
+                    return os.read(self._master, 4096)
+                except OSError:  # no host has the port open
+                    time.sleep(0.001)
+        return b""
+
+    def send(self, data: bytes) -> None:
+        """Send to the host; what does not fit into the line is lost."""
+        with contextlib.suppress(OSError):
+            os.write(self._master, data)
 
     def _open(self) -> None:
         self._master, slave = os.openpty()

@@ -271,7 +271,7 @@ def test_only_what_speaks_mqtt_may_use_the_way_in_at_a_broker() -> None:
 def test_every_package_has_a_layer() -> None:
     (layers,) = (c["layers"] for c in CONTRACTS if c.get("containers") == ["traverse"])
     named = [name for layer in layers for name in layer.split(" | ")]
-    modules = ["__main__", "arrays", "installation", "plurals"]
+    modules = ["__main__", "arrays", "extensions", "installation", "plurals"]
     assert sorted(named) == sorted([*modules, *PACKAGES])
 
 

@@ -68,6 +68,7 @@ def test_the_root_has_nothing_else() -> None:
         "__init__.py",
         "__main__.py",
         "arrays.py",
+        "extensions.py",
         "installation.py",
         "plurals.py",
         "py.typed",

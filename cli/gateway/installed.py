@@ -91,8 +91,8 @@ def _command(name: str, gateway: Gateway) -> Callable[..., None]:
     command.__signature__ = inspect.Signature([*common, *_options(gateway)])  # type: ignore[attr-defined]  # of PEP 362
     about, _, options_help = (inspect.getdoc(gateway) or "").partition("\n\nArgs:")
     command.__doc__ = (
-        f"{about}\n\nArgs:\n    arm: Name of the arm.\n"
-        f"    since: From where on points are sent.{options_help}"
+        f"{about}\n\nArgs:{options_help}\n    arm: Name of the arm.\n"
+        "    since: From where on points are sent."
     )
     return command
 

@@ -1,0 +1,1 @@
+"""A driver, a format, an effect and a gateway for Traverse."""
