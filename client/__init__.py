@@ -10,8 +10,10 @@ from traverse.client.errors import (
     Counters,
     NoAnswerError,
 )
+from traverse.client.frames import to_pandas
 from traverse.client.points.session_order import Lost
 from traverse.client.results import Resent, ResentScan, StartedScan, StoredSession
+from traverse.protocol.messages import Point, Scan
 
 __all__: list[str] = [
     "Arm",
@@ -23,8 +25,11 @@ __all__: list[str] = [
     "Counters",
     "Lost",
     "NoAnswerError",
+    "Point",
     "Resent",
     "ResentScan",
+    "Scan",
     "StartedScan",
     "StoredSession",
+    "to_pandas",
 ]

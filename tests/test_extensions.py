@@ -72,6 +72,14 @@ def test_all_that_the_template_offers_can_be_used(installed):
     }
 
 
+def test_the_page_shows_what_is_printed(installed):
+    page = CHECKOUT / "docs" / "how-to" / "extend-traverse.md"
+    printed = run(installed, "traverse", "extensions").stdout
+    shown = page.read_text("utf-8").partition("$ traverse extensions\n")[2]
+    lines = shown.partition("```")[0].splitlines()
+    assert [line.strip() for line in lines if line.strip()] == printed.splitlines()
+
+
 def test_its_driver_keeps_the_contract(installed):
     ran = run(installed, "pytest", "-q", "-p", "no:cacheprovider", TEMPLATE / "tests")
     assert "9 passed" in ran.stdout

@@ -1,5 +1,6 @@
 """Point: one captured point, or the retraction of one."""
 
+from html import escape
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -108,6 +109,29 @@ class Point(Message):
         }
         fields.pop("schema_")
         return type(self).model_validate(fields)
+
+    def _repr_html_(self) -> str:
+        """Show it in a notebook: coordinates with U (k = 2), and doubts."""
+        covariance_mm2 = self.covariance_mm2 or (None,) * 6
+        variances_mm2 = (covariance_mm2[0], covariance_mm2[3], covariance_mm2[5])
+        rows = [
+            (
+                axis,
+                f"{mm:.4f} mm",
+                "unknown" if mm2 is None else f"{2 * mm2**0.5:.4f} mm",
+            )
+            for axis, mm, mm2 in zip("xyz", self.xyz_mm, variances_mm2, strict=True)
+        ]
+        cells = "".join(
+            f"<tr><th>{axis}</th><td>{mm}</td><td>{u}</td></tr>" for axis, mm, u in rows
+        )
+        doubts = ", ".join(self.quality.flags) or "unstated"
+        state = "ok" if self.quality.ok else f"in doubt: {doubts}"
+        about = f"{self.arm}, session {self.session}, point {self.seq}: {state}"
+        return (
+            f"<table><caption>{escape(about)}</caption>"
+            f"<tr><th></th><th>centre</th><th>U (k = 2)</th></tr>{cells}</table>"
+        )
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:

@@ -16,7 +16,8 @@ else:
 
     def __getattr__(name: str) -> object:
         """Import the client when it is first used: other programs start without it."""
-        if name == "__all__" or name[:1].isupper():  # its names; packages are not
+        # Its names; packages are not.
+        if name in ("__all__", "to_pandas") or name[:1].isupper():
             from traverse import client  # noqa: PLC0415 - see above
 
             if name == "__all__" or name in client.__all__:

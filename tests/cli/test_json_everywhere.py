@@ -65,6 +65,7 @@ ELSEWHERE = {
     ),
     **dict.fromkeys(("probe use", "send"), "tests/end_to_end/cli/test_control.py"),
     "board test": "tests/cli/devices/test_board.py",
+    "extensions": "tests/test_extensions.py",
     **dict.fromkeys(
         ("amt21 scan", "amt21 zero", "amt21 reset"),
         "tests/cli/devices/test_amt21.py",

@@ -22,6 +22,7 @@ RUN: Final = {
     "docs/how-to/arm-file-from-dh-or-urdf.md": "tests/docs/test_office_guides.py",
     "docs/how-to/secure-the-broker.md": "tests/docs/test_office_guides.py",
     "docs/how-to/campaign-from-a-table.md": "tests/cli/identify/test_table.py",
+    "docs/how-to/extend-traverse.md": "tests/test_extensions.py",
     "docs/tutorial/circle-over-ippdme.md": "tests/docs/test_circle_tutorial.py",
     "docs/how-to/metrology-software.md": "tests/docs/test_bench_guides.py",
     "docs/tutorial/arduino-to-calibrated-arm.md": "tests/docs/test_arduino_tutorial.py",

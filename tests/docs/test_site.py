@@ -8,7 +8,7 @@ import sys
 from dataclasses import fields
 from html.parser import HTMLParser
 from pathlib import Path
-from urllib.parse import urldefrag
+from urllib.parse import unquote, urldefrag
 
 import pytest
 from playwright.async_api import async_playwright, expect
@@ -78,6 +78,17 @@ def test_nothing_is_fetched_from_elsewhere(site: Path) -> None:
             assert not re.match(r"(https?:)?//", link), f"{page}: {link}"
     for style in site.rglob("*.css"):
         assert not re.search(r"url\(\s*['\"]?(https?:)?//", style.read_text("utf-8"))
+
+
+def test_every_link_within_the_site_leads_to_a_file(site: Path) -> None:
+    """Strict mkdocs does not look at files of the checkout."""
+    for page in site.rglob("*.html"):
+        if page.name == "404.html":  # its links are for wherever it is shown
+            continue
+        for link in re.findall(r'(?:href|src)="([^"]+)"', page.read_text("utf-8")):
+            path = unquote(urldefrag(html.unescape(link))[0])
+            if path and not re.match(r"\w+:", path):
+                assert (page.parent / path).is_file(), f"{page}: {link}"
 
 
 def test_lists_have_become_lists(site: Path) -> None:
