@@ -32,7 +32,16 @@ OLD_NAMES = {"interim": "daily-check"}
 COMMANDS = (
     *("demo", "run", "watch", "page", "check", "artefact", "collect"),
     *("identify", "predict", "diagnose", "verify", "certify", "trace"),
-    *("daily-check", "align", "record", "replay", "export", "store", "extensions"),
+    *(
+        "daily-check",
+        "align",
+        "features",
+        "record",
+        "replay",
+        "export",
+        "store",
+        "extensions",
+    ),
     *(*CONTROL, *OLD_NAMES),
     *(
         "simulate",

@@ -22,6 +22,7 @@ _OF_THE_LAB = (
     "certify",
     "daily-check",
     "diagnose",
+    "features",
     "identify",
     "interim",
     "predict",

@@ -1,0 +1,103 @@
+"""`traverse features`: figures of a part from touched points, and its report sheet."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from traverse.cli.common.options import Json
+from traverse.cli.common.refusals import (
+    FAILED,
+    check_inputs,
+    print_report,
+    refusals,
+    refuse,
+)
+
+if TYPE_CHECKING:
+    from traverse.arrays import Floats
+    from traverse.client.inspection.results import Inspection
+    from traverse.protocol.messages import Point
+
+
+def features(
+    points: Path,
+    *,
+    plan: Path,
+    arm: Path | None = None,
+    session: str | None = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure planes, circles, distances and so on with their uncertainty.
+
+    A point belongs to the feature that its label names. With --out, writes the report
+    sheet features.html, and features.json and .csv. Exit status 1: a figure does not
+    conform, or is not decided; or a feature has no figures.
+
+    Args:
+        points: Points: JSON lines, a recording, or an outbox.
+        plan: Features, relations and tolerances, TOML.
+        arm: Arm file that the points were taken with, its covariance beside it; without
+            it there is no uncertainty, and nothing is judged.
+        session: Only points of this session.
+        out: Folder for the report.
+    """
+    check_inputs(points, plan, arm)
+    from traverse.cli.export.file import selected_points
+    from traverse.client.inspection.plan import Plan, plan_problems
+    from traverse.client.inspection.results import assigned_points, inspected
+    from traverse.client.inspection.sheet import summary_lines
+    from traverse.strict_toml.reader import read_strict
+
+    with refusals(ValueError):
+        wanted = read_strict(plan, Plan, plan_problems)
+        chosen = list(selected_points(points, session, retracted=False))
+        assigned = assigned_points(wanted, chosen)
+        used = {point.id: point for each in assigned.values() for point in each}
+        if not used:
+            labels = {p.label.feature for p in chosen if p.label.feature is not None}
+            refuse(
+                f"{points} has no points of features of {plan}; labels there: "
+                f"{', '.join(sorted(labels)) or 'none'}"
+            )
+        inspection = inspected(wanted, chosen, _shared(list(used.values()), arm))
+        if out is not None:
+            _write(inspection, out)
+    lines = summary_lines(inspection)
+    if out is not None:
+        lines.append(f"wrote {out}: features.html, .json, .csv")
+    print_report(asdict(inspection), lines, as_json=as_json)
+    has_problem = any(feature.problem for feature in inspection.features)
+    if has_problem or inspection.conformity not in (None, "conforming"):
+        raise typer.Exit(FAILED)
+
+
+def _shared(points: "list[Point]", arm: Path | None) -> "Mapping[str, Floats] | str":
+    """Return what points share by the arm, or why it is not known."""
+    if arm is None:
+        return "--arm is not given"
+    from traverse.kinematics.arm_file.arm import read_arm
+    from traverse.lab.measured_points.reading import shared_by_points
+
+    read = read_arm(arm)
+    try:
+        shared_mm = shared_by_points(points, arm, read)
+    except ValueError as error:
+        return str(error)
+    return {point.id: factor for point, factor in zip(points, shared_mm, strict=True)}
+
+
+def _write(inspection: "Inspection", folder: Path) -> None:
+    from traverse.client.inspection.sheet import csv_text, json_text, sheet_html
+    from traverse.strict_toml.writing import write_atomically
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in (
+        ("features.html", sheet_html(inspection)),
+        ("features.json", json_text(inspection)),
+        ("features.csv", csv_text(inspection)),
+    ):
+        write_atomically(folder / name, text)

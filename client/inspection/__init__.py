@@ -1,0 +1,1 @@
+"""Inspection of a part: features of touched points, tolerances, the report sheet."""

@@ -1,0 +1,377 @@
+"""From points and a plan to the figures of a part."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from traverse.arrays import Floats
+from traverse.client.inspection.plan import (
+    FeatureEntry,
+    Plan,
+    RelationEntry,
+    ToleranceEntry,
+)
+from traverse.kinematics.features.figures import (
+    Conformity,
+    Figure,
+    angle,
+    distance,
+    figures_of,
+)
+from traverse.kinematics.features.measured import (
+    Definition,
+    Features,
+    Touches,
+    measured_features,
+)
+from traverse.kinematics.features.relations import related
+from traverse.kinematics.fits.elements import Element
+from traverse.kinematics.helmert.shape import shape_of, undetermined
+from traverse.kinematics.helmert.transformation import Helmert, closed_helmert
+from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
+from traverse.plurals import counted
+from traverse.protocol.messages import Point
+
+MEASURED_SIDES = {"pretouch", "pulled", "inside", "outside"}
+"""Compensations that know the direction to the material."""
+_ALIGNED_MM = 1e-6  # part coordinates are those of one alignment
+_BETWEEN = {"distance": distance, "angle": angle}
+
+
+@dataclass(frozen=True, slots=True)
+class FigureResult:
+    """A figure of a feature or relation.
+
+    Attributes:
+        value: in `unit`, mm or deg.
+        expanded: U (k = 2); None where it is not known.
+        nominal, lower, upper: of its tolerance, or None.
+        conformity: by ISO 14253-1; None without a tolerance.
+    """
+
+    name: str
+    unit: str
+    value: float
+    expanded: float | None
+    nominal: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    conformity: Conformity | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TouchResult:
+    """A touch of a feature.
+
+    Attributes:
+        distance_mm: from the fitted element; None of elements without a fit.
+    """
+
+    id: str
+    seq: int
+    distance_mm: float | None
+    doubts: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureResult:
+    """A feature or relation.
+
+    Attributes:
+        kind: of the element or relation.
+        of: the names that a relation is made of.
+        problem: why there are no figures; empty where there are.
+        direction: unit vector of axis or normal; None without one.
+    """
+
+    name: str
+    kind: str
+    side: str = ""
+    of: tuple[str, ...] = ()
+    problem: str = ""
+    figures: tuple[FigureResult, ...] = ()
+    touches: tuple[TouchResult, ...] = ()
+    place_mm: tuple[float, ...] | None = None
+    direction: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """Results of a part.
+
+    Attributes:
+        arm, model: of the points: name, and digest of the arm file.
+        system: "part" where all points have coordinates of one alignment, else "arm".
+        last_ns: time of the last point [UTC]; 0 without points.
+        uncertainty_unknown: why there is no U; empty where there is.
+    """
+
+    part: str
+    serial: str
+    operator: str
+    arm: str
+    model: str
+    system: str
+    tip_mm: float
+    last_ns: int
+    uncertainty_unknown: str
+    features: tuple[FeatureResult, ...]
+
+    @property
+    def conformity(self) -> Conformity | None:
+        """Of the part: the worst of its figures; None without tolerances."""
+        decisions = {
+            figure.conformity
+            for feature in self.features
+            for figure in feature.figures
+            if figure.conformity is not None
+        }
+        order: tuple[Conformity, ...] = (
+            *("not conforming", "not judged", "undecided", "conforming"),
+        )
+        return next((decision for decision in order if decision in decisions), None)
+
+
+def inspected(
+    plan: Plan, points: Sequence[Point], shared_mm: Mapping[str, Floats] | str
+) -> Inspection:
+    """Compute all figures of a plan.
+
+    Args:
+        plan: with features, relations, tolerances.
+        points: not retracted; those of no feature are left out.
+        shared_mm: factors S of what points share by the arm, (3, rank), by their ids;
+            or why they are not known.
+    """
+    assigned = assigned_points(plan, points)
+    used = {point.id: point for each in assigned.values() for point in each}
+    rows = {point_id: row for row, point_id in enumerate(used)}
+    every = list(used.values())
+    errors, system, unknown = _errors(every, shared_mm)
+    tips = {point.probe_radius_mm for point in every}
+    if len(tips) > 1:
+        unknown = unknown or "the points were taken with balls of different radius"
+    definitions = [
+        Definition(
+            feature.name,
+            feature.kind,
+            tuple(rows[point.id] for point in assigned[feature.name]),
+            feature.side,
+            feature.plane,
+        )
+        for feature in plan.features
+        if assigned[feature.name]
+    ]
+    touches = Touches(
+        errors,
+        max(tips, default=0.0),
+        _towards(every, system),
+        np.array([p.compensation in MEASURED_SIDES for p in every], dtype=bool),
+    )
+    features = measured_features(definitions, touches)
+    judge = _Judge(plan, assigned, is_known=not unknown)
+    results = [
+        _feature(entry, assigned[entry.name], features, judge)
+        for entry in plan.features
+    ]
+    results += [_relation(entry, features, judge) for entry in plan.relations]
+    return Inspection(
+        plan.part,
+        plan.serial,
+        plan.operator,
+        arm=every[0].arm if every else "",
+        model=every[0].model if every else "",
+        system="arm" if system is None else "part",
+        tip_mm=max(tips, default=0.0),
+        last_ns=max((point.time_ns for point in every), default=0),
+        uncertainty_unknown=unknown,
+        features=tuple(results),
+    )
+
+
+def assigned_points(plan: Plan, points: Sequence[Point]) -> dict[str, list[Point]]:
+    """Return the points of each feature: those that are listed, else by label."""
+    by_id = {point.id: point for point in points}
+    return {
+        feature.name: (
+            [point for point in points if point.label.feature == feature.name]
+            if feature.points is None
+            else [by_id[point_id] for point_id in feature.points if point_id in by_id]
+        )
+        for feature in plan.features
+    }
+
+
+def _errors(
+    points: Sequence[Point], shared_mm: Mapping[str, Floats] | str
+) -> tuple[JointCovariance, Helmert | None, str]:
+    """Return the joint covariance, the alignment, and why U is not known."""
+    n, unknown = len(points), shared_mm if isinstance(shared_mm, str) else ""
+    covariances = np.zeros((n, 6))
+    shared: list[Floats] = [np.zeros((3, 0))] * n
+    if not unknown and not isinstance(shared_mm, str):
+        lacking = [
+            p for p in points if p.covariance_mm2 is None or p.id not in shared_mm
+        ]
+        ranks = {shared_mm[p.id].shape[1] for p in points if p.id in shared_mm}
+        if lacking:
+            of = counted(len(lacking), "point")
+            unknown = f"{of} have no covariance that they share with the others"
+        elif len({point.model for point in points}) > 1 or len(ranks) > 1:
+            unknown = "the points were taken with different arm files or probes"
+        elif ranks == {0}:
+            unknown = "the arm file has no covariance: what points share is not known"
+        else:
+            shared = [shared_mm[point.id] for point in points]
+            covariances = np.array([point.covariance_mm2 for point in points])
+            covariances = covariances.reshape(n, 6)
+    places_mm = np.array([point.xyz_mm for point in points]).reshape(n, 3)
+    factors = np.array(shared).reshape(n, 3, -1) if n else np.zeros((0, 3, 0))
+    errors = JointCovariance(
+        places_mm, covariances[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]], factors
+    )
+    alignment = _alignment(points, places_mm)
+    if alignment is None:
+        return errors, None, unknown
+    turn = alignment.scale * alignment.rotation
+    aligned = JointCovariance(
+        alignment.places_mm(places_mm),
+        turn @ errors.covariances_mm2 @ turn.T,
+        turn @ errors.shared_mm,
+    )
+    return aligned, alignment, unknown
+
+
+def _alignment(points: Sequence[Point], places_mm: Floats) -> Helmert | None:
+    """Return the alignment that all points have in common; None without."""
+    given = [point.part_xyz_mm for point in points if point.part_xyz_mm is not None]
+    if len(given) < max(len(points), 3):
+        return None
+    part_mm = np.array(given)
+    if undetermined(shape_of(places_mm)) is not None:
+        return None
+    alignment = closed_helmert(
+        places_mm, part_mm, np.ones(len(points)), with_scale=True
+    )
+    off_mm = np.abs(alignment.places_mm(places_mm) - part_mm).max()
+    return alignment if off_mm < _ALIGNED_MM else None
+
+
+def _towards(points: Sequence[Point], alignment: Helmert | None) -> Floats:
+    towards = np.array([_material(point) for point in points]).reshape(-1, 3)
+    return towards if alignment is None else towards @ alignment.rotation.T
+
+
+def _material(point: Point) -> Floats:
+    """Return the direction to the material, else of the shank."""
+    if point.compensation in MEASURED_SIDES and point.surface_mm is not None:
+        way_mm = np.subtract(point.surface_mm, point.xyz_mm)
+        length_mm = float(np.linalg.norm(way_mm))
+        if length_mm > 0.0:
+            return np.asarray(way_mm / length_mm)
+    return np.array(point.ijk)
+
+
+class _Judge:
+    """Decides on figures, as far as their uncertainty and their points allow."""
+
+    def __init__(
+        self, plan: Plan, assigned: Mapping[str, list[Point]], *, is_known: bool
+    ) -> None:
+        self._is_known = is_known
+        self._tolerances: dict[tuple[str, str], ToleranceEntry] = {
+            (entry.of, entry.figure): entry for entry in plan.tolerances
+        }
+        self._doubtful = {
+            name
+            for name, points in assigned.items()
+            if not all(point.quality.ok for point in points)
+        }
+        self._doubtful |= {f.name for f in plan.features if f.plane in self._doubtful}
+        for relation in plan.relations:  # later ones rest on earlier ones
+            if self._doubtful.intersection(relation.of):
+                self._doubtful.add(relation.name)
+
+    def results(self, of: str, figures: Sequence[Figure]) -> tuple[FigureResult, ...]:
+        """Return figures of a feature in their units, with decisions."""
+        return tuple(self._result(of, figure) for figure in figures)
+
+    def _result(self, of: str, figure: Figure) -> FigureResult:
+        factor = np.rad2deg(1.0) if figure.is_angle else 1.0
+        result = FigureResult(
+            figure.name,
+            "deg" if figure.is_angle else "mm",
+            float(factor * figure.value),
+            float(factor * figure.expanded) if self._is_known else None,
+        )
+        entry = self._tolerances.get((of, figure.name))
+        if entry is None:
+            return result
+        decision: Conformity = "not judged"
+        if self._is_known and of not in self._doubtful:
+            decision = entry.tolerance.conformity(figure)
+        limits = entry.tolerance
+        return replace(
+            result,
+            nominal=float(factor * limits.nominal),
+            lower=float(factor * limits.lower),
+            upper=float(factor * limits.upper),
+            conformity=decision,
+        )
+
+
+def _feature(
+    entry: FeatureEntry, points: list[Point], features: Features, judge: _Judge
+) -> FeatureResult:
+    element = features.elements.get(entry.name)
+    distances_mm: Sequence[float | None] = [None] * len(points)
+    if element is not None and element.fit is not None:
+        each = element.fit.distances_mm.reshape(len(points), -1)
+        of_points_mm = (
+            each[:, 0] if each.shape[1] == 1 else np.linalg.norm(each, axis=1)
+        )
+        distances_mm = of_points_mm.tolist()
+    touches = tuple(
+        TouchResult(p.id, p.seq, mm, () if p.quality.ok else p.quality.flags)
+        for p, mm in zip(points, distances_mm, strict=True)
+    )
+    result = FeatureResult(entry.name, entry.kind, entry.side, touches=touches)
+    if element is None:
+        problem = features.problems.get(entry.name, "not touched yet")
+        return replace(result, problem=problem)
+    figures = figures_of(element, features.errors)
+    return _located(
+        replace(result, figures=judge.results(entry.name, figures)), element
+    )
+
+
+def _relation(entry: RelationEntry, features: Features, judge: _Judge) -> FeatureResult:
+    result = FeatureResult(entry.name, entry.kind, of=entry.of)
+    missing = [name for name in entry.of if name not in features.elements]
+    if missing:
+        return replace(result, problem=f"{', '.join(missing)}: not measured")
+    elements = [features.elements[name] for name in entry.of]
+    try:
+        if entry.kind in _BETWEEN:
+            first, second = elements
+            figures = [_BETWEEN[entry.kind](first, second, features.errors)]
+            return replace(result, figures=judge.results(entry.name, figures))
+        element = related(entry.kind, *elements)  # type: ignore[arg-type]
+    except ValueError as error:
+        return replace(result, problem=str(error))
+    features.elements[entry.name] = element
+    figures = figures_of(element, features.errors)
+    return _located(
+        replace(result, figures=judge.results(entry.name, figures)), element
+    )
+
+
+def _located(result: FeatureResult, element: Element) -> FeatureResult:
+    """Add where an element is, for pictures and other programs."""
+    direction = element.direction.tolist() if element.direction.any() else None
+    return replace(
+        result,
+        place_mm=tuple(element.place_mm.tolist()),
+        direction=None if direction is None else tuple(direction),
+    )
