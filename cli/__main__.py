@@ -18,8 +18,7 @@ if "TRAVERSE_KERNEL" in os.environ:  # before everything else that computes
     except ValueError as error:
         sys.stderr.write(f"traverse: {error}\n")
         sys.exit(2)
-from traverse.cli.common.old_forms import commands_as_now, sentence
-from traverse.cli.common.options import CommandGroup, words_of
+from traverse.cli.common.options import CommandGroup, ConfigCommand
 from traverse.cli.common.refusals import REFUSED, RefusalError, end, missing_library
 
 FOLDERS = dict.fromkeys(("amt21", "board", "can", "microscribe"), "devices.")
@@ -27,8 +26,6 @@ CONTROL = (
     *("point", "undo", "scan", "label", "session", "reload", "confirm", "home"),
     "send",
 )
-OLD_NAMES = {"interim": "daily-check"}
-"""Kept for one release, and not shown."""
 COMMANDS = (
     *("demo", "run", "watch", "page", "check", "artefact", "collect"),
     *("identify", "predict", "diagnose", "verify", "certify", "trace"),
@@ -42,7 +39,7 @@ COMMANDS = (
         "store",
         "extensions",
     ),
-    *(*CONTROL, *OLD_NAMES),
+    *CONTROL,
     *(
         "simulate",
         "arm",
@@ -66,14 +63,6 @@ class Commands(TyperGroup):
 
     A value of an option that is refused is shown as it was typed.
     """
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - as below
-        """Parse the arguments, in their new form."""
-        words = words_of(ctx)
-        new = commands_as_now(words, args)
-        if new != args:
-            typer.echo(sentence(words, args, new), err=True)
-        return super().parse_args(ctx, new)
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - of click, or of typer's own
         """Run the command that is named."""
@@ -135,15 +124,13 @@ def command_line(names: Iterable[str]) -> CommandGroup:
     )
     made.callback()(_options)
     for name in names:
-        command = _command(OLD_NAMES.get(name, name).replace("-", "_"))
+        command = _command(name.replace("-", "_"))
         if isinstance(command, CommandGroup):
             made.add_typer(command, cls=Commands)
-        elif name in OLD_NAMES:
-            made.command(name, hidden=True)(command)
-        elif name == "help":
-            made.command(name)(command)
+        elif name == "run":
+            made.command(cls=ConfigCommand)(command)
         else:
-            made.command()(command)
+            made.command("help" if name == "help" else None)(command)
     return made
 
 

@@ -156,7 +156,7 @@ def _alarms(status: bytes | None) -> list[str]:
         latest = decode(Status, bytes(status))
     except MessageError:  # of a version to come
         return []
-    return [f"{one.source}: {one.text}" for one in latest.alarms or ()]
+    return [f"{one.source}: {one.text}" for one in latest.alarms]
 
 
 def _concerns(

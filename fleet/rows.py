@@ -140,7 +140,7 @@ class Rows:
         self.statuses[arm] = (
             *(arm, status.time_ns, status.online, status.state),
             *(status.session, status.model, status.version),
-            None if status.alarms is None else len(status.alarms),
+            len(status.alarms),
             payload,
         )
 

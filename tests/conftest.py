@@ -33,6 +33,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 def pytest_configure(config: pytest.Config) -> None:
     """Make the folder of shared results, in the process that starts the workers."""
+    gc.disable()  # until all tests are imported: what that makes stays
     if not hasattr(config, "workerinput"):
         config.stash[SHARED] = TemporaryDirectory(prefix="traverse-tests-")
         os.environ[shared.FOLDER] = config.stash[SHARED].name
@@ -169,8 +170,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for at, path in enumerate(files)
     }
     items.sort(key=lambda item: (ranks[item.path], item.path))
-    gc.collect()
     gc.freeze()  # what was imported and collected is not looked through again
+    gc.enable()
 
 
 def pytest_sessionfinish() -> None:

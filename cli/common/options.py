@@ -13,8 +13,6 @@ import typer
 from typer.core import TyperCommand
 from typer.models import CommandFunctionType
 
-from traverse.cli.common.old_forms import as_now, sentence
-
 Json = Annotated[
     bool, typer.Option("--json", help="Report as JSON on standard output.")
 ]
@@ -40,25 +38,18 @@ def campaign_folder(path: Path | None) -> Path | None:
     return path.parent if path is not None and path.name == "campaign.toml" else path
 
 
-def words_of(ctx: Any) -> str:  # noqa: ANN401 - of typer's own click
-    """Return the words of a command behind the program's name."""
-    names = []
-    while ctx.parent is not None:
-        names.append(str(ctx.info_name))
-        ctx = ctx.parent
-    return " ".join(reversed(names))
+class ConfigCommand(TyperCommand):
+    """A command whose argument is a configuration: `--config` may stand before it.
 
-
-class MouldedCommand(TyperCommand):
-    """A command that takes old forms of its arguments, too."""
+    Elsewhere it is an option, so that people write it here, too.
+    """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - typer's own click
-        """Parse the arguments, in their new form."""
-        words = words_of(ctx)
-        new = as_now(words, args)
-        if new != args:
-            typer.echo(sentence(words, args, new), err=True)
-        return super().parse_args(ctx, new)
+        """Parse the arguments without the option's name."""
+        without = [a.removeprefix("--config=") for a in args]
+        return super().parse_args(
+            ctx, [a for a in without if a not in ("--config", "-c")]
+        )
 
 
 class CommandGroup(typer.Typer):
@@ -80,7 +71,6 @@ class CommandGroup(typer.Typer):
         self, name: str | None = None, **settings: Any
     ) -> Callable[[CommandFunctionType], CommandFunctionType]:
         """Register a command; what is decorated stays as it is."""
-        settings.setdefault("cls", MouldedCommand)
         register = super().command(name, **settings)
 
         def decorated(command: CommandFunctionType) -> CommandFunctionType:

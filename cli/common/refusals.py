@@ -24,7 +24,6 @@ _OF_THE_LAB = (
     "diagnose",
     "features",
     "identify",
-    "interim",
     "predict",
     "probe",
     "trace",

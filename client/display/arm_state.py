@@ -54,22 +54,20 @@ class ScanProgress:
 
     Attributes:
         lost: dropped by the daemon, or lost between device and daemon.
-        in_doubt: points with a flag that is no remark; None: unknown.
+        in_doubt: points with a flag that is no remark.
     """
 
     scan: str
     runs: bool
     points: int = 0
     lost: int = 0
-    in_doubt: int | None = 0
+    in_doubt: int = 0
 
     @property
     def text(self) -> str:
         noun = counted(self.points, "point").split()[-1]
         words = f"{self.points:,} {noun}, {self.lost or 'none'} lost"
-        doubt = ", doubts not known" if self.in_doubt is None else ""
-        if self.in_doubt:
-            doubt = f", {self.in_doubt:,} in doubt"
+        doubt = f", {self.in_doubt:,} in doubt" if self.in_doubt else ""
         return f"{'Scanning' if self.runs else 'Scan ended'}: {words}{doubt}"
 
 
@@ -273,7 +271,7 @@ class ArmSight:
             self.alarms.clear()
             self.scan, self.label, self.probe = None, None, ""
             self._clock_s = None
-        elif status.alarms is not None:
+        else:
             # Includes those that began or ended while disconnected.
             self.alarms = {(a.code, a.source): a for a in status.alarms}
         self.label = status.label or self.label

@@ -14,9 +14,6 @@ def alarm_of(status: Status, *, ignored: Container[str] = ()) -> str | None:
     """
     if not status.online:
         return "the arm is offline"
-    if status.alarms is None:
-        state = {"doubt": "in doubt"}.get(status.state, status.state)
-        return None if status.state == "ready" else f"the arm is {state}"
     for alarm in status.alarms:
         if alarm.severity != "info" and alarm.code not in ignored:
             return f"alarm {alarm.code}: {alarm.text}; {alarm.remedy}"

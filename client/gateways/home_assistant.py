@@ -81,7 +81,7 @@ def state_of(
     """
     alarms = [
         alarm.model_dump(include={"severity", "code", "source", "text", "remedy"})
-        for alarm in status.alarms or ()
+        for alarm in status.alarms
     ]
     here = health if status.online else None
     return {

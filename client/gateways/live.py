@@ -215,7 +215,7 @@ class LiveServer:
                 f"{alarm.text}; {alarm.remedy}",
                 _LEVELS[alarm.severity],
             )
-            for alarm in message.alarms or ()
+            for alarm in message.alarms
         }
         if not message.online:
             alarms["offline"] = ("the arm is offline", StatusLevel.Error)

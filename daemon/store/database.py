@@ -40,14 +40,13 @@ NOTE_S = 0.2  # at most so often, since it takes as long as to store a point
 ROWS = 100  # of one statement
 
 
-VERSION = 3  # 1: without `crc`; 2: without `request`
+VERSION = 3
 CORRUPT_INDEX = sqlite3.SQLITE_CORRUPT | (3 << 8)  # its name is new in Python 3.12
 SET_ASIDE = 2  # `sent` of a damaged message
 APPLICATION = 0x54525650  # "TRVP", so that `file` and people can recognise it
 
 COLUMNS = "number, session, seq, id, time_ns, topic, encoding, payload, crc, request"
-REQUESTED = "CREATE INDEX requested ON messages (number) WHERE request IS NOT NULL"
-TABLES = f"""
+TABLES = """
 CREATE TABLE sessions (
     session TEXT PRIMARY KEY,
     begun_ns INTEGER NOT NULL,
@@ -63,12 +62,12 @@ CREATE TABLE messages (
     encoding TEXT NOT NULL,
     payload BLOB NOT NULL,
     sent INTEGER NOT NULL DEFAULT 0,
-    crc INTEGER,
+    crc INTEGER NOT NULL,
     request TEXT,
     UNIQUE (session, seq)
 );
 CREATE INDEX unsent ON messages (number) WHERE sent = 0;
-{REQUESTED};
+CREATE INDEX requested ON messages (number) WHERE request IS NOT NULL;
 CREATE TABLE room (only INTEGER PRIMARY KEY, filler BLOB NOT NULL);
 """
 
@@ -84,31 +83,31 @@ def read_as_text(value: bytes) -> str:
     return value.decode("utf-8", "replace")
 
 
-def check_version(connection: sqlite3.Connection, name: str) -> int:
-    """Return the version of the tables; 0 in a new database.
+def has_tables(connection: sqlite3.Connection, name: str) -> bool:
+    """Return whether it is an outbox; False of a new database.
 
     Raises:
-        DatabaseRefusedError: it is newer, or not an outbox.
+        DatabaseRefusedError: it is of another version, or not an outbox.
         sqlite3.Error: it cannot be read.
     """
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     if version == 0 and application == 0 and tables == 0:
-        return 0
+        return False
     if application != APPLICATION:
         raise DatabaseRefusedError(
             f"{name}: is a database of another program (application_id "
             f"{application:#x}, expected {APPLICATION:#x}); move it away, or name "
             "another state folder"
         )
-    if not 1 <= version <= VERSION:
+    if version != VERSION:
         raise DatabaseRefusedError(
             f"{name}: has tables of version {version}, this program knows version "
             f"{VERSION}; install the version of traverse that wrote it, or move the "
             "file away: its points can be sent and exported by that version only"
         )
-    return int(version)
+    return True
 
 
 def create_tables(connection: sqlite3.Connection) -> None:
@@ -147,7 +146,7 @@ class MessageDatabase:
         connection: for queries; see `traverse.daemon.store.queries`.
 
     Raises:
-        DatabaseRefusedError: it is not an outbox, or a newer one.
+        DatabaseRefusedError: it is not an outbox, or of another version.
         sqlite3.Error: it cannot be opened, or is damaged.
     """
 
@@ -170,17 +169,17 @@ class MessageDatabase:
                 )
             )
             self.connection.text_factory = read_as_text
-            version = check_version(self.connection, str(path))
+            is_new = not has_tables(self.connection, str(path))
             self._last_stored = stack.enter_context(
                 contextlib.closing(LastStoredFile(path))
             )
-            self._begin(version, last_number)
+            self._begin(last_number, is_new=is_new)
             self._open = stack.pop_all()
 
-    def _begin(self, version: int, last_number: int) -> None:
+    def _begin(self, last_number: int, *, is_new: bool) -> None:
         connection = self.connection
         execute = connection.execute
-        if not version:
+        if is_new:
             execute("PRAGMA auto_vacuum = INCREMENTAL")
         elif self._path.stat().st_size <= CHECKED_BYTES:
             (verdict,) = execute("PRAGMA quick_check(1)").fetchone()
@@ -192,15 +191,8 @@ class MessageDatabase:
         execute("PRAGMA synchronous = FULL")
         execute(f"PRAGMA wal_autocheckpoint = {LOG_PAGES}")
         execute(f"PRAGMA journal_size_limit = {LOG_BYTES}")
-        if not version:
+        if is_new:
             create_tables(connection)
-        elif version < VERSION:
-            with self._transaction():
-                if version == 1:
-                    execute("ALTER TABLE messages ADD COLUMN crc INTEGER")
-                execute("ALTER TABLE messages ADD COLUMN request TEXT")
-                execute(REQUESTED)
-                execute(f"PRAGMA user_version = {VERSION}")
         # Counted once, then kept up: to count a million takes a while.
         (self._points,) = execute("SELECT count(*) FROM messages").fetchone()
         (self._unsent,) = execute(
@@ -217,7 +209,7 @@ class MessageDatabase:
         if self.n_missing:
             execute("UPDATE sqlite_sequence SET seq = ?", (self.last_number,))
         for path in (self._path, self._log_path):
-            with contextlib.suppress(OSError):  # of an earlier version, and not ours
+            with contextlib.suppress(OSError):  # not ours
                 path.chmod(OWNER_ONLY)
         self._believed_ns: int | None = None
         self._believed_noted_ns = 0

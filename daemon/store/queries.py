@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from traverse.daemon.store.database import SET_ASIDE, check_version, read_as_text
+from traverse.daemon.store.database import SET_ASIDE, has_tables, read_as_text
 from traverse.daemon.store.records import (
     DatabaseRefusedError,
     StoredMessage,
@@ -22,8 +22,7 @@ from traverse.daemon.store.records import (
     StoredSession,
 )
 from traverse.protocol.encoding import decode
-from traverse.protocol.message_error import MessageError
-from traverse.protocol.messages import Point, Scan
+from traverse.protocol.messages import Scan
 
 COLUMNS = "session, seq, id, time_ns, topic, encoding, payload, number, sent, crc"
 PIECE = 500
@@ -37,23 +36,11 @@ def stored_message(row: tuple[Any, ...]) -> StoredMessage:
 
 
 def _is_whole(message: StoredMessage, crc: int | None) -> bool:
-    """Whether a message is as it was stored.
-
-    One of before version 2 has no checksum: its payload must be the point, or the block
-    of a scan, of its row.
-    """
+    """Whether a message is as it was stored."""
     try:
-        if crc is not None:
-            return message.checksum == crc
-        if message.topic.endswith("/scan"):
-            block = decode(Scan, message.payload, message.encoding)
-            identity = block.scan, block.seq, block_id(block)
-        else:
-            point = decode(Point, message.payload, message.encoding)
-            identity = point.session, point.seq, point.id
-    except (MessageError, TypeError, ValueError, AttributeError):
+        return message.checksum == crc
+    except (TypeError, ValueError, AttributeError):
         return False  # of damaged columns not even the type is certain
-    return identity == (message.session, message.seq, message.id)
 
 
 def open_read_only(path: Path) -> sqlite3.Connection:
@@ -74,13 +61,8 @@ def open_read_only(path: Path) -> sqlite3.Connection:
     )
     connection.text_factory = read_as_text
     try:
-        version = check_version(connection, str(path))
-        if not version:
+        if not has_tables(connection, str(path)):
             raise DatabaseRefusedError(f"{path}: is empty; no daemon has used it yet")
-        if version == 1:  # what only reads needs no `request`
-            connection.execute(
-                "CREATE TEMP VIEW messages AS SELECT *, NULL AS crc FROM main.messages"
-            )
     except BaseException:
         connection.close()
         raise

@@ -125,14 +125,10 @@ class UnsentMessages:
             with contextlib.suppress(sqlite3.Error):
                 for (number,) in connection.execute(query):
                     self._numbers.add(number)
-        columns = COLUMNS
-        with contextlib.suppress(sqlite3.Error):
-            if connection.execute("PRAGMA user_version").fetchone() == (1,):
-                columns = COLUMNS.replace("crc", "NULL")
         for number in self._numbers:
             with contextlib.suppress(sqlite3.Error):
                 for row in connection.execute(
-                    f"SELECT {columns} FROM messages WHERE number = ?", (number,)
+                    f"SELECT {COLUMNS} FROM messages WHERE number = ?", (number,)
                 ):
                     message = stored_message(row)
                     if message.is_whole:

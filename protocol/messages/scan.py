@@ -73,9 +73,8 @@ class Scan(Message):
     """True in the block that ends the scan; it may have no points."""
     total: Count | None
     """In the last block the number of points of the scan, dropped ones included."""
-    in_doubt: Count | None = None
-    """Points of this scan so far that are not `ok`, those here included; null from
-    earlier versions."""
+    in_doubt: Count
+    """Points of this scan so far that are not `ok`, those here included."""
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:

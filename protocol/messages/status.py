@@ -97,9 +97,8 @@ class Status(Message):
     """When this was written; in the last will, when the connection was made. [UTC]"""
     drivers: Annotated[tuple[DriverStatus, ...], Field(max_length=64, fail_fast=True)]
     """All configured devices."""
-    alarms: Annotated[tuple[Alarm, ...], Field(max_length=64)] | None = None
-    """Lasting conditions, oldest first, at most 64; null in the last will, and from
-    earlier versions."""
+    alarms: Annotated[tuple[Alarm, ...], Field(max_length=64)] = ()
+    """Lasting conditions, oldest first, at most 64; empty in the last will."""
     conditions: Annotated[
         tuple[ConditionStanding, ...], Field(max_length=256, fail_fast=True)
     ] = ()
@@ -109,8 +108,7 @@ class Status(Message):
     probes: Annotated[tuple[Name, ...], Field(max_length=64)] | None = None
     """Probes of the library when it was last read, at most 64; null without one."""
     label: Label | None = None
-    """What the next points are taken on; null in the last will, and from earlier
-    versions."""
+    """What the next points are taken on; null in the last will."""
     alignment: Text | None = None
     """Name of the alignment to the part; empty: without a name; null: no alignment."""
     public_key: Annotated[str, Field(pattern="^[A-Za-z0-9+/]{43}=$")] | None = None

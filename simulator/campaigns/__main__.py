@@ -1,16 +1,20 @@
-"""Make a campaign folder, as before `traverse simulate campaign`."""
+"""`traverse simulate campaign` for programs that start modules."""
 
+import argparse
 import sys
-from collections.abc import Sequence
+from pathlib import Path
 
 from traverse.simulator.campaigns.command import campaign_made
-from traverse.simulator.campaigns.old_command import run_old_command
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; say what it is called now."""
-    module, now = "traverse.simulator.campaigns", "traverse simulate campaign"
-    return run_old_command(module, now, campaign_made, arguments)
+def main() -> int:
+    """Make a campaign folder."""
+    parser = argparse.ArgumentParser("python -m traverse.simulator.campaigns")
+    parser.add_argument("spec", type=Path, help="specification, TOML")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write")
+    parser.add_argument("--seed", type=int, help="in place of the specification's")
+    given = parser.parse_args()
+    return campaign_made(given.spec, given.out, given.seed)
 
 
 if __name__ == "__main__":

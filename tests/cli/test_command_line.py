@@ -1,14 +1,11 @@
 """The command line as a whole: help, version, exit statuses of misuse."""
 
-import inspect
 import sys
 from importlib.metadata import version
 
 import pytest
-import typer.main
 
 from tests.running import invoke, run_program
-from traverse.cli.__main__ import app
 from traverse.kinematics.model.kernel_choice import KERNEL
 
 COMMANDS = ("demo", "run", "simulate", "watch", "check")
@@ -36,22 +33,6 @@ def test_help_names_every_command() -> None:
     status, text = said("--help")
     assert status == 0
     assert all(f" {command} " in text for command in COMMANDS)
-
-
-def test_old_names_are_hidden_and_do_the_same() -> None:
-    every = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    assert {name for name, command in every.items() if command.hidden} == {"interim"}
-    old, new = every["interim"], every["daily-check"]
-    assert old.help == new.help
-    assert inspect.unwrap(old.callback) is inspect.unwrap(new.callback)
-    assert [option.opts for option in old.params] == [
-        option.opts for option in new.params
-    ]
-    assert " interim " not in said("--help")[1]
-    assert said("interim") == (
-        2,
-        said("daily-check")[1].replace("daily-check", "interim"),
-    )
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Commands of one mould: options of one name are alike, old forms are answered."""
+"""Commands of one mould: options of one name are alike."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,6 @@ import typer.main
 
 from tests.running import invoke
 from traverse.cli.__main__ import app
-from traverse.cli.common.old_forms import OLD_FORMS, as_now
 
 
 def commands(group, *words):
@@ -34,48 +33,15 @@ def test_options_of_one_name_are_alike() -> None:
             if name == "--arm":
                 assert "file" in option.help.lower() or "folder" in option.help, words
             if name == "--arm-name":
-                # Those that were never called `--arm` have no old form.
-                assert words in OLD_FORMS or words in ("align", "send"), words
-        # What an option of before is called now must not be an option.
-        now = {opt for option in options for opt in option.opts}
-        forms = OLD_FORMS.get(words)
-        if forms is not None:
-            assert not now & {*forms.options, *forms.positional, *forms.words}, words
-            assert set(forms.options.values()) <= now, words
-    assert set(OLD_FORMS) <= set(ALL)
+                assert "file" not in option.help.lower(), words
 
 
-@pytest.mark.parametrize(
-    ("words", "old", "new"),
-    [
-        ("run", "--keep-trying --config d.toml", "--keep-trying d.toml"),
-        ("run", "-c d.toml --log-level info", "d.toml --log-level info"),
-        ("run", "--config=d.toml", "d.toml"),
-        ("run", "--config", ""),
-        ("scan", "--stop --arm a", "stop --arm-name a"),
-        ("watch", "--arm=+ --json", "--arm-name=+ --json"),
-        ("label", "--arm a -- --arm", "--arm-name a -- --arm"),
-        ("points resend", "s --arm a", "s --arm-name a"),
-        ("identify", "c --arm arm.toml", "c --arm arm.toml"),
-    ],
-)
-def test_old_forms_are_written_as_now(words: str, old: str, new: str) -> None:
-    assert as_now(words, old.split()) == new.split()
-
-
-@pytest.mark.parametrize(
-    ("old", "now"),
-    [
-        ("scan --stop --broker 127.0.0.1:9", "scan stop --broker 127.0.0.1:9"),
-        ("check --config none.toml", "check none.toml"),
-        ("simulate --config none.toml", "simulate devices none.toml"),
-    ],
-)
-def test_old_forms_do_the_same_and_are_answered(old: str, now: str) -> None:
-    before, after = (invoke(*words.split(), status=None) for words in (old, now))
-    assert before.exit_code == after.exit_code != 0
-    sentence = f"traverse {old}: is written `traverse {now}` from this release on\n"
-    assert before.stderr == sentence + after.stderr
+def test_run_takes_its_configuration_behind_config_too() -> None:
+    run = ALL["run"]
+    for words in ("d.toml", "--config d.toml", "-c d.toml", "--config=d.toml"):
+        context = run.make_context("run", [*words.split(), "--keep-trying"])
+        assert context.params["config"] == Path("d.toml"), words
+        assert context.params["keep_trying"], words
 
 
 @pytest.mark.parametrize(

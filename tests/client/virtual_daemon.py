@@ -158,7 +158,7 @@ class VirtualDaemon:
             "online": online,
             "state": "ready" if online else "offline",
             "session": self.session or None,
-            "alarms": None,
+            "alarms": (),
             "conditions": (),
             "probe": self.probe,
             "probes": self.probes,

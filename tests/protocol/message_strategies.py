@@ -116,7 +116,7 @@ def scans(draw) -> Scan:
         lost=draw(natural),
         last=total is not None,
         total=total,
-        in_doubt=draw(st.none() | natural),
+        in_doubt=draw(natural),
     )
 
 

@@ -467,7 +467,7 @@ class Session:
         self._user = command.name == "EnableUser"
 
     def _extended_status(self, _: Command) -> Lines:
-        alarms = (self._status.alarms if self._status else None) or ()
+        alarms = self._status.alarms if self._status else ()
         texts = [(f"{e.number:04d}", f"{e.text}: {e.why}") for e in self._details]
         texts += [(alarm.code, alarm.text) for alarm in alarms]
         return (

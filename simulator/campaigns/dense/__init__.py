@@ -1,1 +1,1 @@
-"""Dense scans: `python -m simulator.campaigns.dense SPEC.toml --out DIR`."""
+"""Dense scans of a simulated arm."""

@@ -13,7 +13,7 @@ from tests.cli.identify.identification import run_identify, said_json
 from tests.running import run_traverse
 from tests.simulator.effects.examples import heavy_arm
 from traverse.kinematics.arm_file.arm import write_arm
-from traverse.simulator.campaigns.__main__ import main as simulate
+from traverse.simulator.campaigns.command import campaign_made
 
 SPEC = """\
 schema = "traverse/simulated-campaign/1"
@@ -42,7 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("oriented")
     write_arm(folder / "arm.toml", heavy_arm())
     (folder / "spec.toml").write_text(SPEC, "utf-8")
-    assert simulate([str(folder / "spec.toml"), "--out", f"{folder}/campaign"]) == 0
+    assert campaign_made(folder / "spec.toml", folder / "campaign", None) == 0
     ran = run_identify(
         folder,
         *("campaign", "--arm", "arm.toml", "--out", "out", "--holdout", "0.2"),

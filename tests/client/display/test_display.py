@@ -395,8 +395,6 @@ def test_counts_of_a_scan_are_the_arms_wherever_one_begins_to_listen(
     assert begun_late.scan == sight.scan
     assert sight.scan is not None
     assert "161 in doubt" in sight.scan.text
-    sight.take_scan(block.model_copy(update={"in_doubt": None}))
-    assert "doubts not known" in sight.scan.text
 
 
 def kept(cloud: Cloud) -> np.ndarray:

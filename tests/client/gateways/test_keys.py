@@ -68,14 +68,13 @@ def gateway(arm: Arm, reports: list[str], template: str, decimal: str) -> LineGa
     )
 
 
-ALARM = STATUS.alarms[0] if STATUS.alarms else None
+ALARM = STATUS.alarms[0]
 
 
 @on_a_desktop
 async def test_points_are_typed_unless_arm_or_operator_forbid_it(
     virtual: VirtualDaemon, broker: str, shown: Desktop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert ALARM is not None
     async with virtual.running(), Arm(virtual.arm, broker) as arm:
         typing = Typing(virtual, arm)
         reports = typing.reports

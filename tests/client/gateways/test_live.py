@@ -178,7 +178,7 @@ async def test_the_arm_its_scans_its_state_and_its_events_are_shown(
                 and e["texts"][0]["text"] == flags
             )
         )
-        alarm = STATUS.alarms[0]  # type: ignore[index]
+        alarm = STATUS.alarms[0]
         await b.say(STATUS, session=virtual.session)
         name = f"{alarm.code} {alarm.source}"
         await until(lambda: name in viewer.statuses)

@@ -21,7 +21,6 @@ from traverse.daemon.store.queries import (
     open_read_only,
     stored_message,
 )
-from traverse.protocol.encoding import encode
 
 N = 40
 SESSION = "0123456789abcdef"
@@ -252,75 +251,7 @@ async def settled(bench):
     assert await done is None
 
 
-# -- versions and rights ------------------------------------------------------
-
-VERSION_1 = """
-CREATE TABLE sessions (
-    session TEXT PRIMARY KEY, begun_ns INTEGER NOT NULL, note TEXT NOT NULL);
-CREATE TABLE messages (
-    number INTEGER PRIMARY KEY AUTOINCREMENT, session TEXT NOT NULL,
-    seq INTEGER NOT NULL, id TEXT NOT NULL UNIQUE, time_ns INTEGER NOT NULL,
-    topic TEXT NOT NULL, encoding TEXT NOT NULL, payload BLOB NOT NULL,
-    sent INTEGER NOT NULL DEFAULT 0, UNIQUE (session, seq));
-CREATE INDEX unsent ON messages (number) WHERE sent = 0;
-CREATE TABLE room (only INTEGER PRIMARY KEY, filler BLOB NOT NULL);
-PRAGMA application_id = 0x54525650;
-PRAGMA user_version = 1;
-"""
-
-
-def make_old(path, version):
-    for statement in VERSION_1.split(";"):
-        execute(path, statement)
-    if version == 2:
-        execute(path, "ALTER TABLE messages ADD COLUMN crc INTEGER")
-        execute(path, "PRAGMA user_version = 2")
-    execute(path, "INSERT INTO sessions VALUES (?, 1, 'note')", SESSION)
-    for seq in range(6):
-        m = message(seq)
-        execute(
-            path,
-            "INSERT INTO messages (session, seq, id, time_ns, topic, encoding, payload)"
-            " VALUES (?, ?, ?, ?, ?, ?, ?)",
-            *(m.session, m.seq, m.id, m.time_ns, m.topic, m.encoding, m.payload),
-        )
-    other = encode(point(99), "msgpack")
-    execute(path, "UPDATE messages SET payload = ? WHERE seq = 2", other)
-
-
-@pytest.mark.parametrize("version", [1, 2])
-async def test_an_old_file_is_read_converted_and_sent(tmp_path, version):
-    bench = OutboxOnLoop(tmp_path)
-    make_old(bench.path, version)
-    with contextlib.closing(open_read_only(bench.path)) as connection:
-        kept = list(iter_messages(connection, SESSION, 0, 99))
-        assert [m.is_whole for m in kept] == [True, True, False, True, True, True]
-    async with bench.outbox.running():
-        assert await sent_by(bench, 6) == ORIGINALS[:2] + ORIGINALS[3:6]
-        assert bench.codes() == ["outbox.damaged"]
-        await bench.take_all(1)
-    assert execute(bench.path, "PRAGMA user_version") == [(3,)]
-    checksums = execute(bench.path, "SELECT crc FROM messages ORDER BY number")
-    assert [crc is None for (crc,) in checksums] == [True] * 6 + [False]
-    indices = execute(bench.path, "SELECT name FROM pragma_index_list('messages')")
-    assert ("requested",) in indices
-
-
-async def test_a_damaged_file_of_version_1_is_taken_over(tmp_path):
-    bench = OutboxOnLoop(tmp_path)
-    make_old(bench.path, 1)
-    content = bytearray(bench.path.read_bytes())
-    ((root,),) = execute(
-        bench.path,
-        "SELECT rootpage FROM sqlite_master WHERE name = 'sqlite_autoindex_messages_1'",
-    )
-    content[(root - 1) * 4096 : (root - 1) * 4096 + 64] = b"\xa5" * 64
-    bench.path.write_bytes(content)
-    async with bench.outbox.running():
-        assert await sent_by(bench, 5) == ORIGINALS[:2] + ORIGINALS[3:6]
-        assert "with 5 points that had not been sent; 1 more" in (
-            bench.occurrences[0].text
-        )
+# -- rights ------------------------------------------------------------------
 
 
 def test_only_the_owner_may_read_it_whatever_the_umask(path):

@@ -15,11 +15,12 @@ from traverse.daemon.store.records import DatabaseRefusedError
 from traverse.daemon.store.recovery import move_aside, storage_error_of
 
 
-def test_a_newer_version_is_refused_with_what_to_do(store, path):
+@pytest.mark.parametrize("version", [2, 4])
+def test_another_version_is_refused_with_what_to_do(store, path, version):
     store.close()
-    execute(path, "PRAGMA user_version = 4")
+    execute(path, f"PRAGMA user_version = {version}")
     with pytest.raises(
-        DatabaseRefusedError, match=r"version 4.*knows version 3.*install"
+        DatabaseRefusedError, match=rf"version {version}.*knows version 3.*install"
     ):
         MessageDatabase(path)
 

@@ -31,7 +31,7 @@ from traverse.simulator.campaigns import (
     make_poses,
     true_arm_file,
 )
-from traverse.simulator.campaigns.dense.__main__ import main
+from traverse.simulator.campaigns.command import scan_made
 from traverse.simulator.campaigns.dense.scan import NOTHING, simulate_scan
 from traverse.simulator.campaigns.dense.spec import DenseFile
 from traverse.simulator.campaigns.dense.writing import write_scan
@@ -411,7 +411,7 @@ def test_the_command_makes_a_folder(tmp_path, capsys):
     (tmp_path / "spec.toml").write_text(SPEC)
     write_arm(tmp_path / "arm.toml", seven_joint_arm())
     out = tmp_path / "out"
-    assert main([str(tmp_path / "spec.toml"), "--out", str(out), "--seed", "4"]) == 0
+    assert scan_made(tmp_path / "spec.toml", out, 4) == 0
     assert "samples 1000, 600 of them touching" in capsys.readouterr().out
     names = {path.name for path in out.iterdir()}
     assert names == {"arm.toml", "campaign.toml", "scan.mcap", "truth"}
@@ -431,6 +431,5 @@ def test_the_command_makes_a_folder(tmp_path, capsys):
 def test_what_cannot_be_made_is_refused(tmp_path, capsys, old, new, words):
     (tmp_path / "spec.toml").write_text(SPEC.replace(old, new))
     write_arm(tmp_path / "arm.toml", seven_joint_arm())
-    arguments = [str(tmp_path / "spec.toml"), "--out", str(tmp_path / "out")]
-    assert main(arguments) == 2
+    assert scan_made(tmp_path / "spec.toml", tmp_path / "out", None) == 2
     assert words in capsys.readouterr().err
