@@ -176,7 +176,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_sessionfinish() -> None:
     """End what programs were forked from."""
-    warm_start.close_all()
+    warm_start.close()
 
 
 @pytest.fixture(scope="session")

@@ -27,7 +27,7 @@ def run_traverse(
 ) -> subprocess.CompletedProcess[str]:
     """Run it in a folder, its output no terminal; warnings are errors."""
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
-        process = warm_start("-W", "error").start(
+        process = warm_start().start(
             arguments, folder, {**os.environ, "COLUMNS": "200"}, stdout=out, stderr=err
         )
         try:

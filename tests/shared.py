@@ -9,10 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-Function = TypeVar("Function", bound=Callable[..., object])
+from tests.warm_start import FOLDER
 
-# The folder of a session's results; workers inherit the variable.
-FOLDER = "TRAVERSE_TESTS_SHARED"
+Function = TypeVar("Function", bound=Callable[..., object])
 
 
 def new_folder() -> Path:

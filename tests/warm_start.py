@@ -1,11 +1,17 @@
 """Programs that start quickly: forked from a process that has imported their modules.
 
 Imports are most of what a short program computes, and the tests start hundreds of them.
-What runs is `python -m traverse` all the same: a process with its own main module,
-arguments, folder, environment, files and session, and a child of the test. Tests of the
-start itself, of terminals and of the commands on pages begin with a new interpreter.
+Modules that a command imported beyond those are imported before the next program of the
+same command is forked, by any worker: their names are in a file of the session.
+
+What runs is `python -W error -m traverse` all the same: a process with its own main
+module, arguments, folder, environment, files and session, and a child of the test.
+Tests of the start itself, of terminals and of the commands on pages begin with a new
+interpreter.
 """
 
+import atexit
+import contextlib
 import ctypes
 import gc
 import importlib
@@ -22,21 +28,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
-# What a command imports when it runs.
-MODULES = {
-    "run": ("traverse.daemon.app",),
-    "simulate": ("traverse.simulator.run",),
-    "identify": (
-        "traverse.lab.identification.identify",
-        "traverse.lab.identification.report.page",
-    ),
-    "diagnose": (
-        "traverse.lab.diagnosis.diagnose",
-        "traverse.lab.diagnosis.report.files",
-    ),
-    "page": ("traverse.client.exports.formats", "traverse.client.page.server"),
-    "watch": ("traverse.client.arm", "rich.live"),
-}
+# The folder of a session's results; workers and programs inherit the variable.
+FOLDER = "TRAVERSE_TESTS_SHARED"
 PR_SET_CHILD_SUBREAPER = 36
 LOOK_S = 0.005
 MOST_BYTES = 1 << 16
@@ -83,11 +76,11 @@ class Process:
 class WarmStart:
     """The process that programs are forked from; one for all tests of a worker."""
 
-    def __init__(self, *options: str) -> None:
+    def __init__(self) -> None:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             self._server = subprocess.Popen(
-                [sys.executable, *options, __file__, str(theirs.fileno())],
+                [sys.executable, "-W", "error", __file__, str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 env={**os.environ, "PYTHONUNBUFFERED": "1"},
@@ -133,25 +126,25 @@ class WarmStart:
         self._server.wait(20.0)
 
 
-_started: dict[tuple[str, ...], WarmStart] = {}
+_started: list[WarmStart] = []
 
 
-def warm_start(*options: str) -> WarmStart:
-    """Return the process for interpreter options, started on first use."""
-    if options not in _started:
-        _started[options] = WarmStart(*options)
-    return _started[options]
+def warm_start() -> WarmStart:
+    """Return the process of this worker, started on first use."""
+    if not _started:
+        _started.append(WarmStart())
+    return _started[0]
 
 
 def pids() -> set[int]:
-    """Processes of this worker that programs are forked from."""
-    return {server.pid for server in _started.values()}
+    """Return the process of this worker that programs are forked from, if any."""
+    return {server.pid for server in _started}
 
 
-def close_all() -> None:
-    """End them."""
+def close() -> None:
+    """End it."""
     while _started:
-        _started.popitem()[1].close()
+        _started.pop().close()
 
 
 def _adopt_orphans(adopt: bool) -> None:
@@ -169,8 +162,7 @@ def _serve(connection: socket.socket) -> tuple[list[str], list[int]] | None:
         if not data:
             return None
         arguments, folder, environment = json.loads(data)
-        for name in MODULES.get(arguments[0], ()):
-            importlib.import_module(name)
+        _import_as_before(arguments)
         gc.freeze()  # what is collected in a program at its end is its own
         reader, writer = os.pipe()
         if (between := os.fork()) == 0:
@@ -194,6 +186,35 @@ def _serve(connection: socket.socket) -> tuple[list[str], list[int]] | None:
         connection.sendall(pid_text)
 
 
+def _file_of(arguments: list[str]) -> Path | None:
+    """Return where names of modules are kept that a command imports."""
+    command = "-".join(arguments[:1]).replace("/", "_")
+    folder = os.environ.get(FOLDER)
+    return Path(folder) / f"modules-of-{command}.json" if folder else None
+
+
+def _import_as_before(arguments: list[str]) -> None:
+    """Import what a program of the same command did."""
+    file = _file_of(arguments)
+    if file is not None and file.exists():
+        for name in json.loads(file.read_text("utf-8")):
+            if name not in sys.modules:
+                with contextlib.suppress(ImportError):  # not by this name
+                    importlib.import_module(name)
+
+
+def _note_imports(file: Path, before: frozenset[str]) -> None:
+    """Keep the names of modules that a program has imported by its end, in order.
+
+    Parts in C are left out: what uses them has to be imported before.
+    """
+    names = json.loads(file.read_text("utf-8")) if file.exists() else []
+    names += (n for n in sys.modules if not (n in before or n.startswith("_")))
+    part = file.with_suffix(f".{os.getpid()}")
+    part.write_text(json.dumps([*dict.fromkeys(names)]), "utf-8")
+    part.rename(file)
+
+
 def _main() -> None:
     sys.path.pop(0)  # the folder of this file
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -209,6 +230,8 @@ def _main() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.path.insert(0, os.getcwd())
     sys.argv[1:] = arguments
+    if file := _file_of(arguments):
+        atexit.register(_note_imports, file, frozenset(sys.modules))
     del sys.modules["traverse.cli.__main__"]
     runpy.run_module("traverse", run_name="__main__", alter_sys=True)
 

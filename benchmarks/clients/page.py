@@ -116,6 +116,7 @@ def blocks(n: int, scan: str) -> list[bytes]:
             quality=np.zeros(BLOCK, np.uint32),
             dropped=0,
             lost=0,
+            in_doubt=0,
             last=False,
             total=None,
         )

@@ -87,6 +87,7 @@ class Publisher:
             quality=np.zeros(n, np.uint32),
             dropped=0,
             lost=0,
+            in_doubt=0,
             last=False,
             total=None,
         )
