@@ -18,7 +18,8 @@ from pathlib import Path
 from benchmarks.drivers.decoder import corrupted, noise, speed
 from benchmarks.service.idle import Idle, idle
 from benchmarks.service.stream import Streamed, stream
-from benchmarks.tools.rounds import given, load
+from benchmarks.tools.command_line import run_main
+from benchmarks.tools.rounds import load
 from benchmarks.tools.sizes import sized
 
 SECONDS = sized(6.0, 1.0)
@@ -103,4 +104,4 @@ def main(folder: Path | None = None, seconds: float = SECONDS) -> None:
 
 
 if __name__ == "__main__":
-    main(*given(Path))
+    run_main(main)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.tools.rounds import given
+from benchmarks.tools.command_line import run_main
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.model.forward import probe_centre
@@ -222,4 +222,4 @@ def main(years: int = YEARS) -> None:
 
 
 if __name__ == "__main__":
-    main(*given(int))
+    run_main(main)

@@ -8,10 +8,11 @@ and 1024 centres of an arm of seven joints. Needs a cross compiler and qemu's us
 
 import re
 import subprocess
-import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
+
+from benchmarks.tools.command_line import run_main
 
 ROOT = Path(__file__).parent.parent
 KERNEL = ROOT / "kinematics" / "kernel"
@@ -96,4 +97,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_main(main)

@@ -14,7 +14,8 @@ import numpy as np
 
 from benchmarks.peers.installed import check_agreement, installed_peers
 from benchmarks.peers.peer import Peer
-from benchmarks.tools.rounds import ROUNDS, Table, Task, given, report, timed
+from benchmarks.tools.command_line import run_main
+from benchmarks.tools.rounds import ROUNDS, Table, Task, report, timed
 from benchmarks.tools.sizes import sized
 from traverse.arrays import Floats
 from traverse.kinematics.model.derivatives import numpy_derivatives
@@ -172,4 +173,4 @@ def main(path: Path | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main(*given(Path))
+    run_main(main)

@@ -476,13 +476,12 @@ async def _consume(service: Service, device: Device) -> None:
 
     def take_waiting() -> None:
         try:
-            with service.queue.together(), service.outbox.together():
-                taken = device.delivery_queue.take_waiting()
-                has_edges = any(isinstance(d, LatchedCounts) for d in taken)
-                for delivery in taken:
-                    begun_ns = clock.monotonic_ns()
-                    measurement.dispatch(device, delivery, has_edges=has_edges)
-                    handling.add(clock.monotonic_ns() - begun_ns)
+            taken = device.delivery_queue.take_waiting()
+            has_edges = any(isinstance(d, LatchedCounts) for d in taken)
+            for delivery in taken:
+                begun_ns = clock.monotonic_ns()
+                measurement.dispatch(device, delivery, has_edges=has_edges)
+                handling.add(clock.monotonic_ns() - begun_ns)
         except Exception as error:  # noqa: BLE001 - raised where it is awaited
             if not failed.done():
                 failed.set_exception(error)

@@ -4,6 +4,7 @@ Where its data cannot be reached it says so, and exits with 3: silence is no all
 Then the review that docs/security.md records is what there is. Standard library only.
 """
 
+import argparse
 import json
 import shutil
 import subprocess
@@ -50,6 +51,7 @@ def lines_of(dependencies: list[dict[str, object]]) -> list[str]:
 
 def main() -> int:
     """Print what is known; 0: nothing bad, 1: advisories, 3: nobody could be asked."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     for source in SOURCES:
         dependencies = report(source)
         if dependencies is None:

@@ -7,6 +7,7 @@ many packages are there and how many are left, since a first installation downlo
 megabytes. Needs nothing but pip.
 """
 
+import argparse
 import re
 import subprocess
 import sys
@@ -86,7 +87,11 @@ def show(text: str) -> None:
 
 def main() -> int:
     """Install; returns the exit status."""
-    lock, extras = Path(sys.argv[1]), sys.argv[2]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("lock", type=Path)
+    parser.add_argument("extras", help="names, separated by commas")
+    options = parser.parse_args()
+    lock, extras = options.lock, options.extras
     try:
         names = wanted(lock)
         show(f"Python packages: {len(names)} of {lock.name}")

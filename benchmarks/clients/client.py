@@ -17,6 +17,7 @@ from pathlib import Path
 import aiomqtt
 
 from benchmarks.tools import rig
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.network import Network
 from benchmarks.tools.rounds import load
 from benchmarks.tools.sizes import sized
@@ -137,7 +138,7 @@ async def send(port: int, arm: str, session: str) -> None:
             await client.publish(point_topic(arm), payload, qos=1)
 
 
-async def main(port: int) -> None:
+async def compare(port: int) -> None:
     print(load())
     cut = await cut_often(port)
     print(", ".join(f"{name} {value:g}" for name, value in cut.items()))
@@ -159,11 +160,18 @@ async def main(port: int) -> None:
     print(load())
 
 
+async def main(
+    port: int | None = None, arm: str | None = None, session: str | None = None
+) -> None:
+    """Compare; with arguments only send points, as the comparison calls itself."""
+    if port is not None and arm is not None and session is not None:
+        await send(port, arm, session)
+        return
+    with tempfile.TemporaryDirectory() as name:
+        number = rig.free_port()
+        with rig.mosquitto(Path(name), number):
+            await compare(number)
+
+
 if __name__ == "__main__":
-    if len(sys.argv) == 4:
-        asyncio.run(send(int(sys.argv[1]), *sys.argv[2:]))
-    else:
-        with tempfile.TemporaryDirectory() as name:
-            number = rig.free_port()
-            with rig.mosquitto(Path(name), number):
-                asyncio.run(main(number))
+    run_main(main)

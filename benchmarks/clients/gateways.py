@@ -21,6 +21,7 @@ from matplotlib.image import imsave
 
 from benchmarks.clients.screenshots import simulated
 from benchmarks.tools import rig
+from benchmarks.tools.command_line import run_main
 from tests.client.gateways.desktop import SIZE, desktop
 from tests.client.gateways.foxglove_viewer import Viewer
 from traverse.client import Arm
@@ -138,7 +139,7 @@ def surface(sphere: dict[str, Any]) -> np.ndarray:
     return drawn
 
 
-def main(folder: Path, out: Path) -> None:
+def take_pictures(folder: Path, out: Path) -> None:
     """Make both pictures."""
     port = rig.free_port()
     broker = f"127.0.0.1:{port}"
@@ -156,7 +157,12 @@ def main(folder: Path, out: Path) -> None:
         asyncio.run(live(folder, broker, options, out))
 
 
-if __name__ == "__main__":
-    OUT = Path(sys.argv[1]).resolve()
+def main(folder: Path) -> None:
+    """Make both pictures, in a folder."""
+    out = folder.resolve()
     with tempfile.TemporaryDirectory() as temporary, contextlib.chdir(temporary):
-        main(Path(), OUT)
+        take_pictures(Path(), out)
+
+
+if __name__ == "__main__":
+    run_main(main)

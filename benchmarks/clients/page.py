@@ -24,6 +24,7 @@ import numpy as np
 from playwright.async_api import Page, async_playwright
 
 from benchmarks.tools import rig
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.sizes import sized
 from traverse.client.arm import Arm
 from traverse.protocol.encoding import encode
@@ -172,7 +173,7 @@ async def stream(page: Page, port: int, minutes: float) -> None:
         await arm.stop_scan()
 
 
-async def main(what: str, amount: float | None) -> None:
+async def main(what: str = "all", amount: float | None = None) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder, port = Path(name), rig.free_port()
         with (
@@ -190,5 +191,4 @@ async def main(what: str, amount: float | None) -> None:
 
 
 if __name__ == "__main__":
-    ARGUMENTS = [*sys.argv[1:], "all"]
-    asyncio.run(main(ARGUMENTS[0], float(ARGUMENTS[1]) if len(sys.argv) > 2 else None))
+    run_main(main)

@@ -1,6 +1,7 @@
 """`python -m benchmarks.clients.reports FOLDER`: pictures of reports for docs/.
 
 A simulated test by ISO 10360-12 with the data of a laboratory, and an identification
+from benchmarks.tools.command_line import run_main
 from cones alone, by the commands of a user: the first page of the certificate's PDF as
 PDFium draws it, and the top of the identification's report in Chromium.
 """
@@ -17,6 +18,7 @@ import pypdfium2
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
+from benchmarks.tools.command_line import run_main
 from traverse.kinematics.arm_file.arm import read_arm, write_arm
 from traverse.simulator.campaigns import write_campaign
 from traverse.simulator.campaigns.acceptance.poses import (
@@ -98,9 +100,14 @@ def small(picture: Image.Image, file: Path) -> None:
     picture.quantize(COLOURS).save(file, optimize=True)
 
 
-if __name__ == "__main__":
-    OUT = Path(sys.argv[1]).resolve()
-    OUT.mkdir(parents=True, exist_ok=True)
+def main(folder: Path) -> None:
+    """Make all pictures, in a folder."""
+    out = folder.resolve()
+    out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary, contextlib.chdir(temporary):
-        certificate(OUT)
-        identification(OUT)
+        certificate(out)
+        identification(out)
+
+
+if __name__ == "__main__":
+    run_main(main)

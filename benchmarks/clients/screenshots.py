@@ -19,6 +19,7 @@ from playwright.async_api import Page
 
 from benchmarks.clients.page import browser
 from benchmarks.tools import rig
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.sizes import sized
 from traverse.kinematics.arm_file.arm import read_arm
 
@@ -86,7 +87,7 @@ async def stale_picture(
     await page.wait_for_selector("body:not(.silent)")
 
 
-async def main(folder: Path, out: Path) -> None:
+async def take_pictures(folder: Path, out: Path) -> None:
     """Start everything, and bring it into one state after the other."""
     port = rig.free_port()
     shutil.copy(DEMO / "arm.toml", folder)
@@ -118,7 +119,12 @@ async def main(folder: Path, out: Path) -> None:
                     await pictures(page, out, "Broker gone", "broker-gone")
 
 
-if __name__ == "__main__":
-    OUT = Path(sys.argv[1]).resolve()
+def main(folder: Path) -> None:
+    """Take all pictures, into a folder."""
+    out = folder.resolve()
     with tempfile.TemporaryDirectory() as temporary, contextlib.chdir(temporary):
-        asyncio.run(main(Path(), OUT))  # no picture shows a path of this machine
+        asyncio.run(take_pictures(Path(), out))  # none shows a path of this machine
+
+
+if __name__ == "__main__":
+    run_main(main)

@@ -21,7 +21,7 @@ import numpy as np
 from can.interfaces.virtual import channels
 from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 
-from benchmarks.tools.rounds import given
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.sizes import sized
 from tests.drivers.canopen.fake_nodes import FakeNodes, u32
 from traverse.drivers.base.delivery_queue import DeliveryQueue
@@ -240,4 +240,4 @@ def main(seconds: float = SECONDS) -> None:
 
 
 if __name__ == "__main__":
-    main(*given(float))
+    run_main(main)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from benchmarks.tools.command_line import run_main
 from traverse.arrays import Floats
 from traverse.drivers.timing.device_clock import WRAP, DeviceClock
 
@@ -92,4 +93,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_main(main)

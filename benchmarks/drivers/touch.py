@@ -23,6 +23,7 @@ import numpy as np
 
 from benchmarks.service.stream import ARM, order_scan, wait_until_subscribed
 from benchmarks.tools import rig
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.sizes import sized
 from traverse.arrays import Floats, Integers
 from traverse.broker.address import BrokerAddress
@@ -207,4 +208,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_main(main)

@@ -6,12 +6,12 @@ counts at the rate that its daemon requests.
 
 import os
 import select
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.edge_board import COUNTS, STATUS, EdgeBoard
 from traverse.simulator.devices.latch_board import wire
 
@@ -87,4 +87,4 @@ def main(folder: Path, n: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    run_main(main)

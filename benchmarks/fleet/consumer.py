@@ -13,6 +13,7 @@ from pathlib import Path
 
 import aiomqtt
 
+from benchmarks.tools.command_line import run_main
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Point, Scan
 
@@ -60,6 +61,11 @@ async def consume(port: int, name: str) -> dict[str, object]:
     return {"had": had, "losses": losses, "bytes": n_bytes}
 
 
+def main(port: int, name: str, file: Path) -> None:
+    """Consume until ended, then write what came."""
+    consumed = asyncio.run(consume(port, name))
+    file.write_text(json.dumps(consumed), "utf-8")
+
+
 if __name__ == "__main__":
-    consumed = asyncio.run(consume(int(sys.argv[1]), sys.argv[2]))
-    Path(sys.argv[3]).write_text(json.dumps(consumed), "utf-8")
+    run_main(main)

@@ -8,12 +8,12 @@ import json
 import random
 import select
 import socket
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.raw_mqtt import PUBLISH, RawClient, packet, text
 from tests.protocol.message_examples import POINT
 from traverse.protocol.encoding import encode
@@ -112,10 +112,4 @@ def main(port: int, n_arms: int, rate_hz: float, seconds: float, file: Path) -> 
 
 
 if __name__ == "__main__":
-    main(
-        int(sys.argv[1]),
-        int(sys.argv[2]),
-        float(sys.argv[3]),
-        float(sys.argv[4]),
-        Path(sys.argv[5]),
-    )
+    run_main(main)

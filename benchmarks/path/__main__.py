@@ -15,8 +15,9 @@ from benchmarks.path.whole import (
     stages,
     whole,
 )
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.rig import ARM
-from benchmarks.tools.rounds import Table, Task, given, report, timed
+from benchmarks.tools.rounds import Table, Task, report, timed
 from benchmarks.tools.sizes import sized
 from traverse.daemon.pose.arm_model import read_model
 from traverse.protocol.encoding import decode
@@ -81,4 +82,4 @@ def main(path: Path | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main(*given(Path))
+    run_main(main)

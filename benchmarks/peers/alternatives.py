@@ -10,8 +10,6 @@ with the same fields and limits.
 """
 
 import contextlib
-import os
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -23,6 +21,7 @@ import msgpack
 import msgspec
 import numpy as np
 
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.rounds import Task, load, report, timed
 from benchmarks.tools.sizes import sized
 from tests.protocol.message_examples import POINT
@@ -184,7 +183,7 @@ def stores(folder: Path) -> None:
                 )
 
 
-def main(folder: Path) -> None:
+def main(folder: Path = Path()) -> None:
     print(load())
     with tempfile.TemporaryDirectory(dir=folder) as name:
         stores(Path(name))
@@ -202,4 +201,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else os.getcwd()))
+    run_main(main)

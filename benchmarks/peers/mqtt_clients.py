@@ -20,8 +20,9 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from benchmarks.tools import rig
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.raw_mqtt import PAYLOAD_BYTES
-from benchmarks.tools.rounds import given, load, write_json
+from benchmarks.tools.rounds import load, write_json
 from benchmarks.tools.sizes import sized
 from traverse.broker.client import MqttClient
 
@@ -235,4 +236,4 @@ def _is_there(name: str) -> bool:
 
 
 if __name__ == "__main__":
-    main(*given(Path))
+    run_main(main)

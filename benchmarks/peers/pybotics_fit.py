@@ -22,6 +22,8 @@ from pybotics.optimization import (
 from pybotics.robot import Robot
 from scipy.optimize import least_squares
 
+from benchmarks.tools.command_line import run_main
+
 
 def modified(rows: np.ndarray) -> np.ndarray:
     """Modified rows (alpha, a, theta, d) of classic ones (a, d, alpha)."""
@@ -72,4 +74,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_main(main)

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.service.effects [SECONDS] [FILE]`: cost of effects."""
+"""`python -m benchmarks.service.effects [FILE] [SECONDS]`: cost of effects."""
 
 import asyncio
 import statistics
@@ -13,7 +13,8 @@ import numpy as np
 
 from benchmarks.service.stream import follow_scan
 from benchmarks.tools import rig
-from benchmarks.tools.rounds import given, load, write_json
+from benchmarks.tools.command_line import run_main
+from benchmarks.tools.rounds import load, write_json
 from benchmarks.tools.sizes import sized
 from traverse.kinematics.arm_file.arm import (
     Arm,
@@ -200,4 +201,4 @@ def main(path: Path | None = None, seconds: float = SECONDS) -> None:
 
 
 if __name__ == "__main__":
-    main(*given(Path))
+    run_main(main)

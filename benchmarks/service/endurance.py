@@ -13,7 +13,6 @@ reported, and is not the daemon's fault.
 import asyncio
 import json
 import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import asdict, dataclass
@@ -21,7 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.tools import rig
-from benchmarks.tools.rounds import given, load, write_json
+from benchmarks.tools.command_line import run_main
+from benchmarks.tools.rounds import load, write_json
 from benchmarks.tools.sizes import sized
 from traverse.client import Arm
 from traverse.protocol.messages import Scan
@@ -172,4 +172,4 @@ def main(minutes: float = MINUTES, path: Path | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*given(float, Path)))
+    run_main(main)

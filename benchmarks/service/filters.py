@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.service.stream import ARM, order_scan, wait_until_subscribed
 from benchmarks.tools import rig
-from benchmarks.tools.rounds import given
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.sizes import sized
 from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.connection import ConfiguredClient
@@ -175,4 +175,4 @@ def main(n_points: int = N_POINTS, seconds: float = SECONDS) -> None:
 
 
 if __name__ == "__main__":
-    main(*given(int, float))
+    run_main(main)

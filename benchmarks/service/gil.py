@@ -22,8 +22,9 @@ from benchmarks.path.line import RATE_HZ, cut, line_bytes
 from benchmarks.path.plain_loop import PlainLoop
 from benchmarks.path.whole import LIKE_A_LINE, Timing, scanner
 from benchmarks.service.effects import SETS, arm_with, block_of
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.rig import ARM
-from benchmarks.tools.rounds import given, load, write_json
+from benchmarks.tools.rounds import load, write_json
 from benchmarks.tools.sizes import sized
 from traverse.daemon.clock import HostClock
 from traverse.daemon.pose.arm_model import ArmModel, read_model
@@ -191,4 +192,4 @@ def main(path: Path | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main(*given(Path))
+    run_main(main)

@@ -17,6 +17,7 @@ from pathlib import Path
 import msgpack
 
 from benchmarks.tools import rig
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.presses import ARM
 from benchmarks.tools.raw_mqtt import PUBLISH, RawClient, packet, text
 from benchmarks.tools.rounds import load
@@ -148,4 +149,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_main(main)

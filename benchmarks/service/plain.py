@@ -30,6 +30,7 @@ import msgpack
 import numpy as np
 
 from benchmarks.tools import rig
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.presses import (
     ARM,
     NEVER_HZ,
@@ -39,7 +40,7 @@ from benchmarks.tools.presses import (
     press_of,
 )
 from benchmarks.tools.raw_mqtt import RawClient
-from benchmarks.tools.rounds import given, load, write_json
+from benchmarks.tools.rounds import load, write_json
 from benchmarks.tools.sizes import sized
 
 WARM_UP = sized((20.0, 60), (50.0, 5))
@@ -230,4 +231,4 @@ def main(path: Path | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main(*given(Path))
+    run_main(main)

@@ -7,7 +7,6 @@ the edge; it is sent until the broker has it, after a crash too; its id counts o
 
 import json
 import sqlite3
-import sys
 import time
 import tomllib
 import uuid
@@ -20,6 +19,8 @@ import serial
 from cobs import cobs
 from paho.mqtt.client import Client, MQTTv5
 from paho.mqtt.enums import CallbackAPIVersion
+
+from benchmarks.tools.command_line import run_main
 
 
 def frame(body: bytes) -> bytes:
@@ -115,4 +116,4 @@ def main(  # noqa: PLR0915 - one script, as it would be written
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    run_main(main)

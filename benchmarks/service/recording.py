@@ -1,4 +1,4 @@
-"""`python -m benchmarks.service.recording [SECONDS] [FILE]`: cost of a recording.
+"""`python -m benchmarks.service.recording [FILE] [SECONDS]`: cost of a recording.
 
 One daemon with a stream of 10 kHz, with a recording and without in turn, so that other
 load falls on both; the same with the flight recorder. Then the recording is replayed.
@@ -16,7 +16,8 @@ from typing import Any
 
 from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
-from benchmarks.tools.rounds import given, load, write_json
+from benchmarks.tools.command_line import run_main
+from benchmarks.tools.rounds import load, write_json
 from benchmarks.tools.sizes import sized
 from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.connection import ConfiguredClient
@@ -204,4 +205,4 @@ def main(file: Path | None = None, seconds: float = SECONDS) -> None:
 
 
 if __name__ == "__main__":
-    main(*given(Path))
+    run_main(main)

@@ -6,14 +6,14 @@ the end, are gaps reported, and were all encoders read meanwhile?
 """
 
 import asyncio
-import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.tools.rounds import given, load
+from benchmarks.tools.command_line import run_main
+from benchmarks.tools.rounds import load
 from tests import programs
 from tests.end_to_end.listener import numbers
 from tests.end_to_end.measuring import measuring
@@ -132,4 +132,4 @@ def main(seconds: float = SECONDS) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*given(float)))
+    run_main(main)

@@ -13,9 +13,10 @@ import msgpack
 import numpy as np
 
 from benchmarks.tools import rig
+from benchmarks.tools.command_line import run_main
 from benchmarks.tools.presses import ARM, edge_board
 from benchmarks.tools.raw_mqtt import RawClient
-from benchmarks.tools.rounds import given, load, write_json
+from benchmarks.tools.rounds import load, write_json
 from benchmarks.tools.sizes import sized
 from benchmarks.tools.staged_daemon import STAGES
 
@@ -72,4 +73,4 @@ def main(path: Path | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main(*given(Path))
+    run_main(main)

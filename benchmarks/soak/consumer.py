@@ -9,10 +9,10 @@ import contextlib
 import json
 import signal
 import sqlite3
-import sys
 from dataclasses import asdict
 from pathlib import Path
 
+from benchmarks.tools.command_line import run_main
 from traverse.client import Arm, Lost
 from traverse.protocol.messages import Point
 
@@ -107,4 +107,4 @@ async def follow(
 
 if __name__ == "__main__":
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(main(sys.argv[1], sys.argv[2], Path(sys.argv[3])))
+        run_main(main)

@@ -6,10 +6,10 @@ Logs its requests and the replies: a point counts as acknowledged if the answer 
 import asyncio
 import contextlib
 import json
-import sys
 from pathlib import Path
 from typing import Any, TextIO
 
+from benchmarks.tools.command_line import run_main
 from traverse.broker.address import BrokerAddress
 from traverse.client.errors import CommandRefused, NoAnswerError
 from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
@@ -80,6 +80,4 @@ async def main(arm: str, broker: str, rate_hz: float, path: Path) -> None:
 
 if __name__ == "__main__":
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(
-            main(sys.argv[1], sys.argv[2], float(sys.argv[3]), Path(sys.argv[4]))
-        )
+        run_main(main)

@@ -12,7 +12,6 @@ import contextlib
 import json
 import os
 import select
-import sys
 import termios
 import time
 import tty
@@ -21,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
+from benchmarks.tools.command_line import run_main
 from traverse.protocol.latch_board.framing import FrameSplitter
 from traverse.protocol.latch_board.messages import (
     EDGE_ACK,
@@ -176,4 +176,4 @@ def follow(board_link: Path, mark: Mark, host_link: Path, log: TextIO) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:4]))
+    run_main(main)

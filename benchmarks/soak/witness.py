@@ -9,7 +9,6 @@ the end, which it reads with sqlite3 alone.
 import hashlib
 import json
 import sqlite3
-import sys
 import threading
 import time
 import uuid
@@ -24,6 +23,8 @@ from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
+
+from benchmarks.tools.command_line import run_main
 
 POINT_S, LOOK_S = 0.5, 2.0
 TABLES = """
@@ -189,6 +190,10 @@ def faults(store: Path, outbox: Path) -> tuple[dict[str, int], list[str]]:
     return figures, [f"witness: {text}" for text in complaints]
 
 
+def main(arm: str, host: str, port: int, store: Path, quiet: str = "") -> None:
+    """Consume until ended; does not connect anew where quiet."""
+    Witness(arm, store).run(host, port, is_quiet=bool(quiet))
+
+
 if __name__ == "__main__":
-    arm_name, host_name, port_text, path, *quiet = sys.argv[1:]
-    Witness(arm_name, Path(path)).run(host_name, int(port_text), is_quiet=bool(quiet))
+    run_main(main)

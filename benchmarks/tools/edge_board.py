@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.tools.command_line import run_main
 from traverse.simulator.devices.latch_board import wire
 
 BITS = (23, 23, 23, 23, 22, 22, 22)
@@ -181,5 +182,10 @@ def pauses_ns(rates: Sequence[str]) -> Iterator[int]:
         yield from repeat(period_ns, 2 * int(times)) if times else repeat(period_ns)
 
 
+def main(path: Path, *rates: str) -> None:
+    """Press until ended."""
+    EdgeBoard(path, rates).run()
+
+
 if __name__ == "__main__":
-    EdgeBoard(Path(sys.argv[1]), sys.argv[2:]).run()
+    run_main(main)

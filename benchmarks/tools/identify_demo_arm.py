@@ -15,6 +15,7 @@ import tomllib
 from pathlib import Path
 
 import traverse.cli
+from benchmarks.tools.command_line import run_main
 
 DATA = Path(traverse.cli.__file__).parent / "demo_data"
 SPECIFICATION = """\
@@ -50,4 +51,4 @@ def _run(folder: Path, *words: str) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_main(main)

@@ -5,11 +5,12 @@ press.json. The pictures are written beside them; `make figures` takes them into
 """
 
 import json
-import sys
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+
+from benchmarks.tools.command_line import run_main
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -139,4 +140,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    run_main(main)

@@ -10,6 +10,8 @@ import sys
 import time
 from collections.abc import Iterator
 
+from benchmarks.tools.command_line import run_main
+
 CONNECT, PUBLISH, SUBSCRIBE, SUBACK = 1, 3, 8, 9
 AT_LEAST_ONCE = 2  # quality of service 1, as in the first byte
 PAYLOAD_BYTES = 500
@@ -126,4 +128,4 @@ def main(port: int, topic: str, rate_hz: float, n: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), sys.argv[2], float(sys.argv[3]), int(sys.argv[4]))
+    run_main(main)

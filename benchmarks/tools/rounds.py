@@ -13,12 +13,10 @@ import gc
 import json
 import os
 import statistics
-import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -116,11 +114,6 @@ def _once_s(task: Task, repeats: int) -> float:
 def _repeats(task: Task) -> int:
     task.call()  # what is compiled or made ready at the first call
     return max(1, round(ROUND_S / max(1e-9, _once_s(task, 1))))
-
-
-def given(*kinds: Callable[[str], Any]) -> list[Any]:
-    """Read the arguments of the command line, as many as there are."""
-    return [kind(word) for kind, word in zip(kinds, sys.argv[1:], strict=False)]
 
 
 def one_core() -> None:

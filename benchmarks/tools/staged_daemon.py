@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from benchmarks.tools.command_line import run_main
 from traverse.broker.client import MqttClient
 from traverse.cli.__main__ import main as traverse
 from traverse.daemon.points.controller import PointController
@@ -62,7 +63,7 @@ def note(noted: Noted, stage: str) -> None:
     setattr(owner, name, called)
 
 
-def main(path: Path, arguments: list[str]) -> None:
+def main(path: Path, *arguments: str) -> None:
     """Run until the daemon ends, then write."""
     noted: Noted = []
     for stage in STAGES:
@@ -75,4 +76,4 @@ def main(path: Path, arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2:])
+    run_main(main)

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.tools.command_line import run_main
 from benchmarks.zoo import walk
 from traverse.cli.arm.making import MadeArm, arm_from_urdf_file
 from traverse.cli.arm.options import ArmOptions
@@ -168,10 +169,9 @@ def _compared(case: Case, made: MadeArm, holds: Holds, tally: Tally) -> str:
     return "refused clearly, right where held" if held else "right"
 
 
-def main() -> int:
+def main(folder: Path | None = None) -> int:
     """Judge a folder; print what came of it."""
-    given = sys.argv[1:2]
-    folder = Path(given[0] if given else f"{sysconfig.get_path('purelib')}/{PACKAGE}")
+    folder = folder or Path(sysconfig.get_path("purelib"), PACKAGE)
     files = sorted(folder.rglob("*.urdf"))
     if not files:
         sys.stderr.write(f"{folder}: no robot descriptions; `make bench-zoo`\n")
@@ -193,4 +193,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_main(main)

@@ -85,7 +85,6 @@ class OutgoingQueue:
         self.sent: Counter[str] = Counter()
         self.too_long: Counter[str] = Counter()
         self._on_offered: Callable[[], None] | None = None
-        self._is_gathering = self._is_due = False
 
     @property
     def limit(self) -> int:
@@ -125,21 +124,9 @@ class OutgoingQueue:
         return True
 
     def flush(self) -> None:
-        """Have all waiting messages sent; within `together`, at its end."""
-        self._is_due = self._is_gathering
-        if self._on_offered is not None and not self._is_gathering:
+        """Have all waiting messages sent."""
+        if self._on_offered is not None:
             self._on_offered()
-
-    @contextlib.contextmanager
-    def together(self) -> Iterator[None]:
-        """Have messages offered within the block sent together, at its end."""
-        self._is_gathering = True
-        try:
-            yield
-        finally:
-            self._is_gathering = False
-            if self._is_due:
-                self.flush()
 
     @contextlib.contextmanager
     def notifying(self, on_offered: Callable[[], None]) -> Iterator[None]:

@@ -10,7 +10,7 @@ The outbox of points and the store of scan blocks are two configurations of it.
 import asyncio
 import contextlib
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -121,7 +121,6 @@ class DurableQueue:
         self._settled = asyncio.Event()
         self._starting: asyncio.Task[None] | None = None
         self._writer = StoreWriter(path, profile.thread, clock, retention, self._notify)
-        self._write: Callable[[NewMessage], None] = self._writer.write
         self._acks = AckBuffer(self._writer)
         self._feeder = UnsentFeeder(
             queue,
@@ -195,22 +194,7 @@ class DurableQueue:
         """Send a message to the disk; settles ``write`` when it is there, or never."""
         self._unreported_bytes += len(message.payload)
         self._in_flight.append((self._clock.monotonic_ns(), message, write))
-        self._write(message)
-
-    @contextlib.contextmanager
-    def together(self) -> Iterator[None]:
-        """Hand messages put within the block to the thread at its end.
-
-        Woken earlier, the thread would compete for the interpreter.
-        """
-        gathered: list[NewMessage] = []
-        self._write = gathered.append
-        try:
-            yield
-        finally:
-            self._write = self._writer.write
-            for message in gathered:
-                self._write(message)
+        self._writer.write(message)
 
     async def idle(self) -> None:
         """Wait until no message is on its way to the disk."""
@@ -296,12 +280,11 @@ class DurableQueue:
 
     def _commit(self, committed: Committed) -> None:
         now_ns, writes = self._clock.monotonic_ns(), []
-        with self._queue.together():
-            for number in committed.numbers:
-                begun_ns, message, write = self._in_flight.popleft()
-                self._to_disk.add(now_ns - begun_ns)
-                self._feeder.add(number, message)
-                writes.append(write)
+        for number in committed.numbers:
+            begun_ns, message, write = self._in_flight.popleft()
+            self._to_disk.add(now_ns - begun_ns)
+            self._feeder.add(number, message)
+            writes.append(write)
         for write in writes:  # when they have been sent: events may wait, points not
             write.settle()
         self._settled.set()

@@ -6,8 +6,7 @@ dropped. Changes of state, which nothing repeats, have room of their own.
 
 Waking the loop costs more than a sample. Timed samples are collected, in the driver or
 here, and wake it at most once in four fifths of `batch_window_ns`. Edges and other
-deliveries wake it at once, unless a wake-up is pending. Edges faster than hands can
-press are taken at most once in `EDGE_INTERVAL_NS`.
+deliveries wake it at once, unless a wake-up is pending.
 """
 
 import asyncio
@@ -27,7 +26,6 @@ from traverse.drivers.base.values import (
 )
 
 BATCH_WINDOW_NS = 52_000_000
-EDGE_INTERVAL_NS = 2_000_000
 MAX_JOINED_SAMPLES = 500  # samples; more than arrive in that time, at any rate
 RESERVED_FOR_STATES = 64
 
@@ -60,7 +58,6 @@ class DeliveryQueue:
         self._woken_ns = 0
         self._is_woken = False
         self._gathers = self._is_wake_due = False  # the producer's own
-        self._last_edges_ns = -EDGE_INTERVAL_NS  # when some were taken last
         self._lock = threading.Lock()
         self._waiting: deque[Delivery] = deque()
         self.waiting_samples = 0
@@ -151,13 +148,6 @@ class DeliveryQueue:
             self._on_filled = lambda: None
 
     def _wake(self) -> None:
-        early_ns = self._last_edges_ns + EDGE_INTERVAL_NS - self._now_ns()
-        if early_ns > 0:
-            self._loop.call_later(early_ns * 1e-9, self._fill)
-        else:
-            self._fill()
-
-    def _fill(self) -> None:
         self._filled.set()
         self._on_filled()
 
@@ -181,8 +171,6 @@ class DeliveryQueue:
             self._waiting.clear()
             self.waiting_samples = 0
             self._waiting_others = 0
-        if any(isinstance(delivery, LatchedCounts) for delivery in taken):
-            self._last_edges_ns = self._now_ns()
         return list(_joined(taken))
 
 

@@ -17,12 +17,12 @@ Verdict = Literal["next", "early", "waiting", "acknowledged"]
 class EdgeSequencer:
     """The sequence of edges as received by the host.
 
-    Args:
+    Attributes:
         expected: number of the next edge; None until the board reports it.
     """
 
     def __init__(self, expected: int | None = None) -> None:
-        self._next = expected
+        self.expected = expected
         self._delivered: int | None = None
         self._acknowledged: int | None = None
         self._oldest_missed: int | None = None
@@ -58,9 +58,9 @@ class EdgeSequencer:
         Returns:
             How many earlier edges were forgotten, as far as one of them was seen.
         """
-        if self._next is not None:
+        if self.expected is not None:
             return 0
-        self._next = seq % WRAP
+        self.expected = seq % WRAP
         oldest = self._oldest_missed
         return 0 if oldest is None else max(0, _signed(seq - oldest))
 
@@ -73,9 +73,9 @@ class EdgeSequencer:
             "acknowledged": the acknowledgement was lost, `take_acknowledgement`
             repeats it.
         """
-        if self._next is None:
+        if self.expected is None:
             return "early", 0  # an earlier one may be waiting: a heartbeat shows it
-        ahead = _signed(seq - self._next)
+        ahead = _signed(seq - self.expected)
         if ahead < 0:
             done = self._acknowledged
             if done is None or _signed(seq - done) > 0:
@@ -96,13 +96,13 @@ class EdgeSequencer:
 
     def mark_delivered(self, seq: int) -> None:
         """Note that edge ``seq`` is being handed to the consumer."""
-        self._next = (seq + 1) % WRAP
+        self.expected = (seq + 1) % WRAP
         self._delivered = seq
         self._early_since_ns = None
 
     def mark_refused(self, seq: int) -> None:
         """The consumer had no room for edge ``seq``: the board must repeat it."""
-        self._next = seq
+        self.expected = seq
         self._delivered = (seq - 1) % WRAP
 
     def acknowledge(self, seq: int) -> None:
@@ -111,7 +111,7 @@ class EdgeSequencer:
         One that was not delivered here is ignored: it is of a board that restarted
         since, and would acknowledge new edges unseen.
         """
-        if self._next is None or _signed(seq - self._next) >= 0:
+        if self.expected is None or _signed(seq - self.expected) >= 0:
             return
         done = self._acknowledged
         if done is None or _signed(seq - done) > 0:

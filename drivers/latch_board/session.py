@@ -25,6 +25,7 @@ from traverse.protocol.latch_board import messages as wire
 
 WRAP = 1 << 32
 NUMBERED_NS = 20_000_000  # from a level that has held to the number of its edge
+MAX_EARLY = 16  # edges, as many as a board repeats
 MAX_HELD = 64  # blocks that wait for an answer
 WAITING_NS = 3_000_000_000  # longer than a quiet line takes to tie a clock
 MAX_JUMP = 1 << 20  # a hundred seconds at 10 kHz: no gap of a living stream
@@ -112,6 +113,8 @@ class LatchBoardSession:
         self._debounce_ns = debounce_ns
         # Number of the next edge, and ticks, unwrapped.
         self._heartbeat: tuple[int, int] | None = None
+        # By number, with the times of their reads: those that overtook an earlier one.
+        self._early: dict[int, tuple[wire.Edge, int]] = {}
         self._waiting_since_ns: int | None = None
         self._is_waiting_reported = False
 
@@ -227,7 +230,14 @@ class LatchBoardSession:
         if not self._fits(edge.counts):
             return
         verdict, lost = self._edges.classify(edge.seq, received_ns)
+        if verdict == "early" and len(self._early) < MAX_EARLY:
+            self._early[edge.seq] = edge, received_ns
         if lost:
+            self._early = {
+                seq: early
+                for seq, early in self._early.items()
+                if (seq - edge.seq) % WRAP < WRAP // 2
+            }
             self._fault(
                 "edges_lost",
                 f"{lost} button or probe edges were lost on the board",
@@ -236,6 +246,19 @@ class LatchBoardSession:
             )
         if verdict != "next":
             return
+        self._hand_over(edge, received_ns)
+        # The board repeats those after a broken one as late as that one. In a burst the
+        # next would be early then, and so on for as long as the burst lasts.
+        while self._edges.expected in self._early:
+            self._hand_over(*self._early[self._edges.expected])
+
+    def _hand_over(self, edge: wire.Edge, received_ns: int) -> None:
+        """Hand over the edge that is next.
+
+        Raises:
+            DeviceError: it is of another start of the board than the heartbeats.
+        """
+        self._early.pop(edge.seq, None)
         if self._is_of_another_start(edge):
             raise DeviceError(
                 f"the board on {self._path} counts its edges anew",

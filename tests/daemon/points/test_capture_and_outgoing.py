@@ -154,30 +154,17 @@ async def test_events_replies_and_scans_are_dropped_newest_first(kind, limit):
     assert sent_order(queue, limit) == [str(k) for k in range(limit)]
 
 
-async def test_what_is_offered_together_is_looked_at_once():
-    queue, looked = OutgoingQueue(), []
-    with queue.notifying(lambda: looked.append(queue.waiting("point"))):
-        with queue.together():
-            for name in "abc":
-                assert queue.offer("point", message(name))
-            assert looked == []
-        assert looked == [3]
-        queue.offer("point", message("d"))
-    queue.offer("point", message("e"))  # its requester has gone
-    assert looked == [3, 4]
-
-
 async def test_what_is_not_urgent_is_sent_with_the_next_or_at_a_flush():
     queue, looked = OutgoingQueue(), []
     with queue.notifying(lambda: looked.append(queue.n_waiting)):
         queue.offer("event", message("a"), at_once=False)
-        with queue.together():
-            queue.offer("event", message("b"), at_once=False)
+        queue.offer("event", message("b"), at_once=False)
         assert looked == []
         queue.offer("point", message("c"))
         assert looked == [3]
         queue.offer("event", message("d"), at_once=False)
         queue.flush()
+    queue.offer("point", message("e"))  # its requester has gone
     assert looked == [3, 4]
 
 

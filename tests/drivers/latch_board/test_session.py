@@ -7,7 +7,7 @@ import pytest
 
 from traverse.drivers.base.values import DeviceError, LatchedCounts
 from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
-from traverse.drivers.latch_board.session import LatchBoardSession
+from traverse.drivers.latch_board.session import MAX_EARLY, LatchBoardSession
 from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.protocol.latch_board.messages import Edge, Heartbeat
 
@@ -104,3 +104,43 @@ def test_presses_that_wait_long_for_the_boards_clock_are_reported_once(
     session.take(press, RECEIVED_NS + 13_000_000_000)
     assert [latch.token for latch in delivered] == [0]
     assert faults == ["edges_waiting"]
+
+
+def test_after_a_broken_frame_only_edges_until_its_repetition_are_late(
+    session, delivered
+):
+    """Edges every 5 ms, one of them broken once; the board repeats it after 50 ms."""
+    session.take(heartbeat(0), RECEIVED_NS)
+    late_ms: dict[int, int] = {}
+    for at_ms in range(0, 400, 5):
+        now_ns = RECEIVED_NS + at_ms * 1_000_000
+        arriving = [at_ms // 5] if at_ms != 50 else []  # number 10 is broken
+        if at_ms >= 100 and 10 not in late_ms:
+            arriving.insert(0, 10)
+        for seq in arriving:
+            session.take(edge(seq, UP_TICKS + seq * 5000), now_ns)
+        for latch in delivered[len(late_ms) :]:
+            late_ms[latch.token] = at_ms - latch.token * 5
+    assert [latch.token for latch in delivered] == list(range(80))
+    assert {seq for seq, late in late_ms.items() if late} == set(range(10, 20))
+    assert max(late_ms.values()) == 50
+
+
+def test_more_early_edges_than_a_board_repeats_are_not_kept(session, delivered):
+    session.take(heartbeat(0), RECEIVED_NS)
+    for seq in range(1, MAX_EARLY + 5):
+        session.take(edge(seq, UP_TICKS + seq), RECEIVED_NS + seq)
+    session.take(edge(0, UP_TICKS), RECEIVED_NS + 100)
+    assert [latch.token for latch in delivered] == list(range(MAX_EARLY + 1))
+    session.take(edge(MAX_EARLY + 1, UP_TICKS), RECEIVED_NS + 200)
+    assert delivered[-1].token == MAX_EARLY + 1
+
+
+def test_what_is_given_up_is_not_kept(session, delivered, faults):
+    """The oldest that is repeated is next, and those after it that are kept."""
+    session.take(heartbeat(0), RECEIVED_NS)
+    for seq in (2, 5, 6):
+        session.take(edge(seq, UP_TICKS), RECEIVED_NS)
+    session.take(edge(5, UP_TICKS), RECEIVED_NS + 2_000_000_000)
+    assert faults == ["edges_lost"]
+    assert [latch.token for latch in delivered] == [5, 6]

@@ -1,0 +1,75 @@
+"""Arguments of programs in benchmarks/ and deploy/."""
+
+import ast
+import subprocess
+import sys
+
+import pytest
+
+from benchmarks.tools.command_line import run_main
+from tests.docs.pages import CHECKOUT
+
+READERS = ("run_main", "argparse", "typer", "Program")
+
+
+def programs():
+    """Files with a `__main__` block."""
+    for folder in ("benchmarks", "deploy"):
+        for path in sorted((CHECKOUT / folder).rglob("*.py")):
+            if '__name__ == "__main__"' in path.read_text("utf-8"):
+                yield path.relative_to(CHECKOUT)
+
+
+@pytest.mark.parametrize("path", [*programs()], ids=str)
+def test_a_program_reads_its_arguments_by_a_reader_that_knows_help(path):
+    tree = ast.parse((CHECKOUT / path).read_text("utf-8"))
+    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    assert names & set(READERS)
+    of_system = [node for node in ast.walk(tree) if ast.unparse(node) == "sys.argv[1]"]
+    assert not of_system
+
+
+def test_help_is_no_file_to_write(tmp_path):
+    run = subprocess.run(
+        [sys.executable, "-m", "benchmarks.peers.mqtt_clients", "--help"],
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(CHECKOUT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert run.stdout.startswith("usage: python -m benchmarks.peers.mqtt_clients")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "seen"),
+    [
+        ([], (1.5, None, ())),
+        (["2"], (2.0, None, ())),
+        (["2", "x", "3", "4"], (2.0, "x", (3, 4))),
+    ],
+)
+def test_parameters_are_arguments(monkeypatch, words, seen):
+    calls = []
+
+    async def main(seconds: float = 1.5, file: str | None = None, *more: int) -> int:
+        calls.append((seconds, file, more))
+        return 3
+
+    monkeypatch.setattr(sys, "argv", ["program", *words])
+    with pytest.raises(SystemExit) as ended:
+        run_main(main)
+    assert (ended.value.code, calls) == (3, [seen])
+
+
+@pytest.mark.parametrize("words", [["--help"], ["-h"], ["long"], ["1", "2"]])
+def test_other_arguments_do_not_run_it(monkeypatch, capsys, words):
+    def main(seconds: float) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(sys, "argv", ["program", *words])
+    with pytest.raises(SystemExit) as ended:
+        run_main(main)
+    assert ended.value.code == (0 if words[0].startswith("-") else 2)
+    assert "SECONDS" in "".join(capsys.readouterr())
