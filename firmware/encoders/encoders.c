@@ -13,11 +13,13 @@ static struct {
     uint8_t worst[CHANNELS];    /* health since the last look; also from interrupts */
     uint8_t reported[CHANNELS]; /* by an alarm that stands */
     uint32_t looked_at;         /* ticks of the last look */
+    bool latched;               /* since then; also from interrupts */
 } encoders;
 
 void encoders_init(struct lb_identity *identity)
 {
     front_end_init();
+    front_end_look();
     identity->n_channels = CHANNELS;
     for (uint8_t i = 0U; i < CHANNELS; i++) {
         identity->channels[i] = front_end_channel(i);
@@ -31,6 +33,7 @@ void encoders_latch(uint32_t *counts, uint8_t *status)
 {
     uint8_t healths[CHANNELS];
     const uint8_t late = front_end_latch(counts, healths);
+    encoders.latched = true;
     for (uint8_t i = 0U; i < CHANNELS; i++) {
         status[i] = status_of[healths[i]];
         if ((((unsigned)late >> i) & 1U) != 0U) {
@@ -74,7 +77,10 @@ void encoders_watch(struct lb_board *board, void (*hold)(void), void (*release)(
     uint8_t worst[CHANNELS];
     hold();
     front_end_look();
-    encoders_latch(counts, status); /* nobody else may be reading them */
+    if (!encoders.latched) {
+        encoders_latch(counts, status);
+    }
+    encoders.latched = false;
     for (uint8_t i = 0U; i < CHANNELS; i++) {
         worst[i] = encoders.worst[i];
         encoders.worst[i] = HEALTHY;

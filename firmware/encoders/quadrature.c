@@ -1,8 +1,7 @@
+#include "quadrature.h"
 #include "settings.h"
 
 #if FRONT_END == QUADRATURE
-
-#include "quadrature.h"
 
 #include <stdbool.h>
 

@@ -27,4 +27,14 @@ void device_set_data(unsigned channel, bool level);
 void quadrature_begin(void);
 void quadrature_restart(void);
 
+void ssi_begin(void);
+void biss_begin(void);
+void as5047_begin(void);
+void amt22_begin(void);
+void shift_restart(void);
+
+void as5600_begin(void);
+void multiplexer_begin(void);
+void i2c_restart(void);
+
 #endif

@@ -16,6 +16,12 @@ static const struct {
     void (*restart)(void);
 } kinds[] = {
     {"quadrature", quadrature_begin, quadrature_restart},
+    {"ssi", ssi_begin, shift_restart},
+    {"biss", biss_begin, shift_restart},
+    {"as5047", as5047_begin, shift_restart},
+    {"amt22", amt22_begin, shift_restart},
+    {"as5600", as5600_begin, i2c_restart},
+    {"as5600-multiplexer", multiplexer_begin, i2c_restart},
 };
 
 bool encoders_init(const char *kind, unsigned n_channels, unsigned bits, uint32_t counts_per_turn)
@@ -46,6 +52,13 @@ void encoders_fail(unsigned channel, enum fault fault)
     devices[channel].fault = fault;
 }
 
+void encoders_await_latch(void)
+{
+    for (unsigned i = 0U; i < n_devices; i++) {
+        devices[i].latched_at = 0U;
+    }
+}
+
 uint64_t encoders_latched_at(unsigned channel)
 {
     return devices[channel].latched_at;
@@ -53,7 +66,9 @@ uint64_t encoders_latched_at(unsigned channel)
 
 uint32_t device_latch(struct device *device)
 {
-    device->latched_at = machine->cycle;
+    if (device->latched_at == 0U) {
+        device->latched_at = machine->cycle;
+    }
     return motion_count(device->motion, machine->cycle);
 }
 

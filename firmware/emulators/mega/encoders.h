@@ -16,7 +16,8 @@ void encoders_restart(void);
 
 void encoders_fail(unsigned channel, enum fault fault);
 
-/* The cycle at which a channel was latched last. */
+/* The cycle of a channel's first latch since it was awaited; 0: none. */
+void encoders_await_latch(void);
 uint64_t encoders_latched_at(unsigned channel);
 
 #endif

@@ -182,6 +182,7 @@ static void bounce(unsigned input, bool active, unsigned n_changes)
 {
     world.changed_at = machine->cycle;
     world.marked_at = 0U;
+    encoders_await_latch();
     for (unsigned i = 0U; i < MOTIONS; i++) {
         world.counts_then[i] = motion_count(&motions[i], machine->cycle);
     }
