@@ -319,6 +319,8 @@ class PacketDecoder:
         if qos > 1:
             raise PacketError(f"a message with quality of service {qos}")
         topic, number = _text_at(body, 0), 0
+        if not topic:
+            raise PacketError("a message without a topic; aliases were not offered")
         if qos:
             number, offset = _number(body, offset), offset + 2
         properties: Properties = {}

@@ -31,8 +31,11 @@ _SENTENCES = {
     0x83: "it refuses for reasons of its own; {log}",
     0x84: "it speaks neither MQTT 5 nor 3.1.1; update it",
     0x85: "it does not accept the client id; allow ids of 65 characters there",
+    0x86: "it does not accept the user or the password; compare them with its accounts",
+    0x87: "its access list does not allow that; allow it for the account of {who}",
     0x88: "it is not available now; {log}",
     0x89: "the broker is too busy",
+    0x8A: "it has banned this client; see its log",
     0x8B: "the broker is shutting down",
     0x8C: "it requires a way of authentication that is not spoken here; let it accept "
     "a user with a password, or a certificate",
@@ -42,6 +45,7 @@ _SENTENCES = {
     0x8F: "it does not accept a topic filter; see its access list",
     0x90: "it does not accept the topic; see its rules for topics",
     0x91: "it takes a packet identifier for one that is in use; {log}",
+    0x92: "it does not know a packet identifier; {log}",
     0x93: "it was sent more messages at once than it takes; report this, it is a fault "
     "of ours",
     0x94: "it does not know a topic alias; report this, it is a fault of ours",
@@ -179,8 +183,6 @@ def _known(
 
 
 def _of_code(error: RefusedError, address: BrokerAddress, wording: Wording) -> str:
-    if error.code == _BANNED:
-        return "it has banned this client; see its log"
     if error.code not in _NOT_AUTHORISED:
         return sentence(error.code, wording, error.text)
     if address.username is not None:

@@ -287,7 +287,10 @@ class Service:
     def _limit_exceeded(self, kind: str, n_bytes: int, limit_bytes: int) -> None:
         text = "all messages are short enough for the broker"
         if n_bytes:
-            outcome = "points wait on the disk" if kind == "point" else "it is left out"
+            outcome = {
+                "point": "points wait on the disk",
+                "status": "it is sent without its lists (probes, alarms, conditions)",
+            }.get(kind, "it is left out")
             text = (
                 f"a message ({kind}) of {n_bytes} bytes is longer than the "
                 f"{limit_bytes} that the broker takes; {outcome}"

@@ -1,7 +1,8 @@
 """Cut messages that are longer than the packets which a broker takes.
 
-The points of a scan's block are numbered, so that it can be sent as several blocks. No
-other message can be cut.
+The points of a scan's block are numbered, so that it can be sent as several blocks. A
+status loses lists that events have too: without any status nobody would know that the
+daemon is there. No other message can be cut.
 """
 
 from dataclasses import replace
@@ -10,9 +11,11 @@ from itertools import pairwise
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
 from traverse.protocol.encoding import Encoding, decode, encode
 from traverse.protocol.message_error import MessageError
-from traverse.protocol.messages import Scan
+from traverse.protocol.messages import Scan, Status
 
 KINDS = frozenset({"scan", "spooled", "resend"})  # where there may be blocks of scans
+STATUS_LISTS: dict[str, object] = {"probes": None, "alarms": (), "conditions": ()}
+"""What a status that is too long is sent without, in this order."""
 ARRAYS = ("xyz_mm", "ijk", "angles_rad", "counts", "part_xyz_mm", "quality")
 
 
@@ -23,6 +26,8 @@ def cut_to_fit(
 
     The last of them tells when the whole has been sent.
     """
+    if kind == "status":
+        return _shortened(message, limit_bytes)
     if kind not in KINDS or limit_bytes <= 0:
         return []
     try:
@@ -43,6 +48,16 @@ def cut_to_fit(
             parts[-1] = replace(parts[-1], sent=message.sent)
             return parts
         n_parts += max(1, n_parts // 4)
+    return []
+
+
+def _shortened(message: OutgoingMessage, limit_bytes: int) -> list[OutgoingMessage]:
+    status = decode(Status, message.payload, max_bytes=len(message.payload))
+    for name, nothing in STATUS_LISTS.items():
+        status = status.model_copy(update={name: nothing})
+        payload = encode(status, status.encoding)
+        if len(payload) <= limit_bytes:
+            return [replace(message, payload=payload)]
     return []
 
 

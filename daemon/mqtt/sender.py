@@ -139,10 +139,11 @@ class PublishLoop:
             return packet
         overhead_bytes = len(packet) - len(message.payload)
         parts = cut_to_fit(kind, message, limit_bytes - overhead_bytes)
+        if kind == "status" or not parts:
+            self.limit_exceeded(kind, len(packet), limit_bytes)
         if parts:
             self.queue.replace(kind, message, parts)
             return None
-        self.limit_exceeded(kind, len(packet), limit_bytes)
         if kind == "point":  # it is kept, and so are all after it
             self._resumes_s = time.monotonic() + REFUSED_S
         else:

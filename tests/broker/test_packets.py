@@ -184,6 +184,7 @@ def test_properties_that_are_too_long_cost_the_message_its_use_only():
         b"\x34\x05\x00\x01p\x00\x01",  # quality of service 2
         b"\x30\x03\x00\x05p",
         b"\x30\x03\x00\x01\xff",  # no UTF-8
+        b"\x30\x06\x00\x00\x03\x23\x00\x01",  # a topic alias, which was not offered
         b"\x30\x05\x00\x01p\x01\x77",  # there is no such property
         b"\x30\x05\x00\x01p\x09\x00",  # properties longer than the packet
         b"\x40\x01\x00",

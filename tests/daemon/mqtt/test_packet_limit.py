@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.protocol.message_examples import POINT, SCAN
+from tests.protocol.message_examples import POINT, SCAN, STATUS
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
 from traverse.daemon.mqtt.packet_limit import ARRAYS, cut_to_fit
 from traverse.protocol.encoding import decode, encode
-from traverse.protocol.messages import Scan
+from traverse.protocol.messages import Scan, Status
 
 
 def block(n, *, total=None):
@@ -72,6 +72,30 @@ def test_the_whole_is_sent_with_its_last_part():
 @pytest.mark.parametrize("limit", [0, -5, 100])
 def test_a_limit_below_one_point_cuts_nothing(limit):
     assert cut_to_fit("scan", message(block(50)), limit) == []
+
+
+@pytest.mark.parametrize("encoding", ["msgpack", "json"])
+def test_a_status_loses_its_lists_and_stays_a_status(encoding):
+    condition = STATUS.conditions[0]
+    full = STATUS.model_copy(
+        update={
+            "encoding": encoding,
+            "probes": ("a" * 60,) * 10,
+            "conditions": (condition,) * 40,
+        }
+    )
+    payload = encode(full, encoding)
+    status = OutgoingMessage("t", payload, 1, retain=True)
+    bare = full.model_copy(update={"probes": None, "alarms": (), "conditions": ()})
+    for limit, expected in (
+        (len(payload) - 1, full.model_copy(update={"probes": None})),
+        (len(encode(bare, encoding)), bare),
+    ):
+        (part,) = cut_to_fit("status", status, limit)
+        assert part.retain
+        assert len(part.payload) <= limit
+        assert decode(Status, part.payload) == expected
+    assert cut_to_fit("status", status, len(encode(bare, encoding)) - 1) == []
 
 
 def test_nothing_else_is_cut():
