@@ -521,13 +521,18 @@ class Measurement(MeasurementContext):
         self.trajectory.add(poses)
         self._note_motion(poses)
         self.points.evaluator.follow(poses)
-        self.scanner.take(model, poses)
-        session = self.capture.session.id
-        live = self.live.message(model, poses, session, samples.device)
-        if live is not None:
-            self.sinks.offer_live(
-                self._with_covariance(live, poses, error_bounds_counts, bound_ns)
+        needs_all = self.scanner.needs(poses)
+        live = self.live.message(model, poses, self.capture.session.id, samples.device)
+        if needs_all or live is not None:
+            rows = slice(None) if needs_all else slice(-1, None)
+            reading = self._covariance_input(
+                readings, error_bounds_counts, bound_ns, rows
             )
+            covariances_mm2 = self.uncertainty.covariances_mm2(model, reading)
+            if needs_all:
+                self.scanner.take(model, poses, covariances_mm2)
+            if live is not None:
+                self.sinks.offer_live(_with_covariance(live, covariances_mm2[-1]))
         self.temperatures.check(model, self.joint_devices)
 
     def _begins(self, poses: PoseBlock) -> bool:
@@ -535,25 +540,21 @@ class Measurement(MeasurementContext):
         time_ns, angles_rad = int(poses.sample_time_ns[0]), poses.angles_rad[0]
         return self.trajectory.speeds_rad_s(time_ns, angles_rad) is None
 
-    def _with_covariance(
+    def _covariance_input(
         self,
-        live: Live,
-        poses: PoseBlock,
+        readings: ArmReadings,
         error_bounds_counts: Floats | None,
         time_bound_ns: int,
-    ) -> Live:
-        time_ns, angles_rad = int(poses.sample_time_ns[-1]), poses.angles_rad[-1]
-        block = self.pipeline.block_at(
-            time_ns, angles_rad, self.joint_devices.temperature_c
-        )
-        reading = CovarianceInput(
-            block,
-            self.trajectory.speeds_rad_s(time_ns, angles_rad),
-            None if error_bounds_counts is None else error_bounds_counts[-1],
+        rows: slice,
+    ) -> CovarianceInput:
+        """Return what covariances of some of the latest readings rest on."""
+        temperature_c = self.joint_devices.temperature_c
+        return CovarianceInput(
+            self.pipeline.block_of(readings, temperature_c).part(rows),
+            self.trajectory.block_speeds_rad_s(readings)[rows],
+            None if error_bounds_counts is None else error_bounds_counts[rows],
             time_bound_ns,
         )
-        stated = self.uncertainty.covariance(self.pipeline.model, reading)
-        return live.model_copy(update={"covariance_mm2": stated.own_mm2})
 
     def _take_latch(self, device: Device, latch: LatchedCounts) -> None:
         if latch.input is not None:
@@ -590,3 +591,10 @@ class Measurement(MeasurementContext):
             self._rests = False  # perhaps a scan begins
             self._set_batch_window()
             self.scanner.follow(started.stream, started.rate_hz, started.requested_hz)
+
+
+def _with_covariance(live: Live, covariance_mm2: Floats) -> Live:
+    """Add the covariance of a live pose, unless it is unknown."""
+    if np.isnan(covariance_mm2).any():
+        return live
+    return live.model_copy(update={"covariance_mm2": tuple(covariance_mm2.tolist())})

@@ -92,6 +92,13 @@ def _table(block: Scan) -> pa.Table:
         columns[f"part_{axis}_mm"] = (
             pa.nulls(n, pa.float64()) if part is None else pa.array(part[:, column])
         )
+    covariance_mm2 = block.covariance_mm2
+    for column, axes in enumerate(("xx", "xy", "xz", "yy", "yz", "zz")):
+        columns[f"covariance_{axes}_mm2"] = (
+            pa.nulls(n, pa.float64())
+            if covariance_mm2 is None
+            else pa.array(covariance_mm2[:, column])
+        )
     columns["quality"] = pa.array(block.quality)
     angles = pa.array(block.angles_rad.tolist(), pa.list_(pa.float64()))
     columns["angles_rad"] = angles

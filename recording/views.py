@@ -10,23 +10,28 @@ there, are those of https://github.com/foxglove/foxglove-sdk, folder schemas/jso
 
 import base64
 import json
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.arrays import Floats
 from traverse.protocol.messages import Event, Point, Scan
 
 FRAME = "arm"
 UINT32, FLOAT32, FLOAT64 = 5, 7, 8  # foxglove.NumericType
 _TYPES = {FLOAT32: "<f4", FLOAT64: "<f8", UINT32: "<u4"}
+COVARIANCES = tuple(f"{axes}_mm2" for axes in ("xx", "xy", "xz", "yy", "yz", "zz"))
 CLOUD_FIELDS = (
     *((name, FLOAT32) for name in "xyz"),
     *((name, FLOAT64) for name in ("x_mm", "y_mm", "z_mm", "i", "j", "k")),
     ("number", UINT32),
     ("quality", UINT32),
     ("after_s", FLOAT64),
+    *((name, FLOAT64) for name in COVARIANCES),
 )
 """Fields of a cloud's point: name and type, packed without gaps."""
 CLOUD_TYPE = np.dtype([(name, _TYPES[kind]) for name, kind in CLOUD_FIELDS])
@@ -78,6 +83,9 @@ def cloud_to_bytes(scan: Scan) -> bytes:
     packed["number"] = np.arange(scan.seq, scan.seq + n)
     packed["quality"] = scan.quality
     packed["after_s"] = np.asarray(scan.dtime_ns) * 1e-9
+    covariance_mm2 = scan.covariance_mm2
+    for column, name in enumerate(COVARIANCES):
+        packed[name] = np.nan if covariance_mm2 is None else covariance_mm2[:, column]
     fields = [
         {"name": name, "offset": CLOUD_TYPE.fields[name][1], "type": kind}  # type: ignore[index] # it has names
         for name, kind in CLOUD_FIELDS
@@ -96,27 +104,41 @@ def cloud_to_bytes(scan: Scan) -> bytes:
     return json.dumps(table).encode()
 
 
-def bytes_to_cloud(content: bytes) -> tuple[str, NDArray[np.void]]:
-    """Read a cloud that was written here: the scan's id and its points, `CLOUD_TYPE`.
+def columns_of(points: NDArray[np.void], names: Iterable[str]) -> Floats:
+    """Return fields of a cloud's points as columns, (n, n_names)."""
+    return np.stack([points[name] for name in names], axis=1)
 
-    Raises:
-        ValueError: It is none.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cloud:
+    """Block of a scan's points.
+
+    Attributes:
+        time_ns: instant that `after_s` counts from. [UTC]
+        points: of `CLOUD_TYPE`.
     """
-    scan, _, points = bytes_to_timed_cloud(content)
-    return scan, points
+
+    session: str
+    scan: str
+    time_ns: int
+    points: NDArray[np.void]
 
 
-def bytes_to_timed_cloud(content: bytes) -> tuple[str, int, NDArray[np.void]]:
-    """Read a cloud: the scan's id, the instant that `after_s` counts from, its points.
+def bytes_to_cloud(content: bytes) -> Cloud:
+    """Read a cloud that was written here.
 
     Raises:
         ValueError: It is none.
     """
     try:
         table = json.loads(content)
+        names = [field["name"] for field in table["fields"]]
+        if names != [name for name, _ in CLOUD_FIELDS]:
+            raise ValueError(f"fields {', '.join(names)} are of another version")
         data = base64.b64decode(table["data"], validate=True)
         points = np.frombuffer(data, CLOUD_TYPE)
-        return str(table["scan"]), int(table["time_ns"]), points
+        session, scan = str(table["session"]), str(table["scan"])
+        return Cloud(session, scan, int(table["time_ns"]), points)
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError(f"no cloud of a scan: {error!r}") from error
 

@@ -75,7 +75,8 @@ def draw(messages: dict[str, list[Any]], path: Path) -> None:
     entities = [drawn for up in messages["points"] for drawn in up.get("entities", ())]
     entities.append(messages["arm"][-1]["entities"][0])
     clouds = [
-        bytes_to_cloud(json.dumps(message).encode())[1] for message in messages["cloud"]
+        bytes_to_cloud(json.dumps(message).encode()).points
+        for message in messages["cloud"]
     ]
     centre = xyz(entities[POINTS]["spheres"][0]["pose"]["position"])
     figure = plt.figure(figsize=(11, 5), layout="constrained")

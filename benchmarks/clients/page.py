@@ -114,6 +114,7 @@ def blocks(n: int, scan: str) -> list[bytes]:
             angles_rad=np.zeros((BLOCK, 7)),
             counts=None,
             part_xyz_mm=None,
+            covariance_mm2=None,
             quality=np.zeros(BLOCK, np.uint32),
             dropped=0,
             lost=0,

@@ -84,6 +84,7 @@ class Publisher:
             angles_rad=angles,
             counts=np.round(angles * 1e6).astype(np.int64),
             part_xyz_mm=None,
+            covariance_mm2=np.zeros((n, 6)),
             quality=np.zeros(n, np.uint32),
             dropped=0,
             lost=0,

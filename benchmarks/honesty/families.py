@@ -41,7 +41,6 @@ class Family:
         has_clock: Some device has a timer of its own.
         can_swap: Two devices, or two lines of one, can change places.
         can_count: Its encoders may be incremental ones.
-        skew_limit_mm: What its operator has configured: what such devices can keep.
     """
 
     name: str
@@ -51,7 +50,6 @@ class Family:
     has_clock: bool = True
     can_swap: bool = False
     can_count: bool = True
-    skew_limit_mm: float = 0.3
 
     @property
     def n_devices(self) -> int:

@@ -5,7 +5,7 @@ four times its stated standard deviation plus `SLACK_MM`; or if it is unmarked a
 computer's UTC is off by more than is stated: a second if the kernel's clock is
 synchronised; else it may be from just before the latest trusted time until 400 days
 after it. The stated standard deviation of a place is the root of the trace of its
-covariance; without one, as in a block of a scan, that of the last live pose.
+covariance; without one, as of the first pose, that of the last message.
 """
 
 from collections import Counter
@@ -27,6 +27,7 @@ SETTLED_S = 5.0
 LEAST_STD_MM = 0.01  # of the arms here, before any is stated
 MOST_EXAMPLES = 20
 OFFSETS_KEPT = 4
+DIAGONAL = (0, 3, 5)  # of xx, xy, xz, yy, yz, zz
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,9 +135,15 @@ class Judge:
             (bits & ~REMARKS.value) == 0,
             [",".join(flag_names(word)) for word in bits.tolist()],
         )
-        self._judge(claims, self._last_std_mm, utc_offset_ns)
+        variances_mm2 = scan.covariance_mm2
+        std_mm = (
+            np.full(len(claims.ok), self._last_std_mm)
+            if variances_mm2 is None
+            else np.sqrt(variances_mm2[:, DIAGONAL].sum(axis=1))
+        )
+        self._judge(claims, std_mm, utc_offset_ns)
 
-    def _judge(self, claims: Claims, std_mm: float, utc_offset_ns: int) -> None:
+    def _judge(self, claims: Claims, std_mm: Floats, utc_offset_ns: int) -> None:
         what, times_ns, xyz_mm = claims.what, claims.times_ns, claims.xyz_mm
         ok, flags = claims.ok, claims.flags
         offsets = self._offsets_ns
@@ -157,7 +164,7 @@ class Judge:
         tally.ok[what] += int(ok.sum())
         tally.doubt[what] += int((~ok).sum())
         if ok.any():
-            tally.worst = max(tally.worst, float(off_mm[ok].max()) / allowed_mm)
+            tally.worst = max(tally.worst, float((off_mm / allowed_mm)[ok].max()))
         for row in np.flatnonzero(~ok).tolist():
             if at_s[row] > SETTLED_S:
                 tally.settled[what] += 1
@@ -168,7 +175,7 @@ class Judge:
                 what,
                 float(at_s[row]),
                 float(off_mm[row]),
-                allowed_mm,
+                float(allowed_mm[row]),
                 float(utc_off_s[row]),
             )
             if len(tally.examples) < MOST_EXAMPLES:
@@ -178,7 +185,7 @@ class Judge:
             state = "LIE" if (ok & wrong).any() else "ok" if ok.all() else "doubt"
             self._note(
                 f"{self._hub.now_s:9.4f} {state:5} {what} of {at_s[worst]:.4f}: "
-                f"{off_mm[worst]:.4f} mm off, {allowed_mm:.4f} allowed, "
+                f"{off_mm[worst]:.4f} mm off, {allowed_mm[worst]:.4f} allowed, "
                 f"UTC {utc_off_s[worst]:.3g} s, {flags[worst] or 'no flags'}"
             )
 
@@ -198,8 +205,8 @@ class Judge:
         )
         return off_mm, at_s, utc_off_s
 
-    def _std_mm(self, covariance_mm2: Covariance | None) -> float:
+    def _std_mm(self, covariance_mm2: Covariance | None) -> Floats:
         if covariance_mm2 is not None:
             xx, _, _, yy, _, zz = covariance_mm2
             self._last_std_mm = float(np.sqrt(xx + yy + zz))
-        return self._last_std_mm
+        return np.array([self._last_std_mm])

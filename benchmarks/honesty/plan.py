@@ -210,7 +210,7 @@ def _with_fault(plan: Plan, kind: str, rng: np.random.Generator) -> Plan:
     if kind == "clock_rate" and plan.family == "microscribe":
         size *= 10.0
     if kind in ("daemon_restart", "computer_restart"):
-        size = float(rng.integers(2))  # in half of them devices lose power meanwhile
+        size = float(rng.integers(3))  # devices stay, lose power, or are exchanged
     from_start = kind in FROM_START or (kind == "delays" and rng.random() < 0.5)
     fault = PlannedFault(kind, 0.0 if from_start else at_s, lasts_s, size, device)
     return _from_start(replace(plan, faults=(*plan.faults, fault)), fault, rng)

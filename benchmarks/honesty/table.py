@@ -5,31 +5,29 @@ from collections.abc import Iterable, Sequence
 
 from benchmarks.trials.lines import Line, unbroken
 from benchmarks.trials.program import Verdict
+from traverse.protocol.messages import REMARKS
+from traverse.protocol.messages.quality import flag_names
 
 FAULTLESS = "none"
 MOST_LIARS = 40
 MOST_FLAGS = 8
+REMARK_NAMES = frozenset(flag_names(REMARKS.value))
 
 
 def verdict(lines: Sequence[Line]) -> Verdict:
     """Judge that there is neither a lie nor doubt without a fault."""
     sound = unbroken(lines)
     liars = [line for line in sound if _sum([line], "lies")]
-    doubters = [
-        line
-        for line in sound
-        if line["kinds"] == [FAULTLESS] and _sum([line], "settled_doubt")
-    ]
+    faultless = [line for line in sound if line["kinds"] == [FAULTLESS]]
+    doubters = [line for line in faultless if _unexplained(line)]
+    quick = [line for line in faultless if _by_motion(line)]
     # Where a device cannot be read at all, the operator was told at each request.
     silent = [
         line
         for line in sound
         if not _sum([line], "ok") + _sum([line], "doubt") and not line["refused"]
     ]
-    n_lies, n_faultless = _sum(sound, "lies"), 0
-    for line in sound:
-        n_faultless += line["kinds"] == [FAULTLESS]
-    n_points = _sum(sound, "ok") + _sum(sound, "doubt")
+    n_lies, n_points = _sum(sound, "lies"), _sum(sound, "ok") + _sum(sound, "doubt")
     parts = [
         "\n".join(_table("family", _by(sound, "family"))),
         "\n".join(_table("kind of fault", _by(sound, "kinds"))),
@@ -47,7 +45,7 @@ def verdict(lines: Sequence[Line]) -> Verdict:
         parts.append(
             f"world {line['world']}, {line['family']} ({', '.join(line['kinds'])}, "
             f"{line['pace']}): {_sum([line], 'lies')} lies, "
-            f"{_sum([line], 'settled_doubt')} in doubt; {what}\n"
+            f"{_unexplained(line)} in doubt; {what}\n"
             f"    python -m benchmarks.honesty --seed {line['world']} -v"
         )
     parts += [f"world {line['world']}: nothing was measured" for line in silent]
@@ -56,10 +54,22 @@ def verdict(lines: Sequence[Line]) -> Verdict:
         parts.append(f"and {left} more worlds")
     parts.append(
         f"{len(sound)} worlds, {n_points} points, samples and live poses judged: "
-        f"{n_lies} lies in {len(liars)} worlds; in {n_faultless} worlds without a "
-        f"fault {_sum(doubters, 'settled_doubt')} in doubt after the first 5 s"
+        f"{n_lies} lies in {len(liars)} worlds; in {len(faultless)} worlds without a "
+        f"fault {sum(map(_unexplained, faultless))} in doubt after the first 5 s, and "
+        f"{sum(map(_by_motion, quick))} in {len(quick)} worlds where the arm moved "
+        "faster than skew_limit_mm allows joints at different instants"
     )
     return Verdict("\n\n".join(parts), not (liars or doubters or silent))
+
+
+def _by_motion(line: Line) -> int:
+    """Return how many numbers were in doubt after a while for their skew alone."""
+    texts = line["flags"].items()
+    return sum(n for text, n in texts if {*text.split(",")} - REMARK_NAMES == {"skew"})
+
+
+def _unexplained(line: Line) -> int:
+    return _sum([line], "settled_doubt") - _by_motion(line)
 
 
 def _by(lines: Iterable[Line], key: str) -> dict[str, list[Line]]:

@@ -37,7 +37,6 @@ from benchmarks.trials.lines import Line
 from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.config.schema import (
     ArmSection,
-    AssemblySection,
     CaptureSection,
     Configuration,
     InputSection,
@@ -121,7 +120,6 @@ class World:
                 for spec in self._family.devices
             ),
             capture=capture,
-            assembly=AssemblySection(skew_limit_mm=self._family.skew_limit_mm),
         )
 
     @contextlib.contextmanager
@@ -210,8 +208,8 @@ class World:
             else:
                 continue
             faults.append(Fault.from_table(entry))
-        for begin_s, end_s, loses_power in _restarts(self.plan):
-            if loses_power:
+        for begin_s, end_s, kind in _restarts(self.plan):
+            if kind:
                 lasts_s = end_s - begin_s - 0.2
                 faults.append(
                     Fault.from_table(
@@ -322,9 +320,9 @@ class World:
             self._build_devices()
             for fault in self.plan.faults:
                 self._schedule(fault)
-            for begin_s, end_s, loses_power in _restarts(self.plan):
-                if loses_power:
-                    self._restart_devices(begin_s, end_s - 0.2)
+            for begin_s, end_s, kind in _restarts(self.plan):
+                if kind:
+                    self._restart_devices(begin_s, end_s - 0.2, kind)
             loop = VirtualLoop(self.hub)
             try:
                 loop.run_until_complete(self._live())
@@ -333,17 +331,16 @@ class World:
         self.outcome.cpu_s = time.process_time() - begun_s
         return self.outcome
 
-    def _restart_devices(self, begin_s: float, end_s: float) -> None:
+    def _restart_devices(self, begin_s: float, end_s: float, kind: str) -> None:
         for number in range(len(self._mounted)):
             self._look_at_power(
-                PlannedFault("board_restart", begin_s, end_s - begin_s, device=number)
+                PlannedFault(kind, begin_s, end_s - begin_s, device=number)
             )
 
     async def _live(self) -> None:
         plan = self.plan
-        runs = [(b, e, p) for b, e, p in _restarts(plan)]
-        begin_s = 0.0
-        for end_s, next_s, _ in [*runs, (plan.duration_s, plan.duration_s, False)]:
+        begin_s, last = 0.0, (plan.duration_s, plan.duration_s, "")
+        for end_s, next_s, _ in [*_restarts(plan), last]:
             await self._run_daemon(begin_s, end_s)
             begin_s = next_s
             if next_s < plan.duration_s:
@@ -447,14 +444,15 @@ def _each(cables: list[Cable], act: Any) -> None:  # noqa: ANN401 - a method of 
         act(cable)
 
 
-def _restarts(plan: Plan) -> list[tuple[float, float, bool]]:
-    """Return when the daemon ends and begins again, and whether devices lose power."""
-    restarts: list[tuple[float, float, bool]] = []
+def _restarts(plan: Plan) -> list[tuple[float, float, str]]:
+    """Return when the daemon ends, begins again, and what befalls devices meanwhile."""
+    restarts: list[tuple[float, float, str]] = []
     for fault in sorted(plan.faults, key=lambda fault: fault.at_s):
         if fault.kind in ("daemon_restart", "computer_restart"):
             begin_s = max(fault.at_s, restarts[-1][1] + 1.0 if restarts else 0.0)
             lasts_s = max(fault.lasts_s, 0.5)
-            restarts.append((begin_s, begin_s + lasts_s, fault.size > 0.0))
+            kind = ("", "board_restart", "exchange")[int(fault.size)]
+            restarts.append((begin_s, begin_s + lasts_s, kind))
     return restarts
 
 

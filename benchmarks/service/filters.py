@@ -92,6 +92,7 @@ def blocks(n_points: int) -> Iterator[PointBlock]:
     angles_rad = np.zeros((N_BLOCK, N_JOINTS))
     counts = np.zeros((N_BLOCK, N_JOINTS), np.int64)
     quality = np.zeros(N_BLOCK, np.uint32)
+    covariance_mm2 = np.zeros((N_BLOCK, 6))
     for first in range(0, n_points, N_BLOCK):
         seq = np.arange(first, first + N_BLOCK)
         way_mm = seq * (SPEED_MM_S / RATE_HZ)
@@ -101,7 +102,8 @@ def blocks(n_points: int) -> Iterator[PointBlock]:
         xyz_mm = np.column_stack([x_mm, line % 400 * 0.5 - 100.0, 0.01 * x_mm])
         xyz_mm += noise_mm
         times_ns = (seq * (1e9 / RATE_HZ)).astype(np.int64)
-        yield PointBlock(seq, times_ns, xyz_mm, ijk, angles_rad, counts, quality)
+        places = seq, times_ns, xyz_mm, ijk
+        yield PointBlock(*places, angles_rad, counts, quality, covariance_mm2)
 
 
 def off_line(n_points: int) -> Iterator[str]:

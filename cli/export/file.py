@@ -26,7 +26,7 @@ from traverse.protocol.messages import Point
 from traverse.strict_toml.reader import StrictModel, read_strict
 from traverse.strict_toml.writing import replacing
 
-FILTERED = ("seq", "time_ns", "xyz_mm", "ijk", "quality")
+FILTERED = ("seq", "time_ns", "xyz_mm", "ijk", "quality", "covariance_mm2")
 """Columns that filters see, and hand on."""
 
 
@@ -154,10 +154,11 @@ def _write_scans(
 ) -> None:
     if wanted.coordinates != "centre":
         raise ValueError("scans of a recording have --coordinates centre only")
-    for scan, table in scans_of(source):
-        sink.table(table if chain is None else _filtered(scan, table, chain))
+    for table in scans_of(source):
+        sink.table(table if chain is None else _filtered(table, chain))
 
 
-def _filtered(scan: str, table: PointTable, chain: FilterChain) -> PointTable:
+def _filtered(table: PointTable, chain: FilterChain) -> PointTable:
     passed = _applied(chain, table)
-    return scan_table(scan, **{name: getattr(passed, name) for name in FILTERED})
+    names = (str(table.session[0]), str(table.scan[0])) if len(table) else ("", "")
+    return scan_table(*names, **{name: getattr(passed, name) for name in FILTERED})

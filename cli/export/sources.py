@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from traverse.cli.points.command import LAST
 from traverse.cli.points.outbox import opened_outbox
@@ -14,7 +13,7 @@ from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Point
 from traverse.recording.run_reader import RunReader
-from traverse.recording.views import bytes_to_timed_cloud
+from traverse.recording.views import COVARIANCES, Cloud, bytes_to_cloud, columns_of
 from traverse.strict_toml.files import open_regular
 
 SQLITE = b"SQLite format 3\x00"
@@ -47,8 +46,8 @@ def points_of(source: Path) -> Iterator[Point]:
         )
 
 
-def scans_of(source: Path) -> Iterator[tuple[str, PointTable]]:
-    """Blocks of all scans of a recording, with the scan's id.
+def scans_of(source: Path) -> Iterator[PointTable]:
+    """Blocks of all scans of a recording.
 
     Raises:
         ValueError: it is no recording.
@@ -57,8 +56,7 @@ def scans_of(source: Path) -> Iterator[tuple[str, PointTable]]:
     with RunReader(source) as run:
         for entry in run:
             if entry.topic == "cloud":
-                scan, time_ns, cloud = bytes_to_timed_cloud(entry.content)
-                yield scan, _table(scan, time_ns, cloud)
+                yield _table(bytes_to_cloud(entry.content))
 
 
 def tear_of(source: Path) -> str | None:
@@ -72,15 +70,18 @@ def tear_of(source: Path) -> str | None:
         return run.tear
 
 
-def _table(scan: str, time_ns: int, cloud: NDArray[np.void]) -> PointTable:
-    after_ns = np.rint(cloud["after_s"] * 1e9).astype(np.int64)
+def _table(cloud: Cloud) -> PointTable:
+    points = cloud.points
+    after_ns = np.rint(points["after_s"] * 1e9).astype(np.int64)
     return scan_table(
-        scan,
-        seq=cloud["number"].astype(np.int64),
-        time_ns=time_ns + after_ns,
-        xyz_mm=np.stack([cloud[f"{axis}_mm"] for axis in "xyz"], axis=1),
-        ijk=np.stack([cloud[axis] for axis in "ijk"], axis=1),
-        quality=cloud["quality"].astype(np.uint32),
+        cloud.session,
+        cloud.scan,
+        seq=points["number"].astype(np.int64),
+        time_ns=cloud.time_ns + after_ns,
+        xyz_mm=columns_of(points, [f"{axis}_mm" for axis in "xyz"]),
+        ijk=columns_of(points, "ijk"),
+        quality=points["quality"].astype(np.uint32),
+        covariance_mm2=columns_of(points, COVARIANCES),
     )
 
 

@@ -58,6 +58,7 @@ class PointTable:
 
 
 def scan_table(
+    session: str,
     scan: str,
     *,
     seq: Integers,
@@ -65,25 +66,28 @@ def scan_table(
     xyz_mm: Floats,
     ijk: Floats,
     quality: NDArray[np.uint32],
+    covariance_mm2: Floats | None,
 ) -> PointTable:
-    """Points of a scan, which have neither uncertainty, nor label, nor id."""
+    """Points of a scan, which have neither label nor id."""
     n = len(seq)
     qualities = [Quality.from_bits(bits) for bits in quality.tolist()]
     none = np.full(n, "")
+    if covariance_mm2 is None:
+        covariance_mm2 = np.full((n, 6), np.nan)
     return PointTable(
         seq,
         time_ns,
         xyz_mm,
         ijk,
-        np.full((n, 3), np.nan),
+        np.sqrt(np.maximum(covariance_mm2[:, DIAGONAL], 0.0)),
         quality,
         np.array([point_quality.ok for point_quality in qualities], dtype=np.bool_),
         np.array(
             [" ".join(point_quality.flags) for point_quality in qualities],
             dtype=np.str_,
         ),
-        np.full((n, 6), np.nan),
-        session=none,
+        covariance_mm2,
+        session=np.full(n, session),
         scan=np.full(n, scan),
         id=none,
         artefact=none,

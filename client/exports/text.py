@@ -30,7 +30,19 @@ COLUMNS = (
 )
 """Columns of a point in CSV, and the names of a template."""
 SCAN_COLUMNS = (
-    *("scan", "seq", "time_ns", "time_utc", "x_mm", "y_mm", "z_mm", "i", "j", "k"),
+    *(
+        "session",
+        "scan",
+        "seq",
+        "time_ns",
+        "time_utc",
+        "x_mm",
+        "y_mm",
+        "z_mm",
+        "i",
+        "j",
+        "k",
+    ),
     *("std_x_mm", "std_y_mm", "std_z_mm", "ok", "flags"),
 )
 """Columns of a point of a scan."""
@@ -92,6 +104,7 @@ def _in_unit(place_mm: Iterable[float], unit_mm: float) -> dict[str, float]:
 
 def scan_rows(table: PointTable) -> Iterable[list[Any]]:
     columns = zip(
+        table.session.tolist(),
         table.scan.tolist(),
         table.seq.tolist(),
         table.time_ns.tolist(),
@@ -103,10 +116,10 @@ def scan_rows(table: PointTable) -> Iterable[list[Any]]:
         table.flags.tolist(),
         strict=True,
     )
-    for scan, seq, time_ns, time_utc, xyz_mm, ijk, std_mm, ok, flags in columns:
+    for *key, time_ns, time_utc, xyz_mm, ijk, std_mm, ok, flags in columns:
         known = [None if math.isnan(std) else std for std in std_mm]
         said = (int(ok), flags)
-        yield [scan, seq, time_ns, time_utc, *xyz_mm, *ijk, *known, *said]
+        yield [*key, time_ns, time_utc, *xyz_mm, *ijk, *known, *said]
 
 
 def iso_times(time_ns: ArrayLike) -> list[str]:

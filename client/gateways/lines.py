@@ -152,12 +152,14 @@ class LineGateway:
             self._held_back(n, f"scan {block.scan} was made without an alignment")
             return []
         table = scan_table(
+            block.session,
             block.scan,
             seq=np.arange(block.seq, block.seq + n),
             time_ns=block.time_ns + block.dtime_ns,
             xyz_mm=xyz_mm,
             ijk=block.ijk,
             quality=block.quality,
+            covariance_mm2=None if form.coordinates == "part" else block.covariance_mm2,
         )
         rows = [
             values

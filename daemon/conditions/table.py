@@ -96,8 +96,9 @@ CONDITIONS = (
         "device",
         "place and turns of the joints that the device reads are known",
         "`reference`, or `home` for incremental encoders, after each loss of power; "
-        "an absolute encoder needs it once, a polled one without a serial number "
-        "after each loss of its port",
+        "an absolute encoder needs it once; one without a serial number of its own "
+        "after each start and each loss of its port, unless `assumed_devices` names "
+        "its device",
         "the device has been without power, or a joint may have turned unseen",
         QualityFlag.TURNS_UNCERTAIN,
         "all",

@@ -4,7 +4,7 @@ Every key is explained in docs/reference/configuration.md.
 """
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -169,6 +169,7 @@ class QualitySection(StrictModel):
     temperature_time_s: float = Field(default=300.0, ge=1.0, le=86_400.0)
     identification_days: float | None = Field(default=None, gt=0.0)
     refuse: Annotated[tuple[str, ...], Field(max_length=32)] = ("encoder_error",)
+    assumed_devices: Annotated[tuple[str, ...], Field(max_length=64)] = ()
 
     @field_validator("refuse")
     @classmethod
@@ -343,6 +344,11 @@ def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
         if method in ("inside", "outside") and "middle_mm" not in capture:
             text = f"is missing; compensation {method!r} needs a point in the middle"
             yield Problem(".".join(("capture", "middle_mm")), text)
+    quality = raw.get("quality")
+    assumed = quality.get("assumed_devices") if isinstance(quality, Mapping) else None
+    for index, name in enumerate(assumed if isinstance(assumed, list) else ()):
+        if name not in ids:
+            yield _unknown_device(f"quality.assumed_devices[{index}]", name, ids)
     seen: set[str] = set()
     inputs = capture.get("inputs") if isinstance(capture, Mapping) else None
     for index, table in enumerate(tables_in(inputs)):
@@ -351,12 +357,16 @@ def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
             continue
         where = f"capture.inputs[{index}].source"
         if source.partition("/")[0] not in ids:
-            known = ", ".join(sorted(ids)) or "none"
-            yield Problem(where, f"{source!r} names no device; there are: {known}")
+            yield _unknown_device(where, source, ids)
         if source in seen:
             yield Problem(where, f"{source!r} is given twice")
         seen.add(source)
         yield from _gesture_problems(index, table)
+
+
+def _unknown_device(where: str, name: object, ids: Iterable[str]) -> Problem:
+    known = ", ".join(sorted(ids)) or "none"
+    return Problem(where, f"{name!r} names no device; there are: {known}")
 
 
 def _gesture_problems(index: int, table: Mapping[str, Any]) -> Iterator[Problem]:

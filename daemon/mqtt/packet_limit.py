@@ -12,11 +12,11 @@ from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
 from traverse.protocol.encoding import Encoding, decode, encode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Scan, Status
+from traverse.protocol.messages.scan import ARRAYS
 
 KINDS = frozenset({"scan", "spooled", "resend"})  # where there may be blocks of scans
 STATUS_LISTS: dict[str, object] = {"probes": None, "alarms": (), "conditions": ()}
 """What a status that is too long is sent without, in this order."""
-ARRAYS = ("xyz_mm", "ijk", "angles_rad", "counts", "part_xyz_mm", "quality")
 
 
 def cut_to_fit(

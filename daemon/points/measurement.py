@@ -233,7 +233,14 @@ class PointEvaluator:
         return self._measured(
             pose,
             CovarianceInput(
-                pose.block, speeds_rad_s, pose.error_bounds_counts, jitter_ns
+                pose.block,
+                np.full((1, len(pose.angles_rad)), np.nan)
+                if speeds_rad_s is None
+                else speeds_rad_s[np.newaxis],
+                None
+                if pose.error_bounds_counts is None
+                else pose.error_bounds_counts[np.newaxis],
+                jitter_ns,
             ),
             temperature_c,
         )
@@ -245,7 +252,7 @@ class PointEvaluator:
         block = stage.pipeline.block_at(
             pose.sample_time_ns, pose.angles_rad, temperature_c
         )
-        at_rest = np.zeros(len(pose.angles_rad))
+        at_rest = np.zeros((1, len(pose.angles_rad)))
         measured = self._measured(
             replace(pose, block=block),
             CovarianceInput(block, at_rest, samples=average.n),

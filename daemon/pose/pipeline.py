@@ -242,6 +242,18 @@ class Pipeline:
             latched.error_bounds_counts,
         )
 
+    def block_of(self, readings: ArmReadings, temperature_c: float | None) -> Block:
+        """Rebuild the block of readings, with the inputs of effects."""
+        samples, quality = readings.samples, readings.quality
+        block, _ = self._covariates.block(
+            samples.sample_time_ns,
+            readings.angles_rad,
+            temperature_c,
+            quality,
+            readings.motion,
+        )
+        return block
+
     def block_at(
         self, time_ns: int, angles_rad: Floats, temperature_c: float | None
     ) -> Block:

@@ -39,7 +39,7 @@ class ReferenceMonitor:
     """Feeds the conditions of device identity and joint reference.
 
     Args:
-        section: end stops of the joints.
+        section: end stops of the joints, and devices that nobody can exchange.
         reset_turns: called with joints, from 0, whose end stops determine their turn,
             and the time [ns] from which on.
         use_offsets: called with homing offsets by joint [rad] when they change.
@@ -65,6 +65,7 @@ class ReferenceMonitor:
 
     def _follow(self, section: QualitySection, model: ArmModel) -> None:
         self._model = model
+        self._assumed = frozenset(section.assumed_devices)
         self._one_turn = one_turn_joints(section, model)
         self._turning = turn_dependent_joints(section, model, self.clock)
 
@@ -208,11 +209,11 @@ class ReferenceMonitor:
             return f"{device} is not the device that was confirmed"
         if known.encoders != encoders_text(self._model, device):
             return f"the arm file describes {device} otherwise than when confirmed"
-        is_nameless = not (identity.serials or identity.boot)
-        # A device that is polled cannot show either that its counts went on meanwhile.
-        if is_nameless and is_back and (up.restarted or bool(identity.absolute)):
+        # What is polled cannot show that its counts went on meanwhile.
+        is_new = is_first or is_back and (up.restarted or bool(identity.absolute))
+        if is_new and not self._is_recognised(device, identity, known):
             # Also of absolute encoders: another one answers like this one.
-            return f"{device} was lost, and cannot tell whether it is the same device"
+            return f"no serial number shows that {device} is what was confirmed"
         has_lost_power = up.restarted or bool(
             identity.boot and identity.boot != known.boot
         )
@@ -222,6 +223,20 @@ class ReferenceMonitor:
             cannot_tell = "" if has_lost_power else "cannot tell whether it "
             return f"{device} {cannot_tell}has been without power"
         return ""
+
+    def _is_recognised(
+        self, device: str, identity: Identity, known: ConfirmedDevice
+    ) -> bool:
+        """Return whether what was confirmed cannot have been exchanged unnoticed."""
+        serials, others = identity.serials, self._serials_of_others(device)
+        is_unique = bool(serials) and all(serials)
+        is_unique &= len({*serials}) == len(serials) and others.isdisjoint(serials)
+        has_its_power = bool(identity.boot) and identity.boot == known.boot
+        return is_unique or has_its_power or device in self._assumed
+
+    def _serials_of_others(self, device: str) -> set[str]:
+        identities = self._identities.items()
+        return {s for name, of in identities if name != device for s in of.serials}
 
     # -- joints ---------------------------------------------------------------
 
@@ -364,17 +379,26 @@ class ReferenceMonitor:
         self._doubts[device] = PLACE
         self._unhomed[device] = set(joints)
         named = self._named(joints)
-        homed = ""
+        homed, incremental = (
+            "",
+            self._incremental_joints(device, self._identities[device]),
+        )
         if self._model.arm.home is not None:
             homed = f"bring the arm into its home posture, and {HOME}; or "
+        once = (
+            "for encoders that are absolute, write absolute = true in [joints.encoder] "
+            "of the arm file, and confirm once"
+            if incremental
+            else "where nobody can exchange a device without a serial number of its "
+            "own, name it in assumed_devices of [quality]"
+        )
         self.conditions.doubt(
             REFERENCE,
             device,
             f"{cause}: {named} may count from another place, and every point may be "
             "wrong",
             remedy=f"{homed}bring the arm to its reference, touch a point that you "
-            f"know, then {CONFIRM}; for encoders that are absolute, write absolute = "
-            "true in [joints.encoder] of the arm file, and confirm once",
+            f"know, then {CONFIRM}; {once}",
         )
 
     def _doubt_turns(self, device: str, text: str = "", named: str = "") -> None:

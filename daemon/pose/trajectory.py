@@ -74,6 +74,24 @@ class TrajectoryBuffer:
             return passed_rad / (elapsed_ns * 1e-9)
         return None
 
+    def block_speeds_rad_s(self, readings: ArmReadings) -> Floats:
+        """Return joint speeds (n, n_joints) at the latest readings; NaN if unknown."""
+        times_ns = readings.samples.sample_time_ns
+        before_ns = times_ns - SPEED_NS
+        followed: list[ArmReadings] = []
+        for earlier in reversed(self._readings):
+            followed.insert(0, earlier)
+            if earlier.samples.sample_time_ns[0] <= before_ns[0]:
+                break
+        all_ns = np.concatenate([r.samples.sample_time_ns for r in followed])
+        rows = np.searchsorted(all_ns, before_ns, side="right") - 1
+        elapsed_ns = times_ns - all_ns[rows]
+        quality = np.concatenate([r.quality for r in followed])[rows]
+        begin_rad = np.concatenate([r.angles_rad for r in followed])[rows]
+        is_unknown = (rows < 0) | (elapsed_ns > GAP_NS) | (quality & INVALID_FLAGS > 0)
+        seconds = np.where(is_unknown, np.nan, elapsed_ns * 1e-9)
+        return np.asarray((readings.angles_rad - begin_rad) / seconds[:, np.newaxis])
+
     def speed_mm_s(self, time_ns: int) -> float | None:
         """Return the ball's net speed just before a time; None if unknown."""
         end = self._sample(time_ns)

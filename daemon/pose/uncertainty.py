@@ -27,10 +27,13 @@ from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.uncertainty.point_covariance import (
     PointNoise,
+    PointUncertainties,
     point_uncertainties,
 )
 from traverse.protocol.messages import QualityFlag
 from traverse.protocol.messages.point import Covariance
+
+UPPER = np.triu_indices(3)  # places of xx, xy, xz, yy, yz, zz in a covariance
 
 
 class SkewMonitor:
@@ -92,18 +95,19 @@ def _levers_mm(model: ArmModel, angles_rad: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CovarianceInput:
-    """How the readings of a point were obtained.
+    """How the readings of points were obtained.
 
     Attributes:
-        block: one sample, with the inputs of effects.
-        speeds_rad_s: of the joints, (n_joints,); None if unknown.
-        error_bounds_counts: by interpolation, (n_joints, 2), see `Interpolated`; None
-            if all were latched.
-        jitter_ns: error of the instant beyond `[uncertainty] trigger_s`.
+        block: n samples, with the inputs of effects.
+        speeds_rad_s: of the joints, (n, n_joints); NaN where unknown.
+        error_bounds_counts: by interpolation, (n, n_joints, 2), see `Interpolated`;
+            None if all were latched.
+        jitter_ns: error of the instants beyond `[uncertainty] trigger_s`.
+        samples: averaged for the one point.
     """
 
     block: Block
-    speeds_rad_s: Floats | None
+    speeds_rad_s: Floats
     error_bounds_counts: Floats | None = None
     jitter_ns: int = 0
     samples: int = 1
@@ -123,7 +127,7 @@ class StatedCovariance:
 
 
 class CovarianceEvaluator:
-    """Computes covariances.
+    """Computes covariances of ball centres.
 
     Args:
         settings: standard deviations that no file of the arm states.
@@ -134,21 +138,35 @@ class CovarianceEvaluator:
         self._cached: tuple[ArmModel, PointNoise] | None = None
 
     def covariance(self, model: ArmModel, reading: CovarianceInput) -> StatedCovariance:
-        """Compute the covariance, and its part by the arm's parameters."""
-        # Without the geometry's part a number would lack the largest.
-        if reading.speeds_rad_s is None or model.geometry_doubt:
+        """Compute that of one sample, and its part by the arm's parameters."""
+        stated = self._uncertainties(model, reading)
+        if stated is None or np.isnan(reading.speeds_rad_s).any():
             return StatedCovariance(None, None)
-        stated = point_uncertainties(
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = stated.covariances_mm2[0].tolist()
+        return StatedCovariance((xx, xy, xz, yy, yz, zz), stated.shared_mm[0])
+
+    def covariances_mm2(self, model: ArmModel, reading: CovarianceInput) -> Floats:
+        """Compute covariances of samples, (n, 6) as `Covariance`; NaN if unknown."""
+        stated = self._uncertainties(model, reading)
+        if stated is None:
+            return np.full((len(reading.block), len(UPPER[0])), np.nan)
+        return stated.covariances_mm2[:, *UPPER]
+
+    def _uncertainties(
+        self, model: ArmModel, reading: CovarianceInput
+    ) -> PointUncertainties | None:
+        """Compute uncertainties; None while the geometry's part, the largest, lacks."""
+        if model.geometry_doubt:
+            return None
+        return point_uncertainties(
             model.geometry,
             model.effects,
             reading.block,
             self._noise(model, reading),
             model.covariance,
-            speeds_rad_s=reading.speeds_rad_s[np.newaxis],
+            speeds_rad_s=reading.speeds_rad_s,
             samples=reading.samples,
         )
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = stated.covariances_mm2[0].tolist()
-        return StatedCovariance((xx, xy, xz, yy, yz, zz), stated.shared_mm[0])
 
     def _noise(self, model: ArmModel, reading: CovarianceInput) -> PointNoise:
         """Return the noise of a reading, which is constant for latched ones."""
@@ -164,7 +182,8 @@ class CovarianceEvaluator:
         variances = np.full(len(per_count_rad), settings.encoder_rad**2)
         if reading.error_bounds_counts is not None:
             bounds_rad = reading.error_bounds_counts * per_count_rad[:, np.newaxis]
-            variances += bounds_rad[:, 0] ** 2 + bounds_rad[:, 1] ** 2 / 3.0
+            by_bounds = bounds_rad[..., 0] ** 2 + bounds_rad[..., 1] ** 2 / 3.0
+            variances = (variances + by_bounds)[:, np.newaxis]
         return PointNoise(
             np.sqrt(variances),
             per_count_rad,

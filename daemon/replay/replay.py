@@ -167,8 +167,8 @@ class Replay:
             case ["point"] if self._has_begun:
                 self._points.was(Point.model_validate_json(entry.content))
             case ["cloud"] if self._has_begun:
-                scan, cloud = bytes_to_cloud(entry.content)
-                self._scans.then[scan].append(cloud)
+                cloud = bytes_to_cloud(entry.content)
+                self._scans.then[cloud.scan].append(cloud.points)
             case ["device", _, _]:
                 self._deliver(entry)
             case [topic] if topic == STEPS:

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.filters import filter_chain
 from traverse.daemon.config.schema import ScanSection
@@ -121,14 +122,25 @@ class Scanner:
             return 0.0
         return max(0.0, (self._decided_ns - time_ns) * 1e-9)
 
-    def take(self, model: ArmModel, poses: PoseBlock) -> None:
+    def needs(self, poses: PoseBlock) -> bool:
+        """Return whether a running scan is made of a block's stream."""
+        return self.plan is not None and poses.stream == self._stream
+
+    def take(
+        self, model: ArmModel, poses: PoseBlock, covariances_mm2: Floats | None = None
+    ) -> None:
+        """Take poses, with their covariances (n, 6), NaN or None where unknown."""
         plan = self.plan
-        if plan is None or poses.stream != self._stream:
+        if plan is None or not self.needs(poses):
             return
         rows = poses.seq % plan.every == 0
         if not rows.any():
             return
-        instants = self._instants(plan, poses if rows.all() else poses.rows(rows))
+        if covariances_mm2 is None:
+            covariances_mm2 = np.full((len(rows), 6), np.nan)
+        if not rows.all():
+            poses, covariances_mm2 = poses.rows(rows), covariances_mm2[rows]
+        instants = self._instants(plan, poses, covariances_mm2)
         last_ns = int(instants.time_ns[-1])
         piece = _Piece(model, self._part.alignment, instants)
         if plan.held:
@@ -161,7 +173,9 @@ class Scanner:
         if self.plan is not None and self.plan.id == scan:
             self._dropped += n
 
-    def _instants(self, plan: ScanPlan, poses: PoseBlock) -> PointBlock:
+    def _instants(
+        self, plan: ScanPlan, poses: PoseBlock, covariances_mm2: Floats
+    ) -> PointBlock:
         """Return the candidate samples, numbered from the scan's start."""
         numbers = poses.seq // plan.every
         times_ns = poses.sample_time_ns
@@ -185,6 +199,7 @@ class Scanner:
             poses.angles_rad,
             poses.counts,
             poses.quality,
+            covariances_mm2,
         )
 
     def _decide(self, until_ns: int | None) -> None:
@@ -277,6 +292,9 @@ class Scanner:
             part_xyz_mm=None
             if alignment is None
             else alignment.transform_mm(points.xyz_mm),
+            covariance_mm2=None
+            if np.isnan(points.covariance_mm2[:n]).any()
+            else points.covariance_mm2,
             quality=points.quality,
             dropped=self._dropped,
             lost=self._lost,
@@ -295,4 +313,5 @@ def _empty_block(n_joints: int, time_ns: int) -> PointBlock:
         np.zeros((0, n_joints)),
         np.zeros((0, n_joints), np.int64),
         np.zeros(0, np.uint32),
+        np.zeros((0, 6)),
     )

@@ -60,9 +60,9 @@ class NodeFacts:
 
     @property
     def serial(self) -> str:
-        """Unique serial number; empty if it reports none."""
+        """Unique serial number; empty if it reports none, or 0."""
         vendor, product, _, serial = self.identity
-        return "" if serial is None else f"{vendor or 0:x}-{product or 0:x}-{serial:x}"
+        return f"{vendor or 0:x}-{product or 0:x}-{serial:x}" if serial else ""
 
 
 def read_facts(sdo: NodeSdo, node: int) -> NodeFacts:

@@ -454,7 +454,8 @@ def board_identity(hello: wire.Hello) -> Identity:
         latches=bool(hello.channels),
         jitter_ns=JITTER_NS,
         boot=f"{hello.boot_id:x}",
-        serials=(hello.board_id.hex(),),
+        # Bytes that are all the same were never written.
+        serials=(hello.board_id.hex() if len({*hello.board_id}) > 1 else "",),
     )
 
 

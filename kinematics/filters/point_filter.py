@@ -27,6 +27,7 @@ class PointBlock:
         angles_rad: (n, n_joints) readings.
         counts: (n, n_joints) int64.
         quality: (n,) uint32, bits set by the source of the points; filters keep them.
+        covariance_mm2: (n, 6) xx, xy, xz, yy, yz, zz of the centre; NaN where unknown.
     """
 
     seq: Integers
@@ -36,6 +37,7 @@ class PointBlock:
     angles_rad: Floats
     counts: Integers
     quality: NDArray[np.uint32]
+    covariance_mm2: Floats
 
     def __len__(self) -> int:
         return len(self.seq)
@@ -76,6 +78,7 @@ class PointBlock:
             mixed(self.angles_rad),
             self.counts[nearer],
             self.quality[rows] | self.quality[rows + 1],
+            mixed(self.covariance_mm2),
         )
 
     @staticmethod

@@ -47,7 +47,8 @@ class PointNoise:
     """Error contributions of every new point.
 
     Attributes:
-        encoder_rad: standard deviations of readings, (n_joints,).
+        encoder_rad: standard deviations of readings, (n_joints,), or of each point's,
+            (n_points, 1, n_joints).
         step_rad: of each encoder: 2 pi / counts_per_turn, (n_joints,).
         contact_mm: standard deviation of a contact, in every direction.
         instant_s: standard deviation of the instant.

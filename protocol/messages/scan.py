@@ -24,7 +24,15 @@ Coordinates = Annotated[Floats, ArrayField("float64", ("n", 3))]
 JointAngles = Annotated[Floats, ArrayField("float64", ("n", "joints"))]
 JointCounts = Annotated[Integers, ArrayField("int64", ("n", "joints"))]
 Offsets = Annotated[Integers, ArrayField("int64", ("n",))]
+Covariances = Annotated[Floats, ArrayField("float64", ("n", 6))]
 Bits = Annotated[NDArray[np.uint32], ArrayField("uint32", ("n",))]
+
+
+ARRAYS = (
+    *("xyz_mm", "ijk", "angles_rad", "counts", "part_xyz_mm", "covariance_mm2"),
+    "quality",
+)
+"""Fields that have a row for each point, beside dtime_ns."""
 
 
 class Scan(Message):
@@ -63,6 +71,9 @@ class Scan(Message):
     """Counts of the joints, unwrapped; null where the configuration leaves them out."""
     part_xyz_mm: Coordinates | None
     """Ball centres in the part's system; null without an alignment."""
+    covariance_mm2: Covariances | None
+    """Covariances of xyz_mm, as in a point; null in a block where that of any point is
+    unknown."""
     quality: Bits
     """Bits of the table of quality flags, point by point; 0: nothing to say."""
     dropped: Count
@@ -79,7 +90,7 @@ class Scan(Message):
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:
         n = len(self.dtime_ns)
-        for name in ("xyz_mm", "ijk", "angles_rad", "counts", "part_xyz_mm", "quality"):
+        for name in ARRAYS:
             array = getattr(self, name)
             if array is not None and len(array) != n:
                 raise ValueError(f"{n} rows in {name} as in dtime_ns, not {len(array)}")

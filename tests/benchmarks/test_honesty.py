@@ -92,9 +92,13 @@ def test_every_fault_is_drawn_and_some_worlds_have_none():
 def test_a_line_of_a_world_is_judged():
     line = {"error": None, **world_line(4)}
     liar = {**line, "lies": {"live": 1}, "examples": ["live at 1 s"]}
-    doubter = {**line, "kinds": ["none"], "lies": {}, "settled_doubt": {"live": 2}}
-    honest = {**doubter, "settled_doubt": {}}
+    doubt = {"settled_doubt": {"live": 2}, "flags": {"time_uncertain": 2}}
+    doubter = {**line, "kinds": ["none"], "lies": {}, **doubt}
+    honest = {**doubter, "settled_doubt": {}, "flags": {}}
     assert verdict([honest]).holds
+    quick = verdict([{**doubter, "flags": {"interpolated,skew": 2}}])
+    assert quick.holds
+    assert "and 2 in 1 worlds where the arm moved faster" in quick.text
     for wrong in (liar, doubter):
         judgement = verdict([honest, wrong])
         assert not judgement.holds

@@ -162,6 +162,7 @@ SCAN = Scan(
     angles_rad=np.array([[0.125, -0.5], [0.25, -0.5]]),
     counts=np.array([[166886, -667544], [333772, -667544]]),
     part_xyz_mm=None,
+    covariance_mm2=np.array([[1e-4, 0, 0, 1e-4, 0, 4e-4]] * 2),
     quality=np.array([0, 1 << 5], np.uint32),
     dropped=0,
     lost=1,

@@ -111,6 +111,7 @@ def scans(draw) -> Scan:
             | arrays_of.arrays(np.int64, (n, n_joints), elements=st.integers(**limits))
         ),
         part_xyz_mm=draw(st.none() | _rows(n, 3)),
+        covariance_mm2=draw(st.none() | _rows(n, 6)),
         quality=draw(arrays_of.arrays(np.uint32, (n,), elements=bits)),
         dropped=draw(natural),
         lost=draw(natural),

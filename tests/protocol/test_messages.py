@@ -135,6 +135,7 @@ def test_last_block_may_be_without_points():
         ijk=nothing[:, :3],
         angles_rad=nothing,
         counts=None,
+        covariance_mm2=None,
         quality=np.zeros(0, np.uint32),
     )
     assert isinstance(empty, Scan)

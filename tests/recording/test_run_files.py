@@ -15,9 +15,11 @@ from traverse.recording.run_reader import RunReader
 from traverse.recording.run_writer import Entry, RunHead, RunWriter
 from traverse.recording.views import (
     CLOUD_FIELDS,
+    COVARIANCES,
     VIEW_SCHEMAS,
     bytes_to_cloud,
     cloud_to_bytes,
+    columns_of,
     log_to_bytes,
     point_to_bytes,
     pose_to_bytes,
@@ -215,8 +217,11 @@ def test_a_pose_is_in_metres_with_its_x_axis_along_the_shank():
 
 def test_a_cloud_keeps_a_scan_to_the_last_bit():
     table = json.loads(VIEWS["cloud"])
-    scan, points = bytes_to_cloud(VIEWS["cloud"])
-    assert scan == SCAN.scan
+    cloud = bytes_to_cloud(VIEWS["cloud"])
+    points = cloud.points
+    assert (cloud.session, cloud.scan) == (SCAN.session, SCAN.scan)
+    covariance_mm2 = columns_of(points, COVARIANCES)
+    assert covariance_mm2.tobytes() == np.asarray(SCAN.covariance_mm2).tobytes()
     places_mm = np.column_stack([points[f"{axis}_mm"] for axis in "xyz"])
     assert places_mm.tobytes() == np.asarray(SCAN.xyz_mm).tobytes()
     assert (points["quality"] == SCAN.quality).all()
@@ -260,7 +265,6 @@ def test_a_scan_without_points_is_a_cloud_too():
         name: np.asarray(getattr(SCAN, name))[:0]
         for name in ("dtime_ns", "xyz_mm", "ijk", "angles_rad", "counts", "quality")
     }
-    scan = SCAN.model_copy(update={**empty, "part_xyz_mm": None})
+    scan = SCAN.model_copy(update={**empty, "covariance_mm2": None})
     assert isinstance(scan, Scan)
-    _, points = bytes_to_cloud(cloud_to_bytes(scan))
-    assert len(points) == 0
+    assert len(bytes_to_cloud(cloud_to_bytes(scan)).points) == 0

@@ -33,12 +33,14 @@ POINTS = [
     for seq, place in enumerate(PLACES)
 ]
 SCAN = scan_table(
+    "day-shift",
     "scan-3",
     seq=np.arange(10, 14),
     time_ns=1_795_251_247_000_000_000 + np.arange(4) * 1_000_000,
     xyz_mm=np.arange(12.0).reshape(4, 3) / 7.0,
     ijk=np.tile([0.0, 0.6, -0.8], (4, 1)),
     quality=np.array([0, 1 << 6, 0, 1 << 14], dtype=np.uint32),
+    covariance_mm2=np.array([[4e-6, 0, 0, 9e-6, 0, 1.6e-5]] * 4),
 )
 # Another session of the same outbox begins again with the same numbers.
 SESSIONS = [POINTS[0].session, "night-shift"]

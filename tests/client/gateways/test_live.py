@@ -160,9 +160,9 @@ async def test_the_arm_its_scans_its_state_and_its_events_are_shown(
 
         cloud = viewer.newest("cloud")
         jsonschema.validate(cloud, json.loads(viewer.channels["cloud"]["schema"]))
-        scan, points = bytes_to_cloud(json.dumps(cloud).encode())
-        assert (scan, points.dtype) == (SCAN.scan, CLOUD_TYPE)
-        np.testing.assert_array_equal(points["x_mm"], SCAN.xyz_mm[:, 0])
+        read = bytes_to_cloud(json.dumps(cloud).encode())
+        assert (read.scan, read.points.dtype) == (SCAN.scan, CLOUD_TYPE)
+        np.testing.assert_array_equal(read.points["x_mm"], SCAN.xyz_mm[:, 0])
 
         await b.say(EVENT)
         await b.say(HEALTH)

@@ -7,15 +7,16 @@ from hypothesis import strategies as st
 
 from tests.protocol.message_examples import POINT, SCAN, STATUS
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
-from traverse.daemon.mqtt.packet_limit import ARRAYS, cut_to_fit
+from traverse.daemon.mqtt.packet_limit import cut_to_fit
 from traverse.protocol.encoding import decode, encode
 from traverse.protocol.messages import Scan, Status
+from traverse.protocol.messages.scan import ARRAYS
 
 
 def block(n, *, total=None):
     """A block of n points that differ from each other."""
     rows = np.arange(n)
-    columns = {"xyz_mm": 3, "ijk": 3, "angles_rad": 6}
+    columns = {"xyz_mm": 3, "ijk": 3, "angles_rad": 6, "covariance_mm2": 6}
     return SCAN.model_copy(
         update={
             **{k: np.add.outer(rows, np.arange(m)) / 7 for k, m in columns.items()},

@@ -37,9 +37,12 @@ HARMONIC = (
 CODE = BY_NAME["reference"].code
 
 
-def up(*, restarted=False, boot="a", absolute=None, serials=()):
+def up(*, restarted=False, boot="a", absolute=None, serials=("A1",)):
     identity = replace(BOARD, boot=boot, absolute=absolute, serials=serials)
     return DeviceUp("base", identity, restarted)
+
+
+NAMELESS = up(boot="", serials=())
 
 
 def rest(first):
@@ -218,8 +221,8 @@ def test_a_full_disk_does_not_stop_measuring(tmp_path, caplog):
 
 
 async def test_points_and_poses_are_flagged_until_confirmed(bench):
-    bench.take(up(boot="1"), rest(0))
-    bench.take(up(boot="b", restarted=True), rest(5))
+    bench.take(up(boot="1", serials=()), rest(0))
+    bench.take(up(boot="b", restarted=True, serials=()), rest(5))
     bench.take(press())
     assert bench.points[-1].quality.flags == ("turns_uncertain",)
     assert not bench.points[-1].quality.ok
@@ -406,20 +409,57 @@ def test_a_device_that_cannot_tell_its_power_up_is_in_doubt_at_each_start(tmp_pa
     memory = ReferenceMemory()
     for _ in range(2):
         rig = Rig(tmp_path, memory=memory)
-        rig.accept(up(boot=""))
+        rig.accept(NAMELESS)
         assert not rig.is_doubtful
-        rig.monitor.on_up(up(boot=""))  # its line was cut, and its counts go on
+        rig.monitor.on_up(NAMELESS)  # its line was cut, and its counts go on
         assert not rig.is_doubtful
     again = Rig(tmp_path, memory=memory)
-    again.monitor.on_up(up(boot=""))
+    again.monitor.on_up(NAMELESS)
     assert again.is_doubtful
-    assert "cannot tell" in again.events[0].text
+
+
+UNRECOGNISED = [
+    (),  # as of AMT21, Modbus and text lines
+    ("",),
+    ("AAA111", "", "CCC333"),
+    ("1", "1", "1"),  # as of encoders that come with the same number
+    ("7", "wrist"),  # another device has it, too
+]
+
+
+@pytest.mark.parametrize("serials", UNRECOGNISED)
+@pytest.mark.parametrize("of_family", [True, None])
+def test_what_may_have_been_exchanged_is_confirmed_at_each_start(
+    tmp_path, serials, of_family
+):
     absolute = ARM.replace("sign =", "absolute = true\nsign =")
-    known = Rig(tmp_path, absolute, memory)
-    known.monitor.on_up(up(boot=""))
-    assert not known.is_doubtful
-    known.monitor.on_up(up(boot="", restarted=True))  # perhaps another board
-    assert known.is_doubtful
+    memory, device = ReferenceMemory(), up(boot="", absolute=of_family, serials=serials)
+    wrist = BOARD if serials != ("7", "wrist") else replace(BOARD, serials=("wrist",))
+    for _ in range(2):
+        rig = Rig(tmp_path, absolute, memory)
+        rig.monitor._identities["wrist"] = wrist
+        rig.monitor.on_up(device)
+        assert rig.is_doubtful
+        assert "confirm" in rig.events[-1].remedy
+        rig.monitor.confirm()
+        assert not rig.is_doubtful
+        rig.monitor.on_up(replace(device, restarted=of_family is None))  # once more
+        assert rig.is_doubtful
+    assert "assumed_devices" in rig.events[-1].remedy
+    assumed = Rig(tmp_path, absolute, memory, assumed_devices=("base",))
+    assumed.monitor.on_up(device)
+    assert not assumed.is_doubtful
+    assumed.monitor.on_up(replace(device, restarted=True))
+    assert not assumed.is_doubtful
+
+
+def test_an_assumed_device_still_loses_its_power(tmp_path):
+    memory = ReferenceMemory()
+    Rig(tmp_path, memory=memory).accept(NAMELESS)
+    rig = Rig(tmp_path, memory=memory, assumed_devices=("base",))
+    rig.monitor.on_up(NAMELESS)
+    assert rig.is_doubtful
+    assert "assumed_devices" not in rig.events[-1].remedy
 
 
 def test_an_absolute_family_that_the_arm_file_calls_incremental(tmp_path):
@@ -438,15 +478,3 @@ def test_another_arm_file_needs_another_confirmation(tmp_path):
     other.monitor.on_up(up(absolute=True))
     assert other.is_doubtful
     assert "otherwise than when confirmed" in other.events[0].text
-
-
-def test_a_polled_device_without_a_serial_number_is_confirmed_after_each_loss(tmp_path):
-    """Encoders of another arm at the same addresses answer as these do."""
-    rig = Rig(tmp_path)
-    rig.accept(up(boot="", absolute=True))
-    assert not rig.is_doubtful
-    rig.monitor.on_up(up(boot="", absolute=True))
-    assert rig.is_doubtful
-    assert "was lost, and cannot tell whether it is the same" in rig.events[-1].text
-    rig.monitor.confirm()
-    assert not rig.is_doubtful

@@ -30,6 +30,11 @@ def turning(block, speed_rad_s):
     return replace(block, angles_rad=elapsed_s[:, np.newaxis] * speed_rad_s)
 
 
+def readings_of(block):
+    samples = replace(count_samples(block.counts), sample_time_ns=block.sample_time_ns)
+    return ArmReadings(samples, block.counts, block.angles_rad, block.quality, None)
+
+
 def filled(maker, n, size=7, **changes):
     """A path of n samples, a millisecond apart, whose joints turn at 1, 2, 3 rad/s."""
     path = TrajectoryBuffer()
@@ -37,12 +42,7 @@ def filled(maker, n, size=7, **changes):
         block = maker.block(range(first, min(first + size, n)))
         block = replace(turning(block, np.array([1.0, 2.0, 3.0])), **changes)
         path.add(block)
-        samples = replace(
-            count_samples(block.counts), sample_time_ns=block.sample_time_ns
-        )
-        path.follow(
-            ArmReadings(samples, block.counts, block.angles_rad, block.quality, None)
-        )
+        path.follow(readings_of(block))
     return path
 
 
@@ -53,6 +53,25 @@ def test_speeds_are_those_of_the_stream_before_an_instant(maker, periods):
     angles_rad = (time_ns - START_NS) * 1e-9 * np.array([1.0, 2.0, 3.0])
     speeds_rad_s = path.speeds_rad_s(time_ns, angles_rad)
     assert speeds_rad_s == pytest.approx([1.0, 2.0, 3.0], rel=1e-9)
+
+
+@pytest.mark.parametrize("size", [1, 3, 7, 40])
+@pytest.mark.parametrize("invalid", [[], [4], [17, 18]])
+def test_speeds_of_a_block_are_those_of_its_instants(maker, size, invalid):
+    path = TrajectoryBuffer()
+    turns = turning(maker.block(range(40)), np.array([1.0, -2.0, 0.5]))
+    turns.angles_rad[:] += np.random.default_rng(3).normal(0, 1e-3, (40, 3))
+    turns.quality[invalid] = QualityFlag.ENCODER_ERROR
+    for first in range(0, 40, size):
+        block = turns.rows(slice(first, first + size))
+        path.follow(readings_of(block))
+        speeds_rad_s = path.block_speeds_rad_s(readings_of(block))
+        for row, speeds in enumerate(speeds_rad_s):
+            at = int(block.sample_time_ns[row]), block.angles_rad[row]
+            alone = path.speeds_rad_s(*at)
+            assert np.array_equal(speeds, alone) or (
+                alone is None and np.isnan(speeds).all()
+            )
 
 
 def test_speeds_are_not_told_without_a_good_sample_a_moment_before(maker):

@@ -51,7 +51,7 @@ def full(six):
 
 def stated(model, settings, **changes):
     reading = CovarianceInput(
-        Block(ANGLES_RAD[np.newaxis]), **{"speeds_rad_s": np.zeros(3), **changes}
+        Block(ANGLES_RAD[np.newaxis]), **{"speeds_rad_s": np.zeros((1, 3)), **changes}
     )
     return full(CovarianceEvaluator(settings).covariance(model, reading).own_mm2)
 
@@ -70,10 +70,12 @@ def test_parts_are_those_of_the_law(tmp_path):
     speeds = np.array([0.5, -1.0, 0.2])
     way_mm = by_angles @ speeds * 1e-3
     expected = counts_only + np.outer(way_mm, way_mm)
-    covariance = stated(model, late, speeds_rad_s=speeds)
+    covariance = stated(model, late, speeds_rad_s=speeds[np.newaxis])
     assert covariance == pytest.approx(expected, rel=1e-5)
     # An instant within +-3 ms, all as likely, has a standard deviation of sqrt(3) ms.
-    covariance = stated(model, late, speeds_rad_s=speeds, jitter_ns=3_000_000)
+    covariance = stated(
+        model, late, speeds_rad_s=speeds[np.newaxis], jitter_ns=3_000_000
+    )
     expected = counts_only + 4.0 * np.outer(way_mm, way_mm)
     assert covariance == pytest.approx(expected, rel=1e-5)
 
@@ -86,8 +88,31 @@ def test_interpolation_adds_what_it_may_have_left(tmp_path):
     may_be = (doubts * np.abs(model.per_count_rad)[:, np.newaxis]) ** 2
     may_be = may_be @ np.array([1.0, 1.0 / 3.0])
     expected = by_angles @ np.diag(may_be) @ by_angles.T
-    more = stated(model, nothing, error_bounds_counts=doubts) - stated(model, nothing)
+    with_doubts = stated(model, nothing, error_bounds_counts=doubts[np.newaxis])
+    more = with_doubts - stated(model, nothing)
     assert more == pytest.approx(expected, rel=1e-5, abs=1e-12)
+
+
+def test_a_block_has_the_covariances_of_its_samples(tmp_path):
+    model, rng = arm_model(tmp_path), np.random.default_rng(2)
+    evaluator = CovarianceEvaluator(UncertaintySection())
+    angles_rad, speeds_rad_s = rng.normal(size=(2, 4, 3))
+    bounds_counts = rng.uniform(0.0, 300.0, (4, 3, 2))
+    speeds_rad_s[2] = np.nan  # after a reading that was invalid
+
+    def reading(rows):
+        block = Block(angles_rad[rows])
+        of_rows = speeds_rad_s[rows], bounds_counts[rows]
+        return CovarianceInput(block, *of_rows, jitter_ns=2_000_000)
+
+    covariances_mm2 = evaluator.covariances_mm2(model, reading(slice(None)))
+    for row in range(4):
+        alone = evaluator.covariance(model, reading([row])).own_mm2
+        if alone is None:
+            assert row == 2
+            assert np.isnan(covariances_mm2[row]).all()
+        else:
+            assert covariances_mm2[row] == pytest.approx(alone, rel=1e-12)
 
 
 @pytest.fixture

@@ -274,6 +274,7 @@ def test_daemon_and_off_line_filters_give_the_same_points(model, seed, tables, n
             whole.angles_rad,
             whole.counts,
             quality,
+            np.zeros((len(quality), 6)),
         )
     )
     assert (bench.xyz_mm == off_line.xyz_mm).all()

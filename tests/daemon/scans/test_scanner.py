@@ -91,6 +91,22 @@ def test_points_are_numbered_from_the_start_and_handed_on_in_blocks(model):
     assert bench.scanner.published_points == 20
 
 
+@pytest.mark.parametrize("is_known", [True, False])
+def test_points_state_their_covariances_unless_one_is_unknown(model, is_known):
+    bench = Bench(model, rate_hz=50.0, every=2)
+    poses = bench.poses.block(range(8))
+    covariances_mm2 = np.arange(48.0).reshape(8, 6)
+    if not is_known:
+        covariances_mm2[4] = np.nan
+    bench.scanner.take(model, poses, covariances_mm2)
+    bench.scanner.stop()
+    (message,) = bench.messages
+    if is_known:
+        assert (message.covariance_mm2 == covariances_mm2[::2]).all()
+    else:
+        assert message.covariance_mm2 is None
+
+
 def test_a_slow_scan_takes_every_so_many_th_sample(model):
     bench = Bench(model, rate_hz=25.0, every=4)
     bench.take(range(6))

@@ -28,6 +28,7 @@ def block_of(xyz_mm, quality=None, time_ns=None) -> PointBlock:
         np.arange(2.0 * n).reshape(n, 2),
         np.arange(2 * n).reshape(n, 2),
         np.zeros(n, np.uint32) if quality is None else np.array(quality, np.uint32),
+        np.arange(6.0 * n).reshape(n, 6),
     )
 
 
