@@ -131,11 +131,12 @@ class ReferenceMonitor:
         if cause := self._why_unknown(
             up, known, incremental, is_first=is_first, is_back=is_back
         ):
-            joints = incremental or self._joints_of(device)
-            self._doubt_place(device, cause, joints)
+            some = incremental if self._is_recognised(device) else ()
+            self._doubt_place(device, cause, some or self._joints_of(device))
             return
-        is_told = not incremental or bool(identity.boot)  # known to be as confirmed
-        if self._doubts.get(device) == PLACE and is_told:
+        keeps_place = not incremental or bool(identity.boot)
+        is_as_confirmed = keeps_place and self._is_recognised(device)
+        if self._doubts.get(device) == PLACE and is_as_confirmed:
             del self._doubts[device]
         if device not in self._doubts:
             self.conditions.establish(REFERENCE, device)
@@ -209,11 +210,6 @@ class ReferenceMonitor:
             return f"{device} is not the device that was confirmed"
         if known.encoders != encoders_text(self._model, device):
             return f"the arm file describes {device} otherwise than when confirmed"
-        # What is polled cannot show that its counts went on meanwhile.
-        is_new = is_first or is_back and (up.restarted or bool(identity.absolute))
-        if is_new and not self._is_recognised(device, identity, known):
-            # Also of absolute encoders: another one answers like this one.
-            return f"no serial number shows that {device} is what was confirmed"
         has_lost_power = up.restarted or bool(
             identity.boot and identity.boot != known.boot
         )
@@ -222,21 +218,27 @@ class ReferenceMonitor:
         if incremental and (has_lost_power or is_untold):
             cannot_tell = "" if has_lost_power else "cannot tell whether it "
             return f"{device} {cannot_tell}has been without power"
+        # What is polled cannot show that its counts went on meanwhile.
+        is_new = is_first or (is_back and (up.restarted or bool(identity.absolute)))
+        if is_new and not self._is_recognised(device):
+            # Also of absolute encoders: another one answers like this one.
+            return f"no serial number shows that {device} is what was confirmed"
         return ""
 
-    def _is_recognised(
-        self, device: str, identity: Identity, known: ConfirmedDevice
-    ) -> bool:
+    def _is_recognised(self, device: str) -> bool:
         """Return whether what was confirmed cannot have been exchanged unnoticed."""
-        serials, others = identity.serials, self._serials_of_others(device)
-        is_unique = bool(serials) and all(serials)
-        is_unique &= len({*serials}) == len(serials) and others.isdisjoint(serials)
-        has_its_power = bool(identity.boot) and identity.boot == known.boot
-        return is_unique or has_its_power or device in self._assumed
+        boot, known = self._identities[device].boot, self.memory.devices.get(device)
+        has_its_power = known is not None and bool(boot) and boot == known.boot
+        is_known = self._is_unique(device) or has_its_power
+        return is_known or device in self._assumed
 
-    def _serials_of_others(self, device: str) -> set[str]:
+    def _is_unique(self, device: str) -> bool:
+        """Return whether its serial numbers tell a device from any other."""
         identities = self._identities.items()
-        return {s for name, of in identities if name != device for s in of.serials}
+        others = {s for name, of in identities if name != device for s in of.serials}
+        serials = self._identities[device].serials
+        is_whole = bool(serials) and all(serials) and len({*serials}) == len(serials)
+        return is_whole and others.isdisjoint(serials)
 
     # -- joints ---------------------------------------------------------------
 
@@ -379,26 +381,26 @@ class ReferenceMonitor:
         self._doubts[device] = PLACE
         self._unhomed[device] = set(joints)
         named = self._named(joints)
-        homed, incremental = (
-            "",
-            self._incremental_joints(device, self._identities[device]),
-        )
+        homed = once = ""
         if self._model.arm.home is not None:
             homed = f"bring the arm into its home posture, and {HOME}; or "
-        once = (
-            "for encoders that are absolute, write absolute = true in [joints.encoder] "
-            "of the arm file, and confirm once"
-            if incremental
-            else "where nobody can exchange a device without a serial number of its "
-            "own, name it in assumed_devices of [quality]"
-        )
+        if self._incremental_joints(device, self._identities[device]):
+            once = (
+                "; for encoders that are absolute, write absolute = true in "
+                "[joints.encoder] of the arm file, and confirm once"
+            )
+        elif not self._is_unique(device):
+            once = (
+                "; where nobody can exchange it, name it in assumed_devices of "
+                "[quality]"
+            )
         self.conditions.doubt(
             REFERENCE,
             device,
             f"{cause}: {named} may count from another place, and every point may be "
             "wrong",
             remedy=f"{homed}bring the arm to its reference, touch a point that you "
-            f"know, then {CONFIRM}; {once}",
+            f"know, then {CONFIRM}{once}",
         )
 
     def _doubt_turns(self, device: str, text: str = "", named: str = "") -> None:

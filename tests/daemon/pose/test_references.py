@@ -441,6 +441,8 @@ def test_what_may_have_been_exchanged_is_confirmed_at_each_start(
         rig.monitor.on_up(device)
         assert rig.is_doubtful
         assert "confirm" in rig.events[-1].remedy
+        rig.monitor.on_up(device)  # the line was cut for a moment
+        assert rig.is_doubtful
         rig.monitor.confirm()
         assert not rig.is_doubtful
         rig.monitor.on_up(replace(device, restarted=of_family is None))  # once more
