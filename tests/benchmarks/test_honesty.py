@@ -1,5 +1,6 @@
 """Worlds of `make honesty`: that they run, and that what lies in them is caught."""
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -90,7 +91,10 @@ def test_every_fault_is_drawn_and_some_worlds_have_none():
 
 
 def test_a_line_of_a_world_is_judged():
-    line = {"error": None, **world_line(4)}
+    try:
+        line = {"error": None, **world_line(4)}
+    finally:
+        logging.disable(logging.NOTSET)
     liar = {**line, "lies": {"live": 1}, "examples": ["live at 1 s"]}
     doubt = {"settled_doubt": {"live": 2}, "flags": {"time_uncertain": 2}}
     doubter = {**line, "kinds": ["none"], "lies": {}, **doubt}
