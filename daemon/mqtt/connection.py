@@ -54,6 +54,7 @@ LAST_RETRY_S = 5.0
 LASTING_S = 10.0  # a connection that has lasted so long was a good one
 SHORT_LIVED = 3  # in a row: then it is no accident
 RECEIVE_MAXIMUM = 32  # commands of QoS 1 on their way to us
+SESSION_S = 60  # so long a broker keeps commands for a lost connection of this run
 RETAIN_REFUSED, QOS_REFUSED = 0x9A, 0x9B  # reason codes
 CONNECTION_FAILURES = (MqttError, OSError, CredentialsError)
 
@@ -119,6 +120,7 @@ class BrokerConnection:
         self._access: Credentials | None = None
         self._version = Version.V5
         self._renewal = asyncio.Event()
+        self._has_session = False
         self._warned: set[str] = set()
         self.state: Literal["connecting", "connected", "lost"] = "connecting"
         self.state_known = asyncio.Event()
@@ -181,6 +183,7 @@ class BrokerConnection:
                     self.reconnects += connected_before
                     connected_before, last_reason = True, ""
                     await subscriber.subscribe(client)
+                    self._has_session = self._version is Version.V5
                     self.state = "connected"
                     self.state_known.set()
                     self.changed(True, f"broker {self.address} connected")
@@ -277,7 +280,13 @@ class BrokerConnection:
             # for ever, and after so many of them sends no command again.
             connect_properties={}
             if is_probe
-            else {Property.RECEIVE_MAXIMUM: RECEIVE_MAXIMUM},
+            else {
+                Property.RECEIVE_MAXIMUM: RECEIVE_MAXIMUM,
+                Property.SESSION_EXPIRY_S: SESSION_S,
+            },
+            # Commands that waited for the connection are answered, most of them as
+            # expired; those for an earlier run are not.
+            clean_start=is_probe or not self._has_session,
             # A probe must not throw a running daemon of this arm out.
             identifier=self.client_id + (f"-{os.getpid()}" if is_probe else ""),
             version=self._version,

@@ -23,8 +23,8 @@ class IncomingCommand:
     """A received command: topic, payload, and topic of the answer.
 
     Attributes:
-        subscribed_ns: when this connection first subscribed, by `HostClock.elapsed_ns`;
-            of older messages a broker sends the retained ones only.
+        subscribed_ns: when this run first subscribed, by `HostClock.elapsed_ns`; of
+            older messages a broker sends the retained ones only.
         expiry_s: rest of the sender's message expiry interval (MQTT 5); None: the
             sender stated none.
     """
@@ -63,8 +63,8 @@ class CommandSubscriber:
     async def subscribe(self, client: MqttClient) -> None:
         """Subscribe a new connection to commands, unless they are a flood."""
         self._client = client
-        # Not at a later one: what waits for this connection then is older.
-        self._subscribed_ns = self._clock.elapsed_ns()
+        # Not at a later one: what waited for the connection is older.
+        self._subscribed_ns = self._subscribed_ns or self._clock.elapsed_ns()
         if self._backoff_s() <= 0.0:
             await self._subscribe(client)
 

@@ -218,10 +218,8 @@ class ReferenceMonitor:
         if incremental and (has_lost_power or is_untold):
             cannot_tell = "" if has_lost_power else "cannot tell whether it "
             return f"{device} {cannot_tell}has been without power"
-        # What is polled cannot show that its counts went on meanwhile.
-        is_new = is_first or (is_back and (up.restarted or bool(identity.absolute)))
-        if is_new and not self._is_recognised(device):
-            # Also of absolute encoders: another one answers like this one.
+        # Another one answers like this one; boards with one switch even count alike.
+        if (is_first or is_back) and not self._is_recognised(device):
             return f"no serial number shows that {device} is what was confirmed"
         return ""
 

@@ -2,8 +2,8 @@
 
 The board prints at a rate of its own, which is learned while connecting. A line is read
 whole or not at all (`line`), and must be within reach of the joints. Without a time in
-the line a sample has the time of its arrival; a board whose time or counts jump has
-lost power.
+the line a sample has the time of its arrival, which is uncertain after a pause: lines
+may have waited. A board whose time or counts jump has lost power.
 """
 
 from dataclasses import dataclass
@@ -43,6 +43,9 @@ JUMPS = 2  # in a row: one may be a broken digit
 # Lines that are late wait so long for one that is not: then the host was busy, else
 # the board's clock stood still.
 HOLD_NS, HOLD_PERIODS, MAX_HELD = 100_000_000, 2.5, 1000
+# After a longer pause between reads lines may have waited, or been lost, unseen where
+# they have no time; those of a bunch are read within so long.
+PAUSE_NS, PAUSE_PERIODS, BUNCH_NS = 30_000_000, 3.0, 500_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +93,7 @@ class TextLineDriver(Driver):
         self._up_before = self._reset = False
         self._last: tuple[Line, int] | None = None  # with the time of its arrival
         self._period_ns = 0.0
+        self._bunch_until_ns = 0  # lines may have waited
 
     # -- in the reader thread -------------------------------------------------
 
@@ -125,6 +129,7 @@ class TextLineDriver(Driver):
             ticks = self._learn(line, received_ns)
             arrived = _Arrived(line, ticks, received_ns, received_ns, 1, 0)
             sample = self._sample(arrived)
+        self._bunch_until_ns = first[-1][1] + BUNCH_NS
         self._buttons.begin(sample)
         resolution_ns = 1e9 / options.tick_rate_hz
         has_time = lines[0].ticks is not None
@@ -304,6 +309,10 @@ class TextLineDriver(Driver):
             DeviceError: the board has been reset.
         """
         lines, received_ns = read
+        if lines:
+            pause_ns = max(PAUSE_NS, PAUSE_PERIODS * self._period_ns)
+            if self._last is None or received_ns - self._last[1] > pause_ns:
+                self._bunch_until_ns = received_ns + BUNCH_NS
         for number, (line, bad) in enumerate(lines):
             if bad:
                 for channel in self._channels:
@@ -394,15 +403,17 @@ class TextLineDriver(Driver):
         """
         line, clock, received_ns = arrived.line, self._clock, arrived.received_ns
         time_ns = ticks = arrived.arrived_ns
-        uncertain = bound_ns = 0
+        bound_ns = 0
+        is_uncertain = received_ns < self._bunch_until_ns
         if arrived.ticks is not None:
             ticks = arrived.ticks
             time_ns = min(clock.to_ns(ticks), received_ns)
-            uncertain = STATUS_TIME_UNCERTAIN if clock.is_uncertain else 0
+            is_uncertain = clock.is_uncertain
             bound_ns = clock.error_bound_ns
         self._time_ns = time_ns = max(time_ns, self._time_ns)
         # Lines without a time of their own are as late as reading them was.
         about_ns = bound_ns or self._period_ns
+        uncertain = STATUS_TIME_UNCERTAIN if is_uncertain else 0
         status = []
         for channel, count in zip(self._channels, line.counts, strict=True):
             reading = EncoderReading(count, time_ns, bound_ns=round(about_ns))

@@ -22,7 +22,14 @@ from traverse.drivers.base.values import (
 IDENTITIES = {
     "base": Identity("board 1", "1", (1 << 20, 1 << 23, 1 << 16), 2, 1000.0, boot="1"),
     "wrist": Identity(
-        "line 2", "", (1 << 23, 1 << 23), 0, 80.0, latches=False, absolute=True
+        "line 2",
+        "",
+        (1 << 23, 1 << 23),
+        0,
+        80.0,
+        latches=False,
+        absolute=True,
+        serials=("B1", "B2"),
     ),
     "handle": Identity("foot pedal", "", (), 2, 0.0, latches=False),
 }

@@ -1,5 +1,6 @@
 """Boards that print lines, each at the end of a pty."""
 
+import asyncio
 import contextlib
 import os
 import select
@@ -11,13 +12,14 @@ import pytest
 from tests.drivers.simulated_peer import SimulatedPeer
 from tests.simulator.one_hinge import mounted
 from traverse.drivers.base.values import (
+    STATUS_TIME_UNCERTAIN,
     CountSamples,
     DeviceFault,
     DeviceLost,
     DeviceUp,
     LatchedCounts,
 )
-from traverse.drivers.text_line.driver import TextLineDriver
+from traverse.drivers.text_line.driver import PAUSE_NS, TextLineDriver
 from traverse.simulator.devices.text_line import SimulatedTextLine, TextLineTable
 from traverse.testing.driver_contract import (
     DriverContract,
@@ -166,6 +168,27 @@ async def test_a_board_that_begins_anew_is_a_restart(rig):
         await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is back")
     assert [ups.restarted for ups in taken.of(DeviceUp)] == [False, True]
     assert "reset" in taken.of(DeviceLost)[0].reason
+
+
+async def test_lines_without_a_time_are_uncertain_after_a_pause(tmp_path):
+    pattern = PATTERN.replace("{time}", "{skip}")
+    with FakeBoard(tmp_path / "board") as board:
+        rig = BoardRig(board, pattern=pattern)
+        with rig.driver:
+            taken = await streaming(rig, 200.0)
+
+            def uncertain():
+                return [
+                    bool((block.status & STATUS_TIME_UNCERTAIN).any())
+                    for block in taken.of(CountSamples)
+                ]
+
+            await taken.until(lambda: uncertain()[-1:] == [False], "steady lines")
+            steady = len(uncertain())
+            with board.lock:
+                await asyncio.sleep(3 * PAUSE_NS * 1e-9)  # then all comes
+            await taken.until(lambda: any(uncertain()[steady:]), "a bunch")
+            await taken.until(lambda: not uncertain()[-1], "steady lines again")
 
 
 async def test_lines_of_another_form_are_shown_in_the_loss(tmp_path, monkeypatch):

@@ -93,6 +93,24 @@ async def test_commands_on_a_network_that_stood_are_refused(resting: Workbench) 
             assert len(listener.points) == 1
 
 
+async def test_commands_to_a_lost_connection_are_answered(resting: Workbench) -> None:
+    async with Network(resting.port) as network:
+        direct, resting.port = resting.port, network.port
+        resting.write_daemon()
+        resting.port = direct
+        async with measuring(resting) as (listener, _, _):
+            network.refuse()
+            await network.cut()
+            await press(resting, "held")
+            await asyncio.sleep(VALID_S + 0.5)
+            network.pass_on()
+            assert await answer(listener, "held") == EXPIRED
+            assert not listener.points
+            await asyncio.sleep(SETTLING_S)
+            await press(resting, "later")
+            assert await answer(listener, "later") == "ok"
+
+
 async def test_a_command_held_between_its_sender_and_the_broker_is_refused(
     resting: Workbench,
 ) -> None:
