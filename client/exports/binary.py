@@ -62,7 +62,8 @@ class Ply(Sink):
             rows[name] = getattr(table, name)
         both = zip(table.session.tolist(), table.scan.tolist(), strict=True)
         names = (
-            f"scan {scan}" if scan else f"session {session}" for session, scan in both
+            f"scan {scan} of session {session}" if scan else f"session {session}"
+            for session, scan in both
         )
         rows["series"] = _numbered(names, self._series)
         labels = zip(table.artefact, table.feature, strict=True)
@@ -150,7 +151,7 @@ class Parquet(Sink):
             metadata={
                 "coordinates": coordinates,
                 "made_by": "traverse",
-                "key": "session and seq; of scans scan and seq",
+                "key": "session and seq; of scans session, scan and seq",
             },
         )
         self._writer = parquet.ParquetWriter(file, self._schema)

@@ -23,7 +23,7 @@ class Dxf(Sink):
     """A drawing in millimetres, DXF of AutoCAD 2010, held until the end.
 
     A point is a POINT on the layer of its session and label. A scan is a 3D POLYLINE on
-    a layer of its own; numbers that begin again begin the next scan. A point in doubt
+    a layer of its own; numbers that begin again begin the next line. A point in doubt
     is a POINT on a red layer, and ends a polyline. Session or scan, seq, id, label,
     flags and covariance are extended data (XDATA of TRAVERSE). Needs the extra `lab`.
     """
@@ -42,7 +42,7 @@ class Dxf(Sink):
         self._space = self._drawing.modelspace()
         self._ends_mm = np.empty((0, 3))
         self._way_mm: list[tuple[float, float, float]] = []
-        self._scans, self._last_seq, self._scan = 0, 0, ""
+        self._scans, self._last_seq, self._key = 0, 0, ("", "")
 
     def points(self, points: Sequence[Point]) -> None:
         self._check(points)
@@ -69,19 +69,21 @@ class Dxf(Sink):
         self._extend(places_mm, len(points))
 
     def table(self, table: PointTable) -> None:
-        names = ("seq", "xyz_mm", "ok", "flags", "scan")
+        names = ("seq", "xyz_mm", "ok", "flags", "session", "scan")
         columns = (getattr(table, name).tolist() for name in names)
-        for seq, xyz_mm, ok, flags, self._scan in zip(*columns, strict=True):
-            if self._scans == 0 or seq <= self._last_seq:
+        for seq, xyz_mm, ok, flags, session, scan in zip(*columns, strict=True):
+            key = session, scan
+            if self._scans == 0 or seq <= self._last_seq or key != self._key:
                 self._end_way()
                 self._scans += 1
-            self._last_seq = seq
+            self._last_seq, self._key = seq, key
             if ok:
                 self._way_mm.append(tuple(xyz_mm))
             else:
                 self._end_way()
                 added = self._space.add_point(xyz_mm, {"layer": IN_DOUBT})
-                point_data = _data(scan=self._scan, seq=seq, ok="false", flags=flags)
+                named = {"session": session, "scan": scan}
+                point_data = _data(**named, seq=seq, ok="false", flags=flags)
                 added.set_xdata(APPLICATION, point_data)
         self._extend(table.xyz_mm, len(table))
         self.in_doubt += int(np.count_nonzero(~table.ok))
@@ -112,7 +114,8 @@ class Dxf(Sink):
                 if len(self._way_mm) > 1
                 else self._space.add_point(self._way_mm[0], layer)
             )
-            added.set_xdata(APPLICATION, _data(scan=self._scan))
+            session, scan = self._key
+            added.set_xdata(APPLICATION, _data(session=session, scan=scan))
         self._way_mm = []
 
     def _extend(self, places_mm: ArrayLike, n: int) -> None:

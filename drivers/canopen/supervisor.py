@@ -321,6 +321,12 @@ class NodeSupervisor:
                     f"{facts.serial or 'unknown'}",
                     "if that is right, confirm it",
                 )
+            if not facts.serial:
+                raise DeviceError(
+                    f"{sdo.name} was without power, and no serial number shows that "
+                    "it is the same",
+                    "if it is, confirm it",
+                )
             forgotten = set_up_node(sdo, facts, self.options)
         except NodeError:
             return  # it stays lost; it is tried again

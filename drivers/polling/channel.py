@@ -74,6 +74,7 @@ class PolledChannel:
     Attributes:
         count: the last good one; 0 before the first.
         time_ns: of that; None before the first, and after it was missing.
+        away_ns: since the good one before it, if it was missing meanwhile; else 0.
     """
 
     def __init__(
@@ -90,7 +91,8 @@ class PolledChannel:
         self.counts_per_turn = counts_per_turn
         self.count = 0
         self.time_ns: int | None = None
-        self.misses = 0
+        self.misses = self.away_ns = 0
+        self._good_ns: int | None = None
         counts_per_rad = counts_per_turn / math.tau
         self._counts_per_ns = max_speed_rad_s * counts_per_rad * 1e-9
         self._counts_per_ns2 = HAND_RAD_S2 * counts_per_rad * 1e-18
@@ -140,7 +142,10 @@ class PolledChannel:
             if follows and left:
                 self.doubt(now_ns)
             self._earlier = before
-        self.count, self.time_ns = answer.count, answer.time_ns
+        is_back = self.missing and self._good_ns is not None
+        self.away_ns = answer.time_ns - self._good_ns if is_back else 0
+        self.count = answer.count
+        self.time_ns = self._good_ns = answer.time_ns
         self._bound_ns = answer.bound_ns
         self.misses = 0
         self._unconfirmed = None

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import ASK_S, Driver, DriverOptions
-from traverse.drivers.base.values import DeviceUp, Identity
+from traverse.drivers.base.values import DeviceError, DeviceUp, Identity
 from traverse.drivers.io.ports import SERIAL_PORTS, PortAccess
 from traverse.drivers.polling.alarms import ReadErrorLog
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
@@ -31,6 +31,7 @@ from traverse.plurals import counted
 FIRST_CYCLES = 8  # to get acquainted, and to learn how long a cycle takes
 LENGTHS = 256  # of polling, that are stored
 SHARE_OF_LINE = 0.8  # of the time may be spent polling
+EXCHANGE_NS = 2_000_000_000  # nobody puts another encoder there sooner
 IDLE_S = 0.5  # without a stream, so often is looked whether all are there
 
 DISTURBED = ReadError(
@@ -176,10 +177,22 @@ class PolledDriver(Driver, Generic[LineT]):
                 else:
                     self._serve_stream(self._schedule)
                 self._read_errors.raise_if_all_missing(self._channels)
+                self._raise_if_another()
                 self._read_errors.report(self._channels, self._now_ns())
                 self._report_counters()
         finally:
             self._block.deliver(self._stream)
+
+    def _raise_if_another(self) -> None:
+        """Raise DeviceError if an encoder is back that may be another one."""
+        for number, channel in enumerate(self._channels):
+            is_known = bool(self._serials) and bool(self._serials[number])
+            if channel.away_ns > EXCHANGE_NS and not is_known:
+                raise DeviceError(
+                    f"{channel.name} was away for {channel.away_ns * 1e-9:.1f} s, and "
+                    "no serial number shows that it is the same",
+                    "if it is, confirm it",
+                )
 
     def _begin_stream(self, rate_hz: float) -> None:
         self._block.deliver(self._stream)

@@ -315,7 +315,7 @@ def test_ply_numbers_what_it_cannot_name_and_says_what_it_lacks(tmp_path: Path) 
     assert "comment label 0: bar 1" in head
     assert "comment not in this file: ids and times of points" in head
     scan = scanned("ply", tmp_path).read_bytes()
-    assert b"comment series 0: scan scan-3\n" in scan
+    assert b"comment series 0: scan scan-3 of session day-shift\n" in scan
 
 
 def test_a_label_cannot_break_the_head_of_a_ply(tmp_path: Path) -> None:
@@ -338,10 +338,21 @@ def test_a_drawing_says_of_each_point_which_it_is(tmp_path: Path) -> None:
     assert entries[1]["covariance_mm2"].split()[3] == "9e-06"
     assert (entries[0]["artefact"], "covariance_mm2" in entries[0]) == ("bar", False)
     scans = drawn(scanned("dxf", tmp_path))
-    assert {
-        dict(text.split("=", 1) for _, text in entity.get_xdata("TRAVERSE"))["scan"]
+    data = [
+        dict(text.split("=", 1) for _, text in entity.get_xdata("TRAVERSE"))
         for entity in scans.modelspace()
-    } == {"scan-3"}
+    ]
+    assert {(of["session"], of["scan"]) for of in data} == {("day-shift", "scan-3")}
+
+
+def test_scans_of_two_sessions_are_two_lines_whatever_their_numbers(tmp_path) -> None:
+    path, fine = tmp_path / "two.dxf", np.zeros(4, np.uint32)
+    sound = replace(SCAN, quality=fine, ok=fine == 0)
+    with path.open("wb") as file, FORMATS["dxf"](file) as sink:
+        sink.table(sound)
+        # The first points of the other one were lost.
+        sink.table(replace(sound, session=np.full(4, "night"), seq=SCAN.seq + 9))
+    assert len(drawn(path).query("POLYLINE")) == 2
 
 
 def test_a_flag_of_a_later_version_marks_as_well(tmp_path: Path) -> None:

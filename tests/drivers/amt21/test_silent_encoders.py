@@ -65,6 +65,20 @@ def test_a_silent_encoder_is_an_alarm_that_ends_and_does_not_stop_the_others():
     assert run.of(DeviceLost) == []
 
 
+def test_an_encoder_that_was_away_may_be_another():
+    def silence(run: Played) -> None:
+        run.line.encoders[0x58].silent = math.inf
+
+    def speak(run: Played) -> None:
+        run.line.encoders[0x58].silent = 0
+
+    run = Played(line(step=1), 5.0, at={0.5: silence, 3.2: speak})
+    (lost,) = run.of(DeviceLost)
+    assert "0x58 was away for" in lost.reason
+    assert "no serial number" in lost.reason
+    assert len(run.of(DeviceUp)) == 2
+
+
 def test_an_encoder_that_never_answered_is_an_alarm_right_after_the_start():
     made = line(3)
     made.encoders[0x5C].silent = math.inf

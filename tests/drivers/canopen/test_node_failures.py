@@ -5,7 +5,7 @@ from random import Random
 
 import pytest
 
-from tests.drivers.canopen.fake_nodes import u16
+from tests.drivers.canopen.fake_nodes import u16, u32
 from tests.drivers.canopen.rig import (
     CanRig,
     alarms,
@@ -57,6 +57,23 @@ async def test_a_node_that_has_become_another_is_not_measured_with(rig: CanRig):
     reasons = [lost.reason for lost in taken.of(DeviceLost)]
     assert any("restarted with 8192 counts per turn" in reason for reason in reasons)
     assert taken.of(DeviceUp)[1].identity.counts_per_turn == (1 << 16, 1 << 13)
+
+
+async def test_a_node_without_a_serial_number_may_be_another(rig: CanRig):
+    power_up = rig.nodes.nodes[9].power_up
+
+    def without_a_number() -> None:
+        power_up()
+        rig.nodes.nodes[9].objects[(0x1018, 4)] = u32(0)
+
+    rig.nodes.nodes[9].power_up = without_a_number
+    without_a_number()
+    with rig.driver:
+        taken = await streaming(rig)
+        assert taken.of(DeviceUp)[0].identity.serials[1] == ""
+        rig.nodes.restart(9)
+        await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is reported anew")
+    assert "no serial number shows" in taken.of(DeviceLost)[0].reason
 
 
 async def test_a_node_that_was_stopped_is_started_again(rig: CanRig):
