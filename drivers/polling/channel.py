@@ -142,8 +142,9 @@ class PolledChannel:
             if follows and left:
                 self.doubt(now_ns)
             self._earlier = before
-        is_back = self.missing and self._good_ns is not None
-        self.away_ns = answer.time_ns - self._good_ns if is_back else 0
+        self.away_ns = 0
+        if self.missing and self._good_ns is not None:
+            self.away_ns = answer.time_ns - self._good_ns
         self.count = answer.count
         self.time_ns = self._good_ns = answer.time_ns
         self._bound_ns = answer.bound_ns
