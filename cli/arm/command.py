@@ -47,7 +47,9 @@ def show(
     """
     from traverse.cli.arm.summary import arm_summary, summary_lines
     from traverse.kinematics.arm_file.arm import read_arm
+    from traverse.kinematics.effects.arm_effects import effects_from_arm
     from traverse.kinematics.importers.unit_doubts import arm_doubts
+    from traverse.kinematics.uncertainty.arm_covariance import read_parameter_covariance
 
     with refusals():
         values = read_arm(file)
@@ -57,6 +59,11 @@ def show(
             draw_base_posture(values, png)
     for doubt in arm_doubts(values):
         typer.echo(doubt, err=True)
+    try:
+        effects = effects_from_arm(values)
+        read_parameter_covariance(file, values, effects, effects)
+    except ValueError as error:
+        typer.echo(error, err=True)
     summary = arm_summary(values)
     print_report(summary, summary_lines(summary), as_json=as_json)
 

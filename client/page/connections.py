@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 else:
     HttpProtocol = AutoHTTPProtocol
 
-REQUEST_S = 10.0  # in which a request has to follow
+REQUEST_S = 10.0  # in which a request has to come, head and body
 MOST_OF_ONE = 64  # connections from an address; a browser opens six
 MOST = 512
 
@@ -48,8 +48,18 @@ class BoundedHttpProtocol(HttpProtocol):
         of_address = len(self.open_transports.get(address, ()))
         return n_open >= MOST or of_address >= MOST_OF_ONE
 
-    def _close_if_silent(self, transport: asyncio.Transport) -> None:
-        request: object = self.cycle
-        # A websocket has another protocol by then.
-        if transport.get_protocol() is self and request is None:
+    def _close_if_silent(
+        self, transport: asyncio.Transport, before: object = None
+    ) -> None:
+        """Close it if no request, or no rest of one, has come since the last call."""
+        if transport.is_closing() or transport.get_protocol() is not self:
+            return  # a websocket has another protocol by then
+        request: Any = self.cycle
+        is_answering = request is not None and not (
+            request.more_body or request.response_complete
+        )
+        if request is before and not is_answering:
             transport.abort()
+            return
+        loop = asyncio.get_running_loop()
+        loop.call_later(REQUEST_S, self._close_if_silent, transport, request)

@@ -54,6 +54,8 @@ def storage_error_of(error: BaseException, path: Path) -> StorageError:
     folder = path.parent
     if code == sqlite3.SQLITE_FULL or number in (errno.ENOSPC, errno.EDQUOT):
         text, remedy = "the disk is full", f"make room on the disk of {folder}"
+    elif (code in REOPENED or number == errno.EROFS) and (why := _of_disk(folder)):
+        text, remedy = why
     elif code == sqlite3.SQLITE_READONLY or number == errno.EROFS:
         text = "the file cannot be written"
         remedy = f"make {folder} and its files writable for the daemon's user"
@@ -71,6 +73,22 @@ def storage_error_of(error: BaseException, path: Path) -> StorageError:
     name = getattr(error, "sqlite_errorname", "")
     said = f"{error} ({name})" if name else str(error) or type(error).__name__
     return StorageError(f"the outbox {path}: {text}: {said}", remedy + RETRY_REMARK)
+
+
+def _of_disk(folder: Path) -> tuple[str, str] | None:
+    """Return why no file of a folder can be opened to write, by its disk."""
+    try:
+        disk = os.statvfs(folder)
+    except OSError:
+        return None
+    if disk.f_flag & os.ST_RDONLY:
+        return "the disk is mounted read-only", f"mount that of {folder} to be written"
+    if disk.f_files and not disk.f_ffree:
+        return (
+            "the disk has no inodes left: it holds too many files",
+            f"remove files from the disk of {folder}",
+        )
+    return None
 
 
 def move_aside(path: Path) -> Path:

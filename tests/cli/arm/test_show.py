@@ -79,3 +79,12 @@ def test_a_wrong_file_is_refused_with_all_that_is_wrong(shown):
     )
     assert "joints[0].axes" in ended.output
     assert "joints[1].encoder.sign" in ended.output
+
+
+def test_a_covariance_that_cannot_be_read_is_told_beside_the_arm(shown, tmp_path):
+    (tmp_path / "c.npz").write_bytes(b"PK, and no archive")
+    ended = shown(
+        ARM_TEXT + MORE.replace("sigma0", 'covariance_file = "c.npz"\nsigma0')
+    )
+    assert "no covariance of an arm" in ended.stderr
+    assert "covariance_file: c.npz" in ended.stdout

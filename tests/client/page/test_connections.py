@@ -4,10 +4,11 @@ import asyncio
 import contextlib
 import socket
 from collections.abc import AsyncIterator
+from typing import Any
 
 import pytest
 import uvicorn
-from starlette.types import Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from traverse.client.page import connections
 from traverse.client.page.connections import MOST_OF_ONE, BoundedHttpProtocol
@@ -18,17 +19,19 @@ REQUEST = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
 
 async def served(scope: Scope, receive: Receive, send: Send) -> None:
+    while (await receive()).get("more_body"):
+        pass
     await send({"type": "http.response.start", "status": 200, "headers": []})
     await send({"type": "http.response.body", "body": b"page"})
 
 
 @contextlib.asynccontextmanager
-async def serving() -> AsyncIterator[int]:
+async def serving(app: ASGIApp = served) -> AsyncIterator[int]:
     """A server of uvicorn, as that of the page is one; gives its port."""
     BoundedHttpProtocol.open_transports.clear()
     with socket.create_server((HOST, 0)) as listener:
         config = uvicorn.Config(
-            served, http=BoundedHttpProtocol, lifespan="off", log_config=None
+            app, http=BoundedHttpProtocol, lifespan="off", log_config=None
         )
         server = uvicorn.Server(config)
         task = asyncio.create_task(server.serve([listener]))
@@ -74,10 +77,34 @@ async def test_a_connection_that_says_nothing_is_closed(
 ) -> None:
     monkeypatch.setattr(connections, "REQUEST_S", 0.05)
     async with serving() as port:
-        for said in (b"", b"GET / HTTP/1.1\r\nHost: "):
+        for said, answered in (
+            (b"", b""),
+            (b"GET / HTTP/1.1\r\nHost: ", b""),
+            (b"POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 9\r\n\r\nab", b""),
+            (REQUEST + b"GET / HT", b"HTTP/1.1 200 OK\r\n"),
+        ):
             reader, writer = await asyncio.open_connection(HOST, port)
             writer.write(said)
             async with asyncio.timeout(5):
                 with contextlib.suppress(ConnectionError):
-                    assert await reader.read() == b""
+                    assert await reader.readline() == answered
+                    await reader.read()
             writer.close()
+
+
+async def test_an_answer_may_take_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "REQUEST_S", 0.01)
+    looked: list[object] = []
+    look = BoundedHttpProtocol._close_if_silent
+
+    def counted(self: BoundedHttpProtocol, *what: Any) -> None:
+        looked.append(what)
+        look(self, *what)
+
+    async def slow(scope: Scope, receive: Receive, send: Send) -> None:
+        await until(lambda: len(looked) >= 4)
+        await served(scope, receive, send)
+
+    monkeypatch.setattr(BoundedHttpProtocol, "_close_if_silent", counted)
+    async with serving(slow) as port:
+        assert await answer(port) == b"HTTP/1.1 200 OK\r\n"

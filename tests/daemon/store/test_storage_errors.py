@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import os
 import sqlite3
 import threading
 
@@ -11,6 +12,7 @@ from tests.daemon.store.outbox_entries import execute, fill_disk, make_room, row
 from tests.daemon.store.outbox_harness import OutboxOnLoop, numbers
 from tests.end_to_end.programs import until
 from traverse.daemon.store.records import DatabaseRefusedError
+from traverse.daemon.store.recovery import storage_error_of
 
 
 async def test_a_commit_that_fails_gives_the_numbers_back(bench):
@@ -213,3 +215,26 @@ async def test_a_lock_of_another_program_refuses_points_until_it_is_gone(bench):
     other.execute("ROLLBACK")
     other.close()
     await until(lambda: bench.outbox.is_ready, "it goes on")
+
+
+@pytest.mark.parametrize(
+    ("changed", "words", "remedy"),
+    [
+        ({6: 0}, "no inodes left", "remove files from the disk"),
+        ({8: os.ST_RDONLY}, "mounted read-only", "to be written"),
+        ({}, "cannot be opened", "accessible to the daemon's user"),
+    ],
+)
+def test_why_no_file_can_be_opened_is_looked_up_at_its_disk(
+    tmp_path, monkeypatch, changed, words, remedy
+):
+    """SQLite says the same of a disk without inodes as of a folder of others."""
+    with pytest.raises(sqlite3.OperationalError) as caught:
+        sqlite3.connect(tmp_path).execute("SELECT 1")  # a folder is no database
+    disk = list(os.statvfs(tmp_path))
+    for place, value in {5: 1000, 6: 10, 8: 0, **changed}.items():
+        disk[place] = value
+    monkeypatch.setattr(os, "statvfs", lambda path: os.statvfs_result(disk))
+    trouble = storage_error_of(caught.value, tmp_path / "outbox.db")
+    assert words in trouble.text
+    assert remedy in trouble.remedy
