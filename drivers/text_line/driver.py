@@ -2,8 +2,8 @@
 
 The board prints at a rate of its own, which is learned while connecting. A line is read
 whole or not at all (`line`), and must be within reach of the joints. Without a time in
-the line a sample has the time of its arrival, which is uncertain after a pause: lines
-may have waited. A board whose time or counts jump has lost power.
+the line a sample has the time of its arrival, which is uncertain where lines have
+waited. A board whose time or counts jump has lost power.
 """
 
 from dataclasses import dataclass
@@ -43,9 +43,9 @@ JUMPS = 2  # in a row: one may be a broken digit
 # Lines that are late wait so long for one that is not: then the host was busy, else
 # the board's clock stood still.
 HOLD_NS, HOLD_PERIODS, MAX_HELD = 100_000_000, 2.5, 1000
-# After a longer pause between reads lines may have waited, or been lost, unseen where
-# they have no time; those of a bunch are read within so long.
-PAUSE_NS, PAUSE_PERIODS, BUNCH_NS = 30_000_000, 3.0, 500_000_000
+# Where lines have no time: if a read has more or fewer than the time since the last one
+# explains, some have waited, or were lost; those of a bunch are read within so long.
+MOST_UNEXPLAINED, BUNCH_NS = 2.0, 500_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,9 +309,10 @@ class TextLineDriver(Driver):
             DeviceError: the board has been reset.
         """
         lines, received_ns = read
-        if lines:
-            pause_ns = max(PAUSE_NS, PAUSE_PERIODS * self._period_ns)
-            if self._last is None or received_ns - self._last[1] > pause_ns:
+        if lines and self._last:
+            expected = (received_ns - self._last[1]) / self._period_ns
+            n_lines = len(lines) + sum(bad for _, bad in lines)
+            if abs(n_lines - expected) > MOST_UNEXPLAINED:
                 self._bunch_until_ns = received_ns + BUNCH_NS
         for number, (line, bad) in enumerate(lines):
             if bad:
