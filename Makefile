@@ -17,6 +17,7 @@ AGAIN = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --last-failed --last-failed-no-fail
 BUILD ?= build
 FIGURES := $(BUILD)/figures
 SITE ?= site
+DIST ?= dist
 # TINY=1: as little of a benchmark or proof as shows that it runs.
 TINY ?=
 # Groups of Debian packages that the tests need, in deploy/debian-packages.sh.
@@ -33,7 +34,7 @@ KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kern
 # Compiled modules are kept: without them every program that a test starts compiles anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs help venv system node demo test test-slow test-targets test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz fuzz-files soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page bench-zoo screenshots figures honesty
+.PHONY: docs help venv system node demo test test-slow test-targets test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz fuzz-files soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page bench-zoo screenshots figures honesty wheels
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -51,6 +52,7 @@ $(VENV)/.demo: pyproject.toml requirements-demo.lock
 
 $(STAMP): $(VENV)/.demo pyproject.toml requirements.lock $(KERNEL)
 	@PYTHON=$(BIN)/python sh deploy/debian-packages.sh compiler
+	@rm -f kinematics/kernel/*.so
 	@$(BIN)/python deploy/environment.py requirements.lock demo,lab,dev
 	@touch $@
 
@@ -205,6 +207,10 @@ install: venv  ## into DESTDIR: /usr/lib/traverse, unit, rules; nothing is start
 
 deb: venv  ## Debian packages of the daemon and of the lab, in build/
 	BUILD=$(abspath $(BUILD)) sh deploy/package/build-deb.sh
+
+wheels: venv  ## wheels for x86_64 and aarch64, and the source distribution, in dist/
+	@sh deploy/debian-packages.sh aarch64
+	sh deploy/package/build-wheels.sh $(DIST)
 
 test-vm: deb system  ## CANopen on SocketCAN, and the package with systemd, in virtual machines; takes minutes
 	@sh deploy/debian-packages.sh vm

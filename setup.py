@@ -54,6 +54,9 @@ def extensions() -> list[Extension]:
             "-falign-loops=64",
         ],
         libraries=["m"],
+        # One wheel for every later Python; a single pose costs 0.1 us more.
+        define_macros=[("Py_LIMITED_API", "0x030b0000")],
+        py_limited_api=True,
     )
     found: list[Extension] = cythonize([kernel], build_dir="build/cython", quiet=True)
     for extension in found:  # cythonize forgets it
@@ -61,4 +64,8 @@ def extensions() -> list[Extension]:
     return found
 
 
-setup(ext_modules=extensions(), cmdclass={"build_ext": OptionalBuild})
+setup(
+    ext_modules=extensions(),
+    cmdclass={"build_ext": OptionalBuild},
+    options={"bdist_wheel": {"py_limited_api": "cp311"}},
+)

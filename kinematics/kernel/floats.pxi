@@ -62,19 +62,19 @@ cdef int take(object angles_rad, Py_ssize_t n_joints, double *readings) except -
     cdef Py_ssize_t k
     cdef Py_buffer buffer
     if PyTuple_CheckExact(angles_rad):
-        if PyTuple_GET_SIZE(angles_rad) != n_joints:
+        if PyTuple_Size(angles_rad) != n_joints:
             raise wrong_sample(angles_rad, n_joints)
         for k in range(n_joints):
-            readings[k] = <object>PyTuple_GET_ITEM(angles_rad, k)
+            readings[k] = <object>PyTuple_GetItem(angles_rad, k)
         return 0
     if PyList_CheckExact(angles_rad):
-        if PyList_GET_SIZE(angles_rad) != n_joints:
+        if PyList_Size(angles_rad) != n_joints:
             raise wrong_sample(angles_rad, n_joints)
         for k in range(n_joints):
             # An odd float could change the list while it is read.
-            if k >= PyList_GET_SIZE(angles_rad):
+            if k >= PyList_Size(angles_rad):
                 raise wrong_sample(angles_rad, n_joints)
-            readings[k] = <object>PyList_GET_ITEM(angles_rad, k)
+            readings[k] = <object>PyList_GetItem(angles_rad, k)
         return 0
     PyObject_GetBuffer(angles_rad, &buffer, PyBUF_FORMAT | PyBUF_STRIDES)
     try:

@@ -15,7 +15,7 @@ MAKEFILE = (CHECKOUT / "Makefile").read_text("utf-8")
 # Targets of benchmarks, proofs and packages, and what each is made from.
 TARGETS = dict(
     re.findall(
-        r"^((?:audit|bench|blind|deb|docs|endurance|fuzz|honesty|prove|screenshots|soak)"
+        r"^((?:audit|bench|blind|deb|docs|endurance|fuzz|honesty|prove|screenshots|soak|wheels)"
         r"[a-z-]*):([^#\n]*)",
         MAKEFILE,
         re.MULTILINE,
@@ -33,6 +33,7 @@ LEAVES = {
     "prove": ("proofs.jsonl",),
     "prove-acceptance": ("acceptance.jsonl", "figures/acceptance-truth.png"),
     "prove-alignment": ("alignment.jsonl", "figures/alignment-index.png"),
+    "wheels": ("*_x86_64.whl", "*_aarch64.whl", "*.tar.gz"),
     "screenshots": ("figures/reports/certificate.png", "figures/live-view.png"),
 }
 # Without the network nobody can be asked: no all-clear, and no mistake of the program.
@@ -59,7 +60,7 @@ LONG = frozenset(
     {
         *("audit", "bench", "bench-capture", "bench-drivers", "bench-fleet"),
         *("bench-kernel", "bench-page", "bench-recording", "bench-zoo", "deb", "fuzz"),
-        "screenshots",
+        *("screenshots", "wheels"),
     }
 )
 
@@ -83,7 +84,12 @@ def test_target_runs_in_a_tiny_size(target, tmp_path):
     before = changed()
     # Not a part of the make that may run this.
     inherited = {k: v for k, v in os.environ.items() if not k.startswith("MAKE")}
-    options = ("TINY=1", f"BUILD={tmp_path}", f"SITE={tmp_path}/site")
+    options = (
+        "TINY=1",
+        f"BUILD={tmp_path}",
+        f"SITE={tmp_path}/site",
+        f"DIST={tmp_path}",
+    )
     with subprocess.Popen(
         ["make", target, *options],
         cwd=CHECKOUT,
