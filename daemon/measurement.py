@@ -278,8 +278,8 @@ class Measurement(MeasurementContext):
         """Collect larger batches while the arm rests and nothing waits for samples."""
         now_ns, xyz_mm = int(poses.sample_time_ns[-1]), poses.xyz_mm
         moves = not np.abs(xyz_mm - self._rest_mm).max() < REST_MM  # also of NaN
-        is_needed = self.scanner.is_running or self.points.has_pending.is_set()
-        if moves or is_needed:
+        needs_samples = self.scanner.is_running or self.points.has_pending.is_set()
+        if moves or needs_samples:
             self._rest_mm, self._moved_ns = xyz_mm[-1], now_ns
         if self._rests != (now_ns - self._moved_ns > REST_NS):
             self._rests = not self._rests

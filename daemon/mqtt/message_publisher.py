@@ -1,6 +1,5 @@
 """From values to messages on their way: topic, quality of service, encoding."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from traverse.daemon.clock import HostClock
@@ -22,28 +21,18 @@ class MessagePublisher:
     clock: HostClock
     listener: StepListener = field(default_factory=StepListener)
 
-    def outgoing(
-        self, kind: str, message: Message, sent: Callable[[], None] | None = None
-    ) -> OutgoingMessage:
+    def outgoing(self, kind: str, message: Message) -> OutgoingMessage:
         channel = topics.CHANNELS[kind]
         return OutgoingMessage(
             f"{topics.ROOT}/{self.arm}/{kind}",
             encode(message, self.encoding),
             qos=channel.qos,
             retain=channel.retained,
-            sent=sent,
         )
 
-    def publish(
-        self,
-        kind: str,
-        message: Message,
-        sent: Callable[[], None] | None = None,
-        *,
-        at_once: bool = True,
-    ) -> bool:
+    def publish(self, kind: str, message: Message, *, at_once: bool = True) -> bool:
         """Queue a message; return False if there was no room for it."""
-        outgoing = self.outgoing(kind, message, sent)
+        outgoing = self.outgoing(kind, message)
         is_queued = self.queue.offer(kind, outgoing, at_once=at_once)
         if is_queued:
             self.listener.published(self.clock.monotonic_ns(), message)

@@ -91,11 +91,6 @@ class OutgoingQueue:
         """Most messages that may wait, of all kinds that are not thinned."""
         return sum(limit or 0 for limit in self._limits.values())
 
-    @property
-    def n_waiting(self) -> int:
-        """Number of messages that have not been taken for sending."""
-        return sum(map(len, self._waiting.values()))
-
     def waiting(self, kind: str) -> int:
         """Number of messages of ``kind`` that the broker does not have yet."""
         return len(self._waiting[kind]) + len(self._on_the_way[kind])

@@ -156,16 +156,17 @@ async def test_events_replies_and_scans_are_dropped_newest_first(kind, limit):
 
 async def test_what_is_not_urgent_is_sent_with_the_next_or_at_a_flush():
     queue, looked = OutgoingQueue(), []
-    with queue.notifying(lambda: looked.append(queue.n_waiting)):
+    kinds = "event", "point"
+    with queue.notifying(lambda: looked.append([*map(queue.waiting, kinds)])):
         queue.offer("event", message("a"), at_once=False)
         queue.offer("event", message("b"), at_once=False)
         assert looked == []
         queue.offer("point", message("c"))
-        assert looked == [3]
+        assert looked == [[2, 1]]
         queue.offer("event", message("d"), at_once=False)
         queue.flush()
     queue.offer("point", message("e"))  # its requester has gone
-    assert looked == [3, 4]
+    assert looked == [[2, 1], [3, 1]]
 
 
 async def test_empty_waits_until_the_last_message_is_there():

@@ -4,11 +4,11 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 
-import aiomqtt
-
 from tests.end_to_end.listener import Listener
 from tests.vm.system.preparation import OPERATOR, PASSWORDS
 from tests.vm.system.unit import ARM
+from traverse.broker.client import MqttClient
+from traverse.broker.errors import MqttError
 from traverse.client.mqtt.subscription import received, subscribe
 from traverse.testing.waiting import until
 
@@ -23,18 +23,18 @@ async def following() -> AsyncIterator[Listener]:
     async def follow() -> None:
         while True:
             try:
-                async with aiomqtt.Client(
+                async with MqttClient(
                     "127.0.0.1",
+                    1883,
                     username=OPERATOR,
                     password=PASSWORDS[OPERATOR],
-                    timeout=20,
                 ) as client:
                     await subscribe(client, ARM)
                     listener.client = client
                     listener.connected = True
                     async for item in received(client):
                         listener.take(item.message)
-            except (aiomqtt.MqttError, OSError):
+            except MqttError:
                 listener.connected = False
                 await asyncio.sleep(0.2)  # until the broker is back
 
