@@ -465,7 +465,7 @@ class Measurement(MeasurementContext):
             if (
                 has_edges
                 and samples.received_ns - first_ns
-                < device.delivery_queue.batch_window_ns
+                < device.delivery_queue.wake_interval_ns
                 and not self.scanner.is_running
                 and not self.points.evaluator.needs_poses
             ):

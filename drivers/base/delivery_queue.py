@@ -5,7 +5,7 @@ If the loop does not keep up, timed samples are dropped and counted; edges are r
 dropped. Changes of state, which nothing repeats, have room of their own.
 
 Waking the loop costs more than a sample. Timed samples are collected, in the driver or
-here, and wake it at most once in four fifths of `batch_window_ns`. Edges and other
+here, and wake it at most once in `wake_interval_ns`. Edges and other
 deliveries wake it at once, unless a wake-up is pending.
 """
 
@@ -73,6 +73,14 @@ class DeliveryQueue:
         """Whether the consumer was woken and has not taken anything since."""
         return self._filled.is_set()
 
+    @property
+    def wake_interval_ns(self) -> int:
+        """Least time between wake-ups for samples.
+
+        Not quite the window: a driver that gathers as long wakes the loop each time.
+        """
+        return self.batch_window_ns * 4 // 5
+
     def put(self, delivery: Delivery, *, wakes: bool = True) -> bool:
         """Append a delivery from the reader thread; False if there is no room.
 
@@ -85,8 +93,7 @@ class DeliveryQueue:
                     self.dropped_samples += size
                     return False
                 self.waiting_samples += size
-                # Not quite: a driver that gathers as long wakes the loop each time.
-                wake = self._now_ns() - self._woken_ns >= self.batch_window_ns * 4 // 5
+                wake = self._now_ns() - self._woken_ns >= self.wake_interval_ns
             else:
                 state = isinstance(delivery, (DeviceUp, DeviceLost, StreamStarted))
                 room = self._max_others + RESERVED_FOR_STATES * state

@@ -79,4 +79,4 @@ async def test_poses_of_samples_with_an_edge_wait_for_the_usual_batch(full_model
         bench.measurement.dispatch(bench.device, samples, has_edges=True)
         known.append(bench.measurement.trajectory.last_ns)
     bench.device.driver.close()
-    assert known == [None] * 5 + [10**12 + 50_000_000] * 3
+    assert known == [None] * 4 + [10**12 + 40_000_000] * 4
