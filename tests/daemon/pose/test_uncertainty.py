@@ -21,7 +21,8 @@ from traverse.daemon.pose.uncertainty import (
     CovarianceInput,
     SkewMonitor,
 )
-from traverse.drivers.base.values import DeviceUp
+from traverse.daemon.scans.plan import ScanPlan
+from traverse.drivers.base.values import DeviceUp, StreamStarted
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.model.forward import probe_centre
 from traverse.protocol.messages import QualityFlag
@@ -142,6 +143,34 @@ async def test_live_poses_carry_what_the_clock_leaves_open(bench, bound_ns):
     assert shown[-1].speed_mm_s > 100.0
     # Of two devices also what each leaves open against the other.
     assert way_mm <= np.sqrt(variance_mm2) < 0.1 + 2.5 * way_mm
+
+
+async def test_points_of_scans_carry_it_as_live_poses_do(bench):
+    bench.take(wrist().samples(range(30)), base().samples(range(30)))
+    scanner = bench.measurement.scanner
+    scanner.start(ScanPlan("s1", 100.0, 1), bench.measurement.model, "session")
+    bench.take(StreamStarted("base", 2, 100.0))
+    scanned = base(stream=2, first_ns=BEGIN_NS + 300_000_000)
+    for first in range(0, 40, 10):
+        blocks = (
+            wrist().samples(range(30 + first, 42 + first)),
+            scanned.samples(range(first, first + 10)),
+        )
+        bench.take(*(replace(block, time_bound_ns=3_000_000) for block in blocks))
+        bench.clock.now_ns += 100_000_000
+    scanner.stop()
+    stated = {
+        int(block.time_ns + dtime_ns): covariance_mm2
+        for block in bench.scans
+        if block.covariance_mm2 is not None
+        for dtime_ns, covariance_mm2 in zip(
+            block.dtime_ns, block.covariance_mm2, strict=True
+        )
+    }
+    shown = [live for live in bench.live if live.time_ns in stated]
+    assert shown
+    for live in shown:
+        assert tuple(stated[live.time_ns].tolist()) == live.covariance_mm2
 
 
 async def test_without_a_speed_nothing_is_stated(bench):

@@ -7,9 +7,13 @@ import pytest
 
 from traverse.drivers.base.values import DeviceError, LatchedCounts
 from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
-from traverse.drivers.latch_board.session import MAX_EARLY, LatchBoardSession
+from traverse.drivers.latch_board.session import (
+    MAX_EARLY,
+    LatchBoardSession,
+    board_identity,
+)
 from traverse.drivers.timing.device_clock import DeviceClock
-from traverse.protocol.latch_board.messages import Edge, Heartbeat
+from traverse.protocol.latch_board.messages import Edge, Heartbeat, Hello
 
 UP_TICKS = 1_000_000  # a second since the board was switched on
 RECEIVED_NS = 5_000_000_000
@@ -144,3 +148,27 @@ def test_what_is_given_up_is_not_kept(session, delivered, faults):
     session.take(edge(5, UP_TICKS), RECEIVED_NS + 2_000_000_000)
     assert faults == ["edges_lost"]
     assert [latch.token for latch in delivered] == [5, 6]
+
+
+@pytest.mark.parametrize(
+    ("board_id", "serial"),
+    [
+        (bytes(11) + b"\7", "000000000000000000000007"),
+        (bytes(12), ""),  # never written
+        (b"\xff" * 12, ""),
+    ],
+)
+def test_an_empty_board_id_is_no_serial_number(board_id, serial):
+    hello = Hello(
+        request=1,
+        version=(1, 0),
+        board_id=board_id,
+        firmware=(1, 2, 3),
+        n_inputs=0,
+        n_temperatures=0,
+        tick_rate_hz=1_000_000,
+        max_rate_hz=1000.0,
+        boot_id=1,
+        channels=(),
+    )
+    assert board_identity(hello).serials == (serial,)
