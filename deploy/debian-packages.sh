@@ -22,6 +22,7 @@ node|node npm|nodejs npm
 vm|qemu-system-x86_64 busybox ip mmdebstrap depmod mke2fs|qemu-system-x86 busybox-static iproute2 mmdebstrap kmod e2fsprogs
 fresh|mmdebstrap unshare|mmdebstrap util-linux
 avr|avr-gcc avr-size avr-objcopy|gcc-avr avr-libc
+arm|arm-none-eabi-gcc arm-none-eabi-objcopy arm-none-eabi-size python3|gcc-arm-none-eabi
 simavr|file:/usr/include/simavr/sim_avr.h|libsimavr-dev
 aarch64|aarch64-linux-gnu-gcc qemu-aarch64|gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user
 prometheus|promtool|prometheus

@@ -3,28 +3,37 @@
 import asyncio
 import contextlib
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from tests.firmware.built import host_board
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.latch_board.driver import LatchBoardDriver, LatchBoardOptions
 
 
-class HostBoard:
-    """The program `latch-board`; commands are those of ports/host/script.c."""
+class EmulatedBoard:
+    """A board that a program plays: commands go to it line by line.
 
-    def __init__(self, link: Path, *options: str, program: Path | None = None) -> None:
+    Attributes:
+        link: the path of its port.
+        n_edges: how many edges its button has made.
+    """
+
+    def __init__(
+        self, link: Path, *, program: Sequence[str], ready: str, **options: Any
+    ) -> None:
         self.link = link
         self.n_edges = 0
         self._level = 0
         self._process = subprocess.Popen(
-            [program or host_board(), "--link", link, *options],
+            program,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
+            **options,
         )
-        assert self._answer() == f"ready {link}"
+        assert self._answer() == ready
 
     def ask(self, command: str) -> str:
         assert self._process.stdin is not None
@@ -44,9 +53,6 @@ class HostBoard:
         self.n_edges += 1
         return self.n_edges - 1
 
-    def next_edge(self) -> int:
-        return int(self.ask("show").split()[3])
-
     def close(self) -> None:
         self._process.communicate("quit\n", timeout=10.0)
 
@@ -55,10 +61,21 @@ class HostBoard:
         return self._process.stdout.readline().rstrip("\n")
 
 
+class HostBoard(EmulatedBoard):
+    """The program `latch-board`; commands are those of ports/host/script.c."""
+
+    def __init__(self, link: Path, *options: str) -> None:
+        program = (str(host_board()), "--link", str(link), *options)
+        super().__init__(link, program=program, ready=f"ready {link}")
+
+    def next_edge(self) -> int:
+        return int(self.ask("show").split()[3])
+
+
 class HostBoardRig:
     """For the contract: encoder 0 counts up by one from sample to sample."""
 
-    def __init__(self, board: HostBoard, debounce_us: int = 0) -> None:
+    def __init__(self, board: EmulatedBoard, debounce_us: int = 0) -> None:
         self.board = board
         self.port = str(board.link)
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.firmware.built import FIRMWARE
-from tests.firmware.host_rig import HostBoard, HostBoardRig
+from tests.firmware.host_rig import EmulatedBoard, HostBoardRig
 from tests.running import run_program
 from tests.shared import new_folder, shared
 
@@ -44,13 +44,8 @@ def mega_firmware(*settings: str) -> Path:
     return folder / "mega.elf"
 
 
-class MegaBoard(HostBoard):
-    """The emulator; commands are those of firmware/emulators/mega/main.c."""
-
-    def __init__(self, link: Path, firmware: Path, *options: str) -> None:
-        super().__init__(
-            link, "--elf", str(firmware), *options, program=mega_emulator()
-        )
+class EmulatedProcessor(EmulatedBoard):
+    """A board whose processor is emulated, with models of encoders at its pins."""
 
     def last_press(self) -> "Press":
         """What the emulator knows of the last change of an input."""
@@ -65,6 +60,14 @@ class MegaBoard(HostBoard):
     def lag_ms(self) -> int:
         """How far emulated time is behind the computer's."""
         return int(self.ask("show").split()[1])
+
+
+class MegaBoard(EmulatedProcessor):
+    """The emulator; commands are those of firmware/emulators/mega/main.c."""
+
+    def __init__(self, link: Path, firmware: Path, *options: str) -> None:
+        words = (str(mega_emulator()), "--link", str(link), "--elf", str(firmware))
+        super().__init__(link, program=(*words, *options), ready=f"ready {link}")
 
 
 class MegaRig(HostBoardRig):

@@ -1,0 +1,104 @@
+/* The latch board on a Raspberry Pi Pico. */
+#include "board.h"
+#include "clock.h"
+#include "encoders.h"
+#include "pins.h"
+#include "settings.h"
+#include "start.h"
+#include "uart.h"
+
+#define BITS_PER_BYTE_SENT 10U
+#define SAMPLE_BYTES (16U + (5U * CHANNELS)) /* on the wire */
+/* A tenth of the line is left to edges, heartbeats and answers. */
+#define LINE_RATE_HZ ((BAUD_RATE * 9U / 10U) / (BITS_PER_BYTE_SENT * SAMPLE_BYTES))
+#if FRONT_END == AS5600 && I2C_MULTIPLEXER
+#define PROCESSOR_RATE_HZ 500U
+#elif FRONT_END == AS5600
+#define PROCESSOR_RATE_HZ 2000U
+#else
+#define PROCESSOR_RATE_HZ 5000U
+#endif
+#define MAX_RATE_HZ (LINE_RATE_HZ < PROCESSOR_RATE_HZ ? LINE_RATE_HZ : PROCESSOR_RATE_HZ)
+/* The way from an edge to its latch, another latch in between not included. */
+#define LATE_TICKS 10U
+#define N_TEMPERATURES 1U
+
+static struct lb_board board;
+
+/* 32 bits of the ring oscillator, which runs without relation to the crystal. */
+static uint32_t draw_boot_id(void)
+{
+    uint32_t drawn = 0U;
+    for (uint32_t i = 0U; i < 32U; i++) {
+        drawn = (drawn << 1) | (ROSC_RANDOMBIT & 1U);
+        pins_wait_us(3U);
+    }
+    return drawn;
+}
+
+static uint32_t latch(uint32_t *counts, uint8_t *status)
+{
+    clock_hold();
+    const uint32_t tick = clock_ticks();
+    pins_mark(true);
+    encoders_latch(counts, status);
+    pins_mark(false);
+    clock_release();
+    return tick;
+}
+
+/* The chip's own sensor: 0.706 V at 27 Celsius, 1.721 mV less for each degree more. */
+static int16_t temperature(uint8_t sensor)
+{
+    (void)sensor;
+    ADC_CS = 3U | (4U << 12) | (1U << 2); /* on, sensor on; its channel; convert once */
+    while ((ADC_CS & (1U << 8)) == 0U) {
+    }
+    const int32_t microvolts = (int32_t)((ADC_RESULT * 103125U) / 128U); /* of 3.3 V / 4096 */
+    return (int16_t)(2700 - (((microvolts - 706000) * 100) / 1721));
+}
+
+static const struct lb_port port = {
+    .ticks = clock_ticks,
+    .latch = latch,
+    .inputs = clock_inputs,
+    .set_timer = clock_set_timer,
+    .stop_timer = clock_stop_timer,
+    .room = uart_room,
+    .send = uart_send,
+    .temperature = temperature,
+    .lock = clock_hold,
+    .unlock = clock_release,
+};
+
+static struct lb_identity identity = {
+    .board_id = {'p', 'i', 'c', 'o', ' ', ' ', ' ', ' ', 0U, 0U, (BOARD_NUMBER >> 8) & 0xFFU,
+                 BOARD_NUMBER & 0xFFU},
+    .firmware = {1U, 0U, 0U},
+    .n_inputs = INPUTS,
+    .n_temperatures = N_TEMPERATURES,
+    .tick_rate_hz = CLOCK_HZ,
+    .max_rate_millihz = MAX_RATE_HZ * 1000U,
+    .late_ticks = LATE_TICKS,
+};
+
+_Noreturn void main_program(void)
+{
+    start_clocks();
+    pins_init_pin(PIN_MARK);
+    GPIO_OE_SET = 1U << PIN_MARK;
+    identity.boot_id = draw_boot_id();
+    encoders_init(&identity);
+    uart_init();
+    lb_init(&board, &identity, &port);
+    clock_init(&board);
+    for (;;) {
+        uint8_t byte;
+        while (lb_can_receive(&board) && uart_take(&byte)) {
+            lb_receive(&board, byte);
+        }
+        lb_poll(&board);
+        encoders_watch(&board, clock_hold, clock_release);
+        __asm__ volatile("wfi"); /* at most a millisecond: timer_wakes */
+    }
+}
