@@ -71,6 +71,15 @@ class IteratedAdjustment:
     noise_estimated: bool
     design: ArmValues
 
+    @property
+    def size(self) -> float:
+        """How many times as long as in the design all links are together."""
+        now, then = (
+            float(np.sum(np.linalg.norm(arm.geometry.links_mm, axis=1)))
+            for arm in (self.adjustment.state.arm, self.design)
+        )
+        return now / max(then, 1e-9)
+
     def contradicted_by_orientation(self) -> Booleans:
         """Find poses that were excluded, but whose position alone agrees, (n_poses,).
 

@@ -45,9 +45,14 @@ _SEED = 20_170_101
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Network(Equations):
-    """The equations of the stations that take part."""
+    """The equations of the stations that take part.
+
+    Attributes:
+        holds_scale: Whether the design's scale is held, whatever lengths are known.
+    """
 
     stations: tuple[Station, ...]
+    holds_scale: bool = False
 
     @property
     def n_rows(self) -> int:
@@ -199,11 +204,11 @@ class Network(Equations):
         )
 
     def undetermined_scale(self, arm: ArmValues) -> Floats:
-        """Return the direction of a scale that no length determines.
+        """Return the direction of a scale that is held, or that no length determines.
 
         (1, n_free), or (0, n_free) where the scale is determined.
         """
-        if self.has_length():
+        if self.has_length() and not self.holds_scale:
             return np.empty((0, self.parameters.n_free))
         return scale_direction(self.parameters, arm.geometry, arm.tools_mm)
 

@@ -14,6 +14,7 @@ from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.mechanics.deformations import Compliance
 from traverse.lab.adjustment import (
     IteratedAdjustment,
+    Network,
     Options,
     Problem,
     adjust_iteratively,
@@ -32,6 +33,8 @@ from traverse.lab.first_moments import with_first_moments
 
 # Moments of weight that the poses do not bear out wander; what is sound takes up to 51.
 _MOST_ITERATIONS = 60
+# Of the design: no arm is built smaller, and none as much larger.
+_LEAST_SIZE = 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,14 +72,24 @@ def fitted(
     noise = None if before is None else before.adjustment.network.noise
     network = problem.network(eligible, noise)
     coarse = network.parameters.with_effects_larger(coarseness(network.noise))
-    run = adjust_iteratively(
-        replace(network, parameters=coarse),
-        problem.design,
-        options,
-        first=None if before is None else before.included,
-        never_excluded=never_excluded,
-        most_iterations=_MOST_ITERATIONS,
-    )
+
+    def adjusted(network: Network) -> IteratedAdjustment:
+        return adjust_iteratively(
+            network,
+            problem.design,
+            options,
+            first=None if before is None else before.included,
+            never_excluded=never_excluded,
+            most_iterations=_MOST_ITERATIONS,
+        )
+
+    # Strategy: an arm that shrinks to a point touches cones and spheres of any radius
+    # without an error. Where a missing effect is gross the fit ends there, and nothing
+    # is left that could tell of the effect. With the design's scale it is seen, and
+    # with it in the model the scale is estimated again.
+    run = adjusted(replace(network, parameters=coarse))
+    if not _LEAST_SIZE < run.size < 1.0 / _LEAST_SIZE:
+        run = adjusted(replace(network, parameters=coarse, holds_scale=True))
     of_run = {field.name: getattr(run, field.name) for field in fields(run)}
     return Fit(**of_run, arm=run.adjustment.arm_as_estimated(arm))
 

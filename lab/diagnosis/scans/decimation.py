@@ -2,9 +2,9 @@
 
 Neighbouring samples share most of their error, so as poses they would count many
 times over. What a model lacks changes with the posture, noise within less than that:
-so the misclosures of a first fit, less their running mean over a small part of the
-motion, give the noise's correlation time. Of each stretch on an artefact every nth
-sample is kept.
+so the misclosures of a first fit, latencies included, less their running mean over a
+small part of the motion, give the correlation time of the noise. Of each stretch on an
+artefact every nth sample is kept.
 """
 
 from dataclasses import dataclass, replace
@@ -12,13 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from traverse.arrays import Floats, Integers
-from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.arm_file.arm import Arm, effect_from_table
+from traverse.kinematics.effects.readings.rates import EncoderLatency
 from traverse.lab.adjustment import Adjustment
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.campaign.campaign import Campaign, touching_stretches
 from traverse.lab.campaign.poses import evenly
-from traverse.lab.diagnosis.model.fit import fitted
+from traverse.lab.diagnosis.model.fit import Fit, fitted, with_effects
+from traverse.lab.first_moments import own_effects
 
 
 def with_surface_directions(campaign: Campaign, every: Adjustment) -> Campaign:
@@ -55,6 +57,9 @@ _MOST_LOOKED_AT = 100_000
 # Motion of the fastest joint over which the running mean is taken.
 _SAME_POSTURE_RAD = 1.0
 _LEAST_WINDOW = 20
+_LATE = EncoderLatency.kind
+# Of a latency: by how much later speeds are tried where it is longer than a sample.
+_LEADS = (0.0, 0.5, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,13 +94,20 @@ def decimated(
     The whole campaign, with directions where artefacts define them, and which of its
     poses to keep.
     """
-    first = campaign.part(_spread(campaign))
-    everyone = np.ones(len(first.poses), dtype=np.bool_)
-    fit = fitted(first, arm, everyone)
-    every = undecimated(fit.adjustment, campaign)
-    network, state = every.network, every.state
     usual_s = _usual_s(campaign)
     stretches = touching_stretches(campaign, 1.5 * usual_s)
+    fit = _first_fit(campaign, arm)
+    latencies_s = _latencies_s(fit.arm)
+    late_s = np.array([latencies_s.get(name, 0.0) for name in campaign.joint_names])
+    if np.any(np.abs(late_s) > usual_s):
+        tried = [
+            with_leading_speeds(campaign, stretches, lead * late_s) for lead in _LEADS
+        ]
+        fits = [_first_fit(leading, fit.arm) for leading in tried]
+        at = int(np.argmin([fit.adjustment.sigma0 for fit in fits]))
+        campaign, fit = tried[at], fits[at]
+    every = undecimated(fit.adjustment, campaign)
+    network, state = every.network, every.state
     lasting = np.ones(len(campaign.artefacts), dtype=np.int64)
     for station, unknowns in zip(network.stations, state.unknowns, strict=True):
         found_mm = network.misclosures_mm(station, state.arm, unknowns)
@@ -113,6 +125,64 @@ def decimated(
         lasting_s=tuple(np.where(touched, usual_s * lasting, np.nan).tolist()),
         apart_s=tuple(np.where(touched, usual_s * apart, np.nan).tolist()),
     )
+
+
+def _first_fit(campaign: Campaign, arm: Arm) -> Fit:
+    """Fit the arm and a latency of every joint to a few samples, spread evenly.
+
+    Strategy: what a late reading adds to misclosures follows the speed, smoothly from
+    sample to sample, so that it would pass for noise that lasts and leave too few
+    samples to find it by. Once latencies are estimated, only noise is left of it.
+    """
+    first = campaign.part(_spread(campaign))
+    if campaign.poses.speeds_rad_s is not None:
+        known = _latencies_s(arm)
+        added = tuple(
+            effect_from_table({"kind": _LATE, "joint": name, "latency_s": 0.0})
+            for name in campaign.joint_names
+            if name not in known
+        )
+        arm = with_effects(arm, (*own_effects(arm), *added))
+    return fitted(first, arm, np.ones(len(first.poses), dtype=np.bool_))
+
+
+def _latencies_s(arm: Arm) -> dict[str, float]:
+    """List the latencies of single joints that an arm has."""
+    return {
+        str(effect.joint): float(effect.values["latency_s"])
+        for effect in arm.effects
+        if effect.kind == _LATE and effect.joint is not None
+    }
+
+
+def with_leading_speeds(
+    campaign: Campaign, stretches: Integers, leads_s: Floats
+) -> Campaign:
+    """Take speeds from so much later samples of each stretch, (n_joints,).
+
+    Strategy: of a reading that is late by T the error is T times the mean speed since,
+    which is that of half of T later; a filter's is T times the speed that it shows. A
+    late reading's own speed is late as well, and over some milliseconds of a hand's
+    motion that is many times the noise: it would be left for whatever else can take it.
+    """
+    poses = campaign.poses
+    if poses.speeds_rad_s is None:
+        return campaign
+    leading = poses.speeds_rad_s.copy()
+    for stretch in np.unique(stretches):
+        there = np.flatnonzero(stretches == stretch)
+        if len(there) > 1:
+            time_s = poses.time_s[there]
+            slopes = np.gradient(poses.speeds_rad_s[there], time_s, axis=0)
+            for joint, lead_s in enumerate(leads_s.tolist()):
+                speeds = poses.speeds_rad_s[there, joint]
+                later_s = np.clip(time_s + lead_s, time_s[0], time_s[-1])
+                beyond_s = time_s + lead_s - later_s
+                slope = np.interp(later_s, time_s, slopes[:, joint])
+                leading[there, joint] = (
+                    np.interp(later_s, time_s, speeds) + beyond_s * slope
+                )
+    return replace(campaign, poses=replace(poses, speeds_rad_s=leading))
 
 
 def undecimated(adjustment: Adjustment, campaign: Campaign) -> Adjustment:
