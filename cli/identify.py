@@ -26,7 +26,7 @@ from traverse.plurals import counted
 if TYPE_CHECKING:
     from traverse.lab.campaign.campaign import Campaign
     from traverse.lab.identification.identify import Options
-    from traverse.lab.outcomes.progress import Iteration
+    from traverse.lab.outcomes.adjustment import Iteration
 
 
 def identify(

@@ -132,12 +132,12 @@ PLANTED = {
         ("lab/artefacts/planted.py", "traverse.lab.campaign.campaign"),
     ],
     "modules of the adjustment": [
-        ("lab/adjustment/equations.py", "traverse.lab.adjustment.linearise"),
+        ("lab/adjustment/equations.py", "traverse.lab.adjustment.system"),
         ("lab/adjustment/noise.py", "traverse.lab.adjustment.parameters"),
     ],
     "the adjustment is used": [
         ("lab/diagnosis/model/planted.py", "traverse.lab.adjustment.solve"),
-        ("lab/identification/collect.py", "traverse.lab.adjustment.rank"),
+        ("lab/identification/solution.py", "traverse.lab.adjustment.system"),
     ],
     "the diagnosis needs no": [
         (

@@ -19,10 +19,10 @@ from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.adjustment import ArmValues, Network
 from traverse.lab.adjustment import Problem as Posed
 from traverse.lab.adjustment.datum import with_datum
-from traverse.lab.adjustment.linearise import linearise
+from traverse.lab.adjustment.equations import Station
 from traverse.lab.adjustment.parameters import arm_parameters
 from traverse.lab.adjustment.problem import State
-from traverse.lab.adjustment.station import Station
+from traverse.lab.adjustment.system import linearise
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.poses import Poses
 from traverse.simulator.campaigns import CampaignSpec, draw_noise, make_poses

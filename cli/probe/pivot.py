@@ -16,7 +16,7 @@ from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
 from traverse.kinematics.probing.pivot import Pivot, fit_pivot
 from traverse.lab.campaign.campaign import Campaign, read_campaign
-from traverse.lab.report.plain_values import picked
+from traverse.lab.report.quantities import picked
 from traverse.plurals import counted
 from traverse.strict_toml.arm_text import arm_text
 from traverse.strict_toml.problems import FileError, Problem

@@ -9,7 +9,7 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm, Probe
 from traverse.kinematics.uncertainty.arm_covariance import parameter_names
-from traverse.lab.adjustment.linearise import System, linearise
+from traverse.lab.adjustment.equations import Station
 from traverse.lab.adjustment.noise import Noise
 from traverse.lab.adjustment.parameters import ArmValues
 from traverse.lab.adjustment.pose_statistics import (
@@ -18,10 +18,8 @@ from traverse.lab.adjustment.pose_statistics import (
     predicted,
 )
 from traverse.lab.adjustment.problem import Network, State
-from traverse.lab.adjustment.rank import RankDecision, decide_rank
-from traverse.lab.adjustment.station import Station
-from traverse.lab.outcomes.covariance import CartesianCovariance
-from traverse.lab.outcomes.progress import Iteration
+from traverse.lab.adjustment.system import RankDecision, System, decide_rank, linearise
+from traverse.lab.outcomes.adjustment import CartesianCovariance, Iteration
 from traverse.lab.statistics.distributions import normal_quantile
 
 # Determined directions that tell how far an arm is from its design.

@@ -19,13 +19,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
-from traverse.lab.adjustment.equations import WhiteRows
-from traverse.lab.adjustment.linearise import System
+from traverse.lab.adjustment.equations import Station, WhiteRows
 from traverse.lab.adjustment.noise import VarianceSums
 from traverse.lab.adjustment.parameters import ArmValues
 from traverse.lab.adjustment.problem import Network, State
-from traverse.lab.adjustment.rank import Elimination
-from traverse.lab.adjustment.station import Station
+from traverse.lab.adjustment.system import Elimination, System
 from traverse.lab.statistics.distributions import (
     equivalent_normal,
     median_of_chi_square,

@@ -10,6 +10,7 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.adjustment.datum import with_datum
 from traverse.lab.adjustment.effect_model import effect_model
+from traverse.lab.adjustment.equations import sorted_stations
 from traverse.lab.adjustment.noise import Noise, VarianceModel, a_priori_noise
 from traverse.lab.adjustment.parameters import (
     ArmValues,
@@ -19,7 +20,6 @@ from traverse.lab.adjustment.parameters import (
     masked,
 )
 from traverse.lab.adjustment.problem import Network
-from traverse.lab.adjustment.station import sorted_stations
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.prior import Prior
 

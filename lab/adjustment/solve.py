@@ -18,15 +18,16 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.lab.adjustment.adjusted import Adjustment, design_spread
-from traverse.lab.adjustment.linearise import (
+from traverse.lab.adjustment.parameters import ArmValues
+from traverse.lab.adjustment.problem import Network, State
+from traverse.lab.adjustment.system import (
+    RankDecision,
     System,
+    decide_rank,
     linearise,
     sum_of_squares,
 )
-from traverse.lab.adjustment.parameters import ArmValues
-from traverse.lab.adjustment.problem import Network, State
-from traverse.lab.adjustment.rank import RankDecision, decide_rank
-from traverse.lab.outcomes.progress import Iteration, Progress
+from traverse.lab.outcomes.adjustment import Iteration, Progress
 
 MOST_ITERATIONS = 200
 # Of a step: more and more damped up to a square of singular values, then halved.

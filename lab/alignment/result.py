@@ -27,12 +27,12 @@ from traverse.lab.outcomes.alignment import (
     alignment_outcome,
 )
 from traverse.lab.outcomes.base import Outcome, outcome_json
-from traverse.lab.report.plain_values import picked
 from traverse.lab.report.provenance import (
     ReportProvenance,
     ReportSource,
     report_provenance,
 )
+from traverse.lab.report.quantities import picked
 from traverse.lab.report.templates import Words
 from traverse.lab.statistics.distributions import GLOBAL_LEVEL, GlobalTest
 

@@ -1,33 +1,44 @@
 """The kinds of artefacts: one file and one entry here each."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from importlib import import_module
 
 from pydantic import ConfigDict, field_validator
 
 from traverse.lab.artefacts.artefact import Artefact
-from traverse.lab.artefacts.ball_bar import BallBar
-from traverse.lab.artefacts.cone import Cone
-from traverse.lab.artefacts.draw_wire import DrawWire
-from traverse.lab.artefacts.parallel_planes import ParallelPlanes
-from traverse.lab.artefacts.plane import Plane
-from traverse.lab.artefacts.points import Points
-from traverse.lab.artefacts.seats import Seats
-from traverse.lab.artefacts.sphere import Sphere
 from traverse.strict_toml.problems import unknown_name_message
 from traverse.strict_toml.reader import StrictModel, tuples_for_lists
 
 __all__ = ["ARTEFACT_KINDS", "Artefact", "ArtefactTable", "artefact_from_table"]
 
-ARTEFACT_KINDS: Mapping[str, type[Artefact]] = {
-    "cone": Cone,
-    "seats": Seats,
-    "ball_bar": BallBar,
-    "sphere": Sphere,
-    "plane": Plane,
-    "parallel_planes": ParallelPlanes,
-    "points": Points,
-    "draw_wire": DrawWire,
-}
+
+class _Kinds(Mapping[str, type[Artefact]]):
+    """Classes by kind; a module is imported when its class is first asked for."""
+
+    _CLASSES: Mapping[str, str] = {
+        "cone": "Cone",
+        "seats": "Seats",
+        "ball_bar": "BallBar",
+        "sphere": "Sphere",
+        "plane": "Plane",
+        "parallel_planes": "ParallelPlanes",
+        "points": "Points",
+        "draw_wire": "DrawWire",
+    }
+
+    def __getitem__(self, kind: str) -> type[Artefact]:
+        name = self._CLASSES[kind]
+        of_kind: type[Artefact] = getattr(import_module(f"{__name__}.{kind}"), name)
+        return of_kind
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._CLASSES)
+
+    def __len__(self) -> int:
+        return len(self._CLASSES)
+
+
+ARTEFACT_KINDS = _Kinds()
 
 
 class ArtefactTable(StrictModel):

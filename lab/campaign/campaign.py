@@ -1,7 +1,8 @@
 """A campaign: what was measured for identification or diagnosis, as arrays."""
 
+import csv
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -126,6 +127,18 @@ class Campaign:
         artefact = int(self.poses.artefacts[at])
         feature = self.feature_names[artefact][int(self.poses.features[at])]
         return spreadsheet_cell(self.artefacts[artefact].id), spreadsheet_cell(feature)
+
+    def write_table(
+        self, path: Path, header: Sequence[str], cells: Callable[[int], list[str]]
+    ) -> None:
+        """Write a CSV table, a line a pose: what was touched, and further cells."""
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["line", "artefact", "feature", *header])
+            writer.writerows(
+                [line, *self.touched_cells(at), *cells(at)]
+                for at, line in enumerate(self.poses.lines.tolist())
+            )
 
     def block(
         self, poses: Poses | None = None, angles_rad: Floats | None = None

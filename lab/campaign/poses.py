@@ -166,3 +166,8 @@ def evenly(rows: Integers, most: int) -> Integers:
     """Take so many at most, from the first to the last."""
     places = np.linspace(0, len(rows) - 1, min(len(rows), most))
     return rows[places.astype(np.int64)]
+
+
+def texts(numbers: Floats) -> list[str]:
+    """Write numbers as cells, empty for NaN."""
+    return ["" if np.isnan(number) else f"{number:.6g}" for number in numbers]

@@ -33,7 +33,7 @@ from traverse.lab.certificates.xml import (
     schema_problems,
     xml_bytes,
 )
-from traverse.lab.report.checksums import sums_of, sums_problems, write_sums
+from traverse.lab.report.provenance import sums_of, sums_problems, write_sums
 from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.reader import read_strict

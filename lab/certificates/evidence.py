@@ -37,10 +37,9 @@ from traverse.lab.identification.results.files import (
 )
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.measured_points.reading import files_read, measured_campaign
-from traverse.lab.outcomes.covariance import COVARIANCE_FILE
-from traverse.lab.report.checksums import sums_of
-from traverse.lab.report.plain_values import differences
-from traverse.lab.report.provenance import digest_of_files
+from traverse.lab.outcomes.adjustment import COVARIANCE_FILE
+from traverse.lab.report.provenance import digest_of_files, sums_of
+from traverse.lab.report.quantities import differences
 from traverse.lab.report.templates import Filters, MissingValueError, page
 from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import FileError

@@ -21,8 +21,7 @@ from traverse.lab.identification.results.files import (
     IDENTIFICATION_FILES,
 )
 from traverse.lab.measured_points.reading import files_read
-from traverse.lab.report.checksums import SUMS, sums_problems
-from traverse.lab.report.provenance import digest_of_files
+from traverse.lab.report.provenance import SUMS, digest_of_files, sums_problems
 from traverse.protocol.signed_points import checked_points, points_of_lines
 from traverse.recording.reader import read_recording
 from traverse.recording.run_reader import RunReader

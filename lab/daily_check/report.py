@@ -18,8 +18,8 @@ from traverse.lab.outcomes.daily_check import (
     JudgedFigure,
     daily_check_outcome,
 )
-from traverse.lab.report.plain_values import picked
 from traverse.lab.report.provenance import ReportSource, report_provenance
+from traverse.lab.report.quantities import picked
 from traverse.lab.report.templates import Words
 from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import FileError

@@ -21,16 +21,15 @@ from traverse.lab.adjustment import (
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.first_moments import with_first_moments
 from traverse.lab.identification.certificates import without_wrong_certificates
-from traverse.lab.identification.collect import collected
-from traverse.lab.identification.results.orientations import rms_rad
-from traverse.lab.identification.results.result import Identification
-from traverse.lab.identification.solution import Solution, Start, Weighted
-from traverse.lab.identification.stream_noise import serial_noise
-from traverse.lab.identification.wrong_orientations import (
+from traverse.lab.identification.results.orientations import (
     are_inverse,
+    rms_rad,
     without_wrong_orientations,
 )
-from traverse.lab.outcomes.progress import Progress
+from traverse.lab.identification.results.result import Identification
+from traverse.lab.identification.solution import Solution, Start, Weighted, collected
+from traverse.lab.identification.stream_noise import serial_noise
+from traverse.lab.outcomes.adjustment import Progress
 from traverse.strict_toml.reader import StrictModel
 
 __all__ = ["IdentificationError", "Options", "identify"]

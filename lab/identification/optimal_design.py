@@ -14,8 +14,7 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.lab.adjustment import Adjustment, Network
-from traverse.lab.artefacts.artefact import Touches
-from traverse.lab.artefacts.touching import postures_touching
+from traverse.lab.artefacts.artefact import Touches, postures_touching
 from traverse.lab.campaign.campaign import Campaign
 
 _N_SECTORS = 36

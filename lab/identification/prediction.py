@@ -17,7 +17,7 @@ from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.kinematics.effects.pose import pose_flags
 from traverse.lab.adjustment import Options, Problem
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.campaign.pose_cells import texts, write_poses
+from traverse.lab.campaign.poses import texts
 from traverse.lab.identification.identify import identify
 from traverse.lab.identification.results.orientations import (
     Mounting,
@@ -273,7 +273,7 @@ def write_prediction(result: Prediction, path: Path) -> None:
         header += [f"orientation_{axis}_rad" for axis in "xyz"]
         columns.append(result.orientation_errors_rad)
     values = np.column_stack(columns)
-    write_poses(path, result.campaign, header, lambda at: texts(values[at]))
+    result.campaign.write_table(path, header, lambda at: texts(values[at]))
 
 
 def holdout_figures(

@@ -1,8 +1,10 @@
-"""What the steps of an identification hand on: its start, its solution, its weights."""
+"""What the steps of an identification hand on, and the result collected of it."""
 
 from dataclasses import dataclass, replace
 
-from traverse.arrays import Booleans
+import numpy as np
+
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.adjustment import (
     Adjustment,
@@ -10,14 +12,39 @@ from traverse.lab.adjustment import (
     IteratedAdjustment,
     Noise,
     Options,
+    PoseStatistics,
     Problem,
     adjust_iteratively,
 )
+from traverse.lab.artefacts.artefact import Artefact, Length
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.certificates import ContactShift, Contradiction
+from traverse.lab.identification.certificates import (
+    ContactShift,
+    Contradiction,
+    lost_poses,
+)
+from traverse.lab.identification.optimal_design import (
+    joint_coverage,
+    most_helpful_poses,
+)
+from traverse.lab.identification.results.orientations import (
+    WrongOrientation,
+    orientation_result,
+)
+from traverse.lab.identification.results.result import (
+    ArtefactResult,
+    EstimatedLength,
+    ExcludedPose,
+    Identification,
+    ParameterEstimate,
+)
+from traverse.lab.identification.results.undetermined import (
+    undetermined_directions,
+    weak_directions,
+)
 from traverse.lab.identification.stream_noise import SerialNoise
-from traverse.lab.identification.wrong_orientations import WrongOrientation
-from traverse.lab.outcomes.progress import Iteration, Progress
+from traverse.lab.outcomes.adjustment import Iteration, Progress
+from traverse.lab.statistics.distributions import global_test, variance_factor
 from traverse.lab.statistics.outlier_clusters import ExcludedCluster
 
 # Of a hypothesis: a wrong one creeps, a right one is there by then.
@@ -108,3 +135,181 @@ class Weighted:
     redundancy: int
     serial: SerialNoise | None = None
     samples_per_square: float = 1.0
+
+
+def collected(start: Start, solution: Solution, weighted: Weighted) -> Identification:
+    """Put the result of an adjustment into figures."""
+    campaign, run = solution.campaign, solution.run
+    adjustment, included = weighted.adjustment, solution.run.included
+    test = global_test(
+        weighted.sigma0,
+        weighted.redundancy / weighted.samples_per_square,
+        noise_estimated=run.noise_estimated,
+    )
+    factor = variance_factor(weighted.sigma0, test)
+    of_design = adjustment.deviations_of_design(solution.design)
+    covariance = adjustment.covariance(factor, solution.design)
+    estimates = parameter_estimates(adjustment, solution.design, covariance)
+    names = campaign.joint_names
+    zeros_rad = solution.begin.geometry.zeros_rad
+    return Identification(
+        arm=adjustment.arm_as_estimated(start.arm),
+        design=start.source,
+        campaign=campaign,
+        adjustment=adjustment,
+        converged=adjustment.converged,
+        iterations=weighted.iterations,
+        sigma0=weighted.sigma0,
+        redundancy=weighted.redundancy,
+        global_test=test,
+        variance_factor=factor,
+        noise=adjustment.network.noise,
+        serial_noise=weighted.serial,
+        rms_before_mm=start.rms_before_mm,
+        rms_after_mm=adjustment.network.rms_mm(adjustment.state),
+        parameters=estimates,
+        covariance=covariance,
+        cartesian=adjustment.cartesian_covariance(covariance),
+        undetermined=undetermined_directions(adjustment),
+        weak=weak_directions(adjustment, factor),
+        artefacts=artefact_results(adjustment, run.statistics, factor, of_design),
+        statistics=run.statistics,
+        included=included,
+        excluded=tuple(
+            ExcludedPose(
+                int(campaign.poses.lines[at]),
+                float(run.statistics.w[at]),
+                run.excluded_part(int(at)),
+            )
+            for at in np.flatnonzero(~included)
+        ),
+        alternating=tuple(campaign.poses.lines[run.alternating].tolist()),
+        critical_w=run.critical,
+        coverage=joint_coverage(campaign, np.flatnonzero(included)),
+        condition_number=condition_number(adjustment),
+        contradictions=solution.contradictions,
+        contact_shift=solution.contact_shift,
+        wrong_signs=tuple(names[joint] for joint in start.reversed_joints),
+        lost_poses=lost_poses(campaign, run),
+        clusters=solution.clusters,
+        suggestions=most_helpful_poses(adjustment, start.options.n_suggestions),
+        zero_offsets_rad=zeros_rad - start.design.geometry.zeros_rad,
+        options=start.options,
+        orientations=orientation_result(
+            adjustment,
+            start.campaign,
+            used=included & campaign.poses.oriented,
+            rms_before_rad=start.orientation_rms_before_rad,
+            squares_of_parts=run.statistics.variances.of_parts,
+            stds={entry.name: entry.std for entry in estimates},
+            excluded=solution.wrong_orientations,
+        ),
+    )
+
+
+# Redundancy of a certificate below which nothing else says what it says.
+_INDEPENDENT = 1e-9
+
+
+def parameter_estimates(
+    adjustment: Adjustment, design: ArmValues, covariance: Floats
+) -> tuple[ParameterEstimate, ...]:
+    """List the free parameters, as changes in the design's basis."""
+    parameters = adjustment.network.parameters
+    changes = parameters.coordinates(adjustment.state.arm, design)[parameters.free]
+    variances = np.diag(covariance)
+    normal = np.sum(adjustment.system.upper[:, :-1] ** 2, axis=0)
+    products = normal * np.sum(adjustment.split.inverse**2, axis=1)
+    safe = np.where(products > 0.0, products, np.inf)
+    controllability = np.clip(1.0 / safe, 0.0, 1.0)
+    return tuple(
+        ParameterEstimate(name, float(value), unit_name, float(std), float(control))
+        for name, value, unit_name, std, control in zip(
+            parameters.free_names,
+            changes,
+            parameters.free_units,
+            np.sqrt(np.maximum(variances, 0.0)),
+            controllability,
+            strict=True,
+        )
+    )
+
+
+def artefact_results(
+    adjustment: Adjustment, statistics: PoseStatistics, factor: float, of_design: Floats
+) -> tuple[ArtefactResult, ...]:
+    """Summarise the result of every artefact, given `deviations_of_design`."""
+    network, results = adjustment.network, []
+    for at, station in enumerate(network.stations):
+        artefact, unknowns = station.artefact, adjustment.state.unknowns[at]
+        everyone = np.flatnonzero(network.campaign.poses.artefacts == station.index)
+        rms_mm, mean_distance_mm = _sizes(statistics, station.poses, artefact)
+        rms_all_mm, mean_distance_all_mm = _sizes(statistics, everyone, artefact)
+        results.append(
+            ArtefactResult(
+                id=artefact.id,
+                kind=artefact.kind,
+                n_poses=len(station.poses),
+                rms_mm=rms_mm,
+                mean_distance_mm=mean_distance_mm,
+                n_all=len(everyone),
+                rms_all_mm=rms_all_mm,
+                mean_distance_all_mm=mean_distance_all_mm,
+                lengths=tuple(
+                    _estimated_length(adjustment, at, length, factor, of_design)
+                    for length in artefact.lengths(unknowns)
+                ),
+                contact_mm=float(network.noise.contact_mm[station.index]),
+                place=artefact.place(unknowns),
+            )
+        )
+    return tuple(results)
+
+
+def condition_number(adjustment: Adjustment) -> float:
+    """Compute that of the arm's column-scaled system, as far as it is determined."""
+    columns = adjustment.system.upper[:, :-1]
+    if columns.shape[1] == 0 or adjustment.split.n_determined == 0:
+        return 1.0
+    sizes = np.linalg.norm(columns, axis=0)
+    values = np.linalg.svd(columns / np.where(sizes > 0.0, sizes, 1.0))[1]
+    return float(values[0] / values[adjustment.split.n_determined - 1])
+
+
+def _sizes(
+    statistics: PoseStatistics, poses: Integers, artefact: Artefact
+) -> tuple[float, float | None]:
+    """Return the rms of some misclosures, and of known points the mean length."""
+    own_mm = statistics.misclosures_mm[poses, : artefact.rows_per_pose]
+    rms_mm = float(np.sqrt(np.mean(own_mm**2)))
+    if artefact.kind != "points":
+        return rms_mm, None
+    return rms_mm, float(np.linalg.norm(own_mm, axis=1).mean())
+
+
+def _estimated_length(
+    adjustment: Adjustment, at: int, length: Length, factor: float, of_design: Floats
+) -> EstimatedLength:
+    """Estimate a length from everything but its own certificate, where possible.
+
+    With the misclosure v of the certificate, its standard deviation s and the
+    variance h s^2 of the adjusted length, the length without it is the certified one
+    plus v / (1 - h), of the variance s^2 h / (1 - h).
+    """
+    elimination = adjustment.system.eliminations[at]
+    by_unknowns = length.by_unknowns @ elimination.gain
+    arm = by_unknowns @ elimination.left @ adjustment.split.inverse
+    variance_mm2 = float(by_unknowns @ by_unknowns + arm @ arm)
+    held = by_unknowns @ elimination.left @ of_design
+    value_mm, row = length.value_mm, length.certificate_row
+    if row is not None:
+        station = adjustment.network.stations[at]
+        unknowns = adjustment.state.unknowns[at]
+        certificate = station.artefact.certificate(unknowns, station.touches)
+        redundancy = 1.0 - variance_mm2 / float(certificate.std_mm[row]) ** 2
+        if redundancy > _INDEPENDENT:
+            v_mm = float(certificate.misclosures_mm[row])
+            value_mm = value_mm - v_mm + v_mm / redundancy
+            variance_mm2 = variance_mm2 / redundancy
+    std_mm = float(np.sqrt(factor * variance_mm2 + held @ held))
+    return EstimatedLength(length.name, value_mm, std_mm)

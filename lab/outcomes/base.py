@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Generic, TypeVar
 
-from traverse.lab.report.plain_values import plain_values
+from traverse.lab.report.quantities import plain_values
 
 Evidence = TypeVar("Evidence")
 

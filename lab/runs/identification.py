@@ -21,9 +21,8 @@ from traverse.lab.identification.results.files import (
     write_result,
 )
 from traverse.lab.identification.results.result import Identification
-from traverse.lab.outcomes.progress import Progress
-from traverse.lab.report.checksums import SUMS, sums_of, write_sums
-from traverse.lab.report.provenance import ReportProvenance
+from traverse.lab.outcomes.adjustment import Progress
+from traverse.lab.report.provenance import SUMS, ReportProvenance, sums_of, write_sums
 from traverse.lab.runs.inputs import BreakdownError, broken_down, date_of
 from traverse.strict_toml.writing import write_atomically
 

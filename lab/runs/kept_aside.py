@@ -11,7 +11,7 @@ from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.holdout import SPLITS
 from traverse.lab.identification.prediction import holdout_figures
 from traverse.lab.identification.results.result import Identification
-from traverse.lab.outcomes.progress import Progress
+from traverse.lab.outcomes.adjustment import Progress
 from traverse.lab.runs.identification import identified
 from traverse.lab.runs.inputs import BreakdownError, broken_down
 

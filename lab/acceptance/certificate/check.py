@@ -18,13 +18,14 @@ from traverse.lab.acceptance.certificate.values import (
 from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
 from traverse.lab.acceptance.standards import STANDARDS, verified
 from traverse.lab.measured_points.reading import files_read, read_by_tool
-from traverse.lab.report.checksums import SUMS, sums_problems
-from traverse.lab.report.plain_values import differences
 from traverse.lab.report.provenance import (
+    SUMS,
     ReportSource,
     digest_of_files,
     report_provenance,
+    sums_problems,
 )
+from traverse.lab.report.quantities import differences
 from traverse.strict_toml.files import bytes_of, json_of
 from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.reader import read_strict

@@ -7,7 +7,7 @@ from traverse.lab.acceptance.certificate.check import CERTIFICATE, DATA, PAGES
 from traverse.lab.acceptance.certificate.page import certificate_page
 from traverse.lab.acceptance.certificate.pdf import certificate_pdf
 from traverse.lab.acceptance.certificate.values import SealedCertificate
-from traverse.lab.report.checksums import sums_of, write_sums
+from traverse.lab.report.provenance import sums_of, write_sums
 from traverse.strict_toml.writing import write_atomically
 
 

@@ -25,8 +25,8 @@ from traverse.lab.outcomes.acceptance import (
     acceptance_outcome,
 )
 from traverse.lab.outcomes.base import outcome_json
-from traverse.lab.report.plain_values import picked, plain_values
 from traverse.lab.report.provenance import ReportProvenance, utc_text
+from traverse.lab.report.quantities import picked, plain_values
 
 
 def administration_of(measured: Sequence[Measurement], arm: Arm) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.adjustment import Adjustment, adjust
-from traverse.lab.artefacts.touching import postures_touching
+from traverse.lab.artefacts.artefact import postures_touching
 from traverse.lab.campaign.poses import Poses
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.steps import step_columns

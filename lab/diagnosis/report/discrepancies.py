@@ -18,7 +18,7 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.lab.adjustment import Adjustment, Noise
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.campaign.pose_cells import texts, write_poses
+from traverse.lab.campaign.poses import texts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,4 +139,4 @@ def write_discrepancies(
             columns[f"{when}_{name}_rad"] = compared.reading_errors_rad(joint)[0]
     values = np.column_stack(list(columns.values()))
     header = ["part", *columns]
-    write_poses(path, campaign, header, lambda at: [parts[at], *texts(values[at])])
+    campaign.write_table(path, header, lambda at: [parts[at], *texts(values[at])])

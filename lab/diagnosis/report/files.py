@@ -28,14 +28,14 @@ from traverse.lab.diagnosis.model.result import (
 from traverse.lab.diagnosis.report.discrepancies import write_discrepancies
 from traverse.lab.diagnosis.report.page import report_page
 from traverse.lab.diagnosis.report.pictures import plots_of
-from traverse.lab.outcomes.base import outcome_json
-from traverse.lab.outcomes.covariance import (
+from traverse.lab.outcomes.adjustment import (
     COVARIANCE_FILE,
     CartesianCovariance,
     write_covariance,
 )
-from traverse.lab.report.plain_values import picked, plain_values
+from traverse.lab.outcomes.base import outcome_json
 from traverse.lab.report.provenance import ReportProvenance
+from traverse.lab.report.quantities import picked, plain_values
 from traverse.lab.statistics.distributions import global_test, variance_factor
 from traverse.strict_toml.arm_text import arm_text
 from traverse.strict_toml.files import bytes_of, text_of

@@ -38,7 +38,7 @@ from traverse.lab.diagnosis.scans.harmonics import (
 )
 from traverse.lab.diagnosis.search.forward_search import Progress, no_progress
 from traverse.lab.diagnosis.terms import verdict_of
-from traverse.lab.report.plain_values import picked
+from traverse.lab.report.quantities import picked
 
 # Of the probability of a false alarm: what the harmonics of all samples get.
 _SHARE = 0.1

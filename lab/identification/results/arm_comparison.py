@@ -16,7 +16,7 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.helmert.transformation import closed_helmert, skew_vector
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import geometry_from_arm
-from traverse.lab.report.plain_values import picked
+from traverse.lab.report.quantities import picked
 
 _SEED = 20_171_101
 _N_POSTURES = 5000

@@ -9,14 +9,14 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, write_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
-from traverse.lab.campaign.pose_cells import texts, write_poses
+from traverse.lab.campaign.poses import texts
 from traverse.lab.campaign.prior import family_json
 from traverse.lab.identification.results.evidence import outcome_of
 from traverse.lab.identification.results.result import ArtefactResult, Identification
+from traverse.lab.outcomes.adjustment import COVARIANCE_FILE, write_covariance
 from traverse.lab.outcomes.base import outcome_json
-from traverse.lab.outcomes.covariance import COVARIANCE_FILE, write_covariance
-from traverse.lab.report.plain_values import picked, plain_values
 from traverse.lab.report.provenance import ReportProvenance
+from traverse.lab.report.quantities import picked, plain_values
 from traverse.strict_toml.writing import write_atomically
 
 SCHEMA = "traverse/identification/1"
@@ -198,9 +198,8 @@ def _write_residuals(result: Identification, path: Path) -> None:
             left_out,
         )
         rest = np.column_stack([rest, *tests])
-    write_poses(
+    campaign.write_table(
         path,
-        campaign,
         header,
         lambda at: [*texts(numbers[at]), str(excluded[at]), *texts(rest[at])],
     )

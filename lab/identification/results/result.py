@@ -19,8 +19,7 @@ from traverse.lab.identification.optimal_design import JointCoverage, Suggestion
 from traverse.lab.identification.results.orientations import OrientationResult
 from traverse.lab.identification.results.undetermined import Undetermined, Weak
 from traverse.lab.identification.stream_noise import SerialNoise
-from traverse.lab.outcomes.covariance import CartesianCovariance
-from traverse.lab.outcomes.progress import Iteration
+from traverse.lab.outcomes.adjustment import CartesianCovariance, Iteration
 from traverse.lab.statistics.distributions import GlobalTest
 from traverse.lab.statistics.outlier_clusters import ExcludedCluster
 

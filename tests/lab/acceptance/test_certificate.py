@@ -22,11 +22,13 @@ from traverse.lab.acceptance.certificate.values import (
 from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.measured_points.reading import files_read, read_measured
-from traverse.lab.report.checksums import read_sums, sums_of, write_sums
 from traverse.lab.report.provenance import (
     ReportSource,
     digest_of_files,
+    read_sums,
     report_provenance,
+    sums_of,
+    write_sums,
 )
 from traverse.simulator.campaigns import write_campaign
 from traverse.simulator.campaigns.acceptance.poses import (

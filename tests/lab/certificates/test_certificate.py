@@ -27,7 +27,7 @@ from traverse.lab.certificates.evidence import (
 from traverse.lab.certificates.laboratory import Laboratory
 from traverse.lab.certificates.signature import SigningKey
 from traverse.lab.certificates.xml import indented, read_xml, schema_problems
-from traverse.lab.report.checksums import read_sums, sums_of, write_sums
+from traverse.lab.report.provenance import read_sums, sums_of, write_sums
 from traverse.simulator.campaigns import (
     NoiseTable,
     Points,

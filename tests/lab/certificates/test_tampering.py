@@ -18,7 +18,7 @@ from traverse.lab.certificates.signature import (
     read_certificate,
     read_signing_key,
 )
-from traverse.lab.report.checksums import read_sums, sums_of, write_sums
+from traverse.lab.report.provenance import read_sums, sums_of, write_sums
 from traverse.strict_toml.problems import FileError
 
 N_MUTATIONS = 200

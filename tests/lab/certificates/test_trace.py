@@ -14,7 +14,7 @@ from tests.results import ARM
 from tests.running import invoke
 from traverse.kinematics.arm_file.arm import arm_digest, read_arm, write_arm
 from traverse.lab.certificates.trace import Tracer
-from traverse.lab.report.checksums import SUMS, read_sums
+from traverse.lab.report.provenance import SUMS, read_sums
 from traverse.protocol.encoding import encode
 from traverse.recording.run_writer import Entry, RunHead, RunWriter
 from traverse.strict_toml.problems import FileError

@@ -10,7 +10,11 @@ from scipy import stats
 
 from tests.lab.simulated import DESIGN, DESIGN_ARM, bar, built, cones, simulate
 from traverse.lab.adjustment.equations import whiteners
-from traverse.lab.adjustment.rank import decide_rank, eliminate_unknowns, sequential_qr
+from traverse.lab.adjustment.system import (
+    decide_rank,
+    eliminate_unknowns,
+    sequential_qr,
+)
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.statistics.distributions import (
     chi_square_log_tail,

@@ -1,6 +1,7 @@
-"""The covariance of an arm over the components of its arm file, and its file."""
+"""Progress of an adjustment, and the covariance that it ends with, as a file."""
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,3 +39,27 @@ def write_covariance(cartesian: CartesianCovariance, path: Path) -> str:
         covariance=cartesian.covariance,
     )
     return hashlib.sha256(bytes_of(path)).hexdigest()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Iteration:
+    """Progress of an adjustment.
+
+    Attributes:
+        number: From 1.
+        sum_of_squares: Weighted, before the step.
+        rms_mm: Root mean square of all scalar misclosures, before the step.
+        step: Length of the whitened step, in standard deviations.
+        fraction: Of the step that was taken.
+        n_determined: Directions of the arm's parameters that count.
+    """
+
+    number: int
+    sum_of_squares: float
+    rms_mm: float
+    step: float
+    fraction: float
+    n_determined: int
+
+
+Progress = Callable[[Iteration], None]
