@@ -97,8 +97,7 @@ def diagnose(
         result = diagnosis[0]
         provenance = result.campaign.provenance(operator)
         lines = runs.write_diagnosed(diagnosis, arm, out, provenance, accept=accept)
-    from traverse.lab.diagnosis.model.outcome import outcome_of
-    from traverse.lab.diagnosis.report.files import diagnosis_json
+    from traverse.lab.diagnosis.report.outcome import diagnosis_json, outcome_of
 
     print_report(diagnosis_json(result, provenance), lines, as_json=as_json)
     end_by_state(outcome_of(result).state.value, strict=strict)
@@ -126,11 +125,12 @@ class _Progress:
 def _plan(arm: "Arm", campaign: "Campaign", *, as_json: bool) -> None:
     """Print what a campaign could detect, without its measured misclosures."""
     from traverse.lab.diagnosis.advice.minimal_detectable import planned
-    from traverse.lab.diagnosis.report.files import detectable_json
     from traverse.lab.diagnosis.report.names import (
         detectable_lines,
     )
+    from traverse.lab.diagnosis.report.outcome import detectable_sizes
     from traverse.lab.diagnosis.scans.decimation import decimated
+    from traverse.lab.report.quantities import plain_values
 
     with adjustment_errors():
         if campaign.is_stream:
@@ -142,4 +142,6 @@ def _plan(arm: "Arm", campaign: "Campaign", *, as_json: bool) -> None:
         "probability of 95 %, in the worst phase or direction"
     )
     lines = [head, *detectable_lines(plan)]
-    print_report({"detectable": detectable_json(plan)}, lines, as_json=as_json)
+    print_report(
+        {"detectable": plain_values(detectable_sizes(plan))}, lines, as_json=as_json
+    )

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.lab.diagnosis.model.result import Diagnosis, Status, Term, Verdict
+from traverse.lab.diagnosis.model.result import Diagnosis, Term
+from traverse.lab.outcomes.diagnosis import Status, Verdict
 
 Identity = tuple[str, str | None, int | None, str | None, str | None]
 Value = float | tuple[float, ...]

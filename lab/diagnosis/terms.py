@@ -13,16 +13,10 @@ from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import outlier_cluster
 from traverse.lab.diagnosis.model.fit import estimates_of
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-from traverse.lab.diagnosis.model.result import (
-    DiagnosisOptions,
-    Estimate,
-    HoldoutMisfit,
-    Status,
-    Term,
-    Verdict,
-)
+from traverse.lab.diagnosis.model.result import DiagnosisOptions, HoldoutMisfit, Term
 from traverse.lab.diagnosis.search.decision import Decision, NamedTerm
 from traverse.lab.diagnosis.search.forward_search import DECIDED, ScoredCandidate
+from traverse.lab.outcomes.diagnosis import Estimate, Status, Verdict
 from traverse.lab.statistics.outlier_clusters import ARTEFACT
 
 _LOG_10 = float(np.log(10.0))

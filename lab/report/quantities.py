@@ -92,10 +92,22 @@ def _digits(std: float) -> int:
     return int(np.clip(1 - np.floor(np.log10(std)), 0, 6))
 
 
+OMITTED = {"omitted": True}
+"""Metadata of a field of a dataclass that JSON leaves out where it is None."""
+
+
 def plain_values(value: Any) -> Any:  # noqa: ANN401 - as of json
-    """Write dataclasses as tables, arrays as lists, infinity and NaN as None."""
+    """Write dataclasses as tables, arrays as lists, infinity and NaN as None.
+
+    Fields that are `OMITTED` are left out where they are None.
+    """
     if is_dataclass(value):
-        return {f.name: plain_values(getattr(value, f.name)) for f in fields(value)}
+        entries = ((entry, getattr(value, entry.name)) for entry in fields(value))
+        return {
+            entry.name: plain_values(of_entry)
+            for entry, of_entry in entries
+            if of_entry is not None or not entry.metadata.get("omitted")
+        }
     if isinstance(value, Mapping):
         return {key: plain_values(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):

@@ -28,8 +28,9 @@ from traverse.lab.diagnosis.model.observation_equations import (
     coarseness,
     orthonormal_basis,
 )
-from traverse.lab.diagnosis.model.result import Diagnosis, Estimate, Term
+from traverse.lab.diagnosis.model.result import Diagnosis, Term
 from traverse.lab.first_moments import with_first_moments
+from traverse.lab.outcomes.diagnosis import Estimate
 
 # Moments of weight that the poses do not bear out wander; what is sound takes up to 51.
 _MOST_ITERATIONS = 60

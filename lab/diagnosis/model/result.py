@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
@@ -11,25 +10,11 @@ from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.lab.adjustment import Adjustment, IteratedAdjustment
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
+from traverse.lab.outcomes.diagnosis import Estimate, Status, Verdict
 from traverse.lab.statistics.outlier_clusters import Cluster
 
-Status = Literal["named", "tentative", "unknown"]
 # A gap below that many standard deviations of S is none to speak of.
 _LEAST_GAP = 3.0
-
-Verdict = Literal["clean", "named", "tentative", "unexplained", "unknown"]
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """A key of an effect as estimated, with its standard deviation, of the same shape.
-
-    A number, or a vector's components, or a spline's values.
-    """
-
-    value: float | tuple[float, ...]
-    std: float | tuple[float, ...]
-    unit: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,8 @@ import numpy as np
 
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.lab.diagnosis.model.candidate import Candidate
-from traverse.lab.diagnosis.model.result import Detectable, Diagnosis, Estimate, Term
+from traverse.lab.diagnosis.model.result import Detectable, Diagnosis, Term
+from traverse.lab.outcomes.diagnosis import Estimate
 from traverse.lab.report.quantities import often, quantity, shown_unit
 from traverse.lab.statistics.outlier_clusters import Cluster
 

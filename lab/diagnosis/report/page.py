@@ -5,8 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from traverse.lab.diagnosis.model.fit import terms_without_epoch
-from traverse.lab.diagnosis.model.outcome import outcome_of
-from traverse.lab.diagnosis.model.result import Diagnosis, Estimate
+from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report.names import (
     candidate_label,
     cluster_text,
@@ -17,7 +16,9 @@ from traverse.lab.diagnosis.report.names import (
     step_names,
     term_size_text,
 )
+from traverse.lab.diagnosis.report.outcome import outcome_of
 from traverse.lab.diagnosis.report.pictures import Plots
+from traverse.lab.outcomes.diagnosis import Estimate
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.report.templates import Filters, Words, page
 

@@ -36,7 +36,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     likeliest_serial_noise,
     serial_correlation,
 )
-from traverse.lab.diagnosis.model.result import Alternative, DiagnosisOptions, Status
+from traverse.lab.diagnosis.model.result import Alternative, DiagnosisOptions
 from traverse.lab.diagnosis.search.forward_search import (
     DECIDED,
     NAMED_BANKS,
@@ -53,6 +53,7 @@ from traverse.lab.diagnosis.search.forward_search import (
     refitted,
     scores_at,
 )
+from traverse.lab.outcomes.diagnosis import Status
 
 # Whoever is within this of the best belongs to the printed set.
 _SET = float(np.log(100.0))

@@ -12,8 +12,8 @@ from traverse.kinematics.arm_file.arm import write_arm
 from traverse.lab.adjustment.prepare import IdentificationError
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.lab.diagnosis.model.outcome import outcome_of
 from traverse.lab.diagnosis.report.files import write_diagnosis
+from traverse.lab.diagnosis.report.outcome import outcome_of
 from traverse.lab.diagnosis.report.page import summary_lines
 from traverse.lab.identification.identify import identify
 from traverse.lab.identification.report.page import WORDS

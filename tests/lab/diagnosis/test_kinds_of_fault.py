@@ -11,7 +11,7 @@ from tests.lab.simulated import Noise, arm_value, disturbed, seven_joints, simul
 from traverse.kinematics.arm_file.arm import Identification, effect_from_table
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.lab.diagnosis.model.outcome import outcome_of
+from traverse.lab.diagnosis.report.outcome import outcome_of
 from traverse.lab.outcomes.base import State
 
 COARSE = Noise(encoder_rad=5e-4, contact_mm=0.03)

@@ -26,10 +26,10 @@ from traverse.lab.diagnosis.model.result import HoldoutResult
 from traverse.lab.diagnosis.report.files import (
     accept_adapted,
     arm_with_provenance,
-    diagnosis_json,
     pose_parts,
     write_diagnosis,
 )
+from traverse.lab.diagnosis.report.outcome import diagnosis_json
 
 FILES = {
     "arm.toml",

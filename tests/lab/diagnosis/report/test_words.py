@@ -7,8 +7,7 @@ import pytest
 from tests.lab.diagnosis.diagnosed import clean, drifting, eccentric
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
-from traverse.lab.diagnosis.model.result import Alternative, Detectable, Estimate
-from traverse.lab.diagnosis.report.files import diagnosis_json
+from traverse.lab.diagnosis.model.result import Alternative, Detectable
 from traverse.lab.diagnosis.report.names import (
     candidate_label,
     detectable_lines,
@@ -16,8 +15,10 @@ from traverse.lab.diagnosis.report.names import (
     term_size,
     term_size_text,
 )
+from traverse.lab.diagnosis.report.outcome import diagnosis_json
 from traverse.lab.diagnosis.report.page import WORDS, summary_lines
 from traverse.lab.diagnosis.report.pictures import conditions
+from traverse.lab.outcomes.diagnosis import Estimate
 from traverse.lab.report.quantities import odds, probability_of_log, quantity
 
 

@@ -1,0 +1,459 @@
+"""The outcome of a diagnosis: what `diagnosis.json` holds, and what makes it good."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from traverse.lab.outcomes.base import (
+    Condition,
+    Established,
+    Outcome,
+    Shortfall,
+    State,
+    judge,
+)
+from traverse.lab.report.quantities import OMITTED, length_mm
+from traverse.plurals import counted
+
+Status = Literal["named", "tentative", "unknown"]
+Verdict = Literal["clean", "named", "tentative", "unexplained", "unknown"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedEffect:
+    """An effect by its keys in the arm file; something unknown by its covariate."""
+
+    kind: str
+    joint: str | None
+    order: int | None = None
+    cycles: float | None = None
+    component: str | None = None
+    covariate: str | None = None
+    artefact: str | None = field(default=None, metadata=OMITTED)
+    at_s: float | None = field(default=None, metadata=OMITTED)
+
+    @property
+    def name(self) -> str:
+        """In words for people: `encoder_harmonic 5 J3`."""
+        parts = (self.kind, self.component, self.order, self.joint, self.artefact)
+        words = " ".join(str(part) for part in parts if part is not None)
+        return words if self.covariate is None else f"{words} over {self.covariate}"
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A key of an effect as estimated, with its standard deviation, of the same shape.
+
+    A number, or a vector's components, or a spline's values.
+    """
+
+    value: float | tuple[float, ...]
+    std: float | tuple[float, ...]
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rival(NamedEffect):
+    """Another name that the data cannot exclude; an alias no poses can separate."""
+
+    log_bayes_factor: float
+    correlation: float
+    alias: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundTerm(NamedEffect):
+    """Something that the model lacked.
+
+    Attributes:
+        seen: Range of the covariate that a curve was seen in.
+        poses: Where left-out poses lie together, if it reports that.
+        held_out: How poses kept aside contradict the model, if it reports that.
+    """
+
+    status: Status
+    harmonic: int | None = field(default=None, metadata=OMITTED)
+    parameters: Mapping[str, Estimate]
+    log_bayes_factor: float
+    p_value: float
+    log10_p: float
+    alternatives: tuple[Rival, ...]
+    separate_by: str
+    accepted: bool
+    in_arm_file: bool
+    oversized: bool
+    negative: bool
+    helps: bool
+    seen: Mapping[str, float] | None = field(default=None, metadata=OMITTED)
+    poses: Mapping[str, Any] | None = field(default=None, metadata=OMITTED)
+    held_out: Mapping[str, Any] | None = field(default=None, metadata=OMITTED)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DetectableSize(NamedEffect):
+    """Minimal detectable size of an effect: `value` and `unit` of minimum and best."""
+
+    key: str
+    minimum: Mapping[str, Any] | None
+    best: Mapping[str, Any] | None
+    probe_mm: float
+    why: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leftover(NamedEffect):
+    """The largest finding of a bank when nothing more was added, and what it needed."""
+
+    bank: str
+    log10_p: float
+    threshold_log10_p: float
+
+
+@dataclass(frozen=True, slots=True)
+class BeforeAfter:
+    """A figure without any terms, and with those that count."""
+
+    before: float | None
+    after: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gap:
+    """How two models predict poses kept aside.
+
+    Attributes:
+        closed: Part of the gap that is closed; None: too little to say.
+        left_out: Lines that were left out.
+        without_blunders: The same without poses that contradict their neighbours.
+        with_all_terms: And with those terms, too, that are not written.
+    """
+
+    held_out_rms_mm: BeforeAfter
+    held_out_chi2: BeforeAfter
+    held_out_largest_mm: BeforeAfter
+    closed: float | None
+    n: int
+    n_poses: int
+    held_out_mean_distance_mm: BeforeAfter | None = field(
+        default=None, metadata=OMITTED
+    )
+    left_out: Sequence[Mapping[str, int]] | None = field(default=None, metadata=OMITTED)
+    without_blunders: "Gap | None" = field(default=None, metadata=OMITTED)
+    with_all_terms: "Gap | None" = field(default=None, metadata=OMITTED)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LedgerLine:
+    """Figures with an effect, or none, and all before it."""
+
+    effect: str | None
+    sigma0: float
+    held_out_rms_mm: float
+    held_out_chi2: float
+    without_blunders: Mapping[str, float] | None = field(default=None, metadata=OMITTED)
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOutPose:
+    """A pose that took no part in choosing, or in the last estimates."""
+
+    line: int
+    choosing: bool
+    final: bool
+    w: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiagnosisFigures:
+    """What a diagnosis found, as `diagnosis.json` has it.
+
+    Attributes:
+        visible: How many effects of the library the poses could have shown, `n` `of`.
+        times_stated_noise: Mean square of the poses kept aside where it is beyond.
+    """
+
+    verdict: Verdict
+    visible: Mapping[str, int]
+    terms: tuple[FoundTerm, ...]
+    sigma0: BeforeAfter
+    gap: Gap
+    excluded: tuple[LeftOutPose, ...]
+    orientations: Mapping[str, Any]
+    detectable: tuple[DetectableSize, ...]
+    ledger: tuple[LedgerLine, ...]
+    vetoed: bool
+    times_stated_noise: float | None
+    identified_anew: bool
+    leftovers: tuple[Leftover, ...]
+    noise: Mapping[str, Any]
+    seed: int
+    holdout_by: str
+    family: Mapping[str, Any] | None = field(default=None, metadata=OMITTED)
+    mass_distribution: Mapping[str, Any] | None = field(default=None, metadata=OMITTED)
+    tools: Mapping[str, Any] | None = field(default=None, metadata=OMITTED)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiagnosisEvidence:
+    """What the conditions look at: the figures, and what they rest on.
+
+    Attributes:
+        time_is_order: Whether the campaign has no times.
+        has_length: Whether a length is known in the campaign.
+        holds_scale: Whether the design's scale is held all the same.
+        was_identified: Whether the arm file was.
+        contradicted: Parameters of the family that the poses contradict, in sigmas.
+    """
+
+    figures: DiagnosisFigures
+    n_poses: int
+    time_is_order: bool
+    has_length: bool
+    holds_scale: bool
+    was_identified: bool
+    contradicted: Sequence[tuple[str, float]] = field(default=())
+
+
+def judge_diagnosis(evidence: DiagnosisEvidence) -> Outcome:
+    """Judge a diagnosis by the table of its conditions."""
+    return judge(CONDITIONS, evidence)
+
+
+Finding = Established | Sequence[Shortfall]
+
+# Standard deviations of a mean square of noise alone.
+_OPEN_GAP = 4.0
+_MANY_EXCLUDED = 0.1
+
+
+def _visible(evidence: DiagnosisEvidence) -> Finding:
+    visible = evidence.figures.visible
+    values = {"n_visible": visible["n"], "n_effects": visible["of"]}
+    if visible["n"] > 0:
+        return Established(values)
+    return [
+        Shortfall(
+            "These poses could show no effect of the library.",
+            "Measure more poses, in varied postures.",
+            values,
+            State.BAD,
+        )
+    ]
+
+
+def _named(evidence: DiagnosisEvidence) -> Finding:
+    counts = {
+        f"n_{status}": sum(term.status == status for term in evidence.figures.terms)
+        for status in ("named", "tentative", "unknown")
+    }
+    if counts["n_unknown"]:
+        return [
+            Shortfall(
+                "Something is missing that has no name.",
+                "Look at what joint, reading or artefact the report names.",
+                counts,
+                State.BAD,
+            )
+        ]
+    if counts["n_tentative"]:
+        return [
+            Shortfall(
+                "More than one name fits.",
+                "Measure what the report proposes to separate them.",
+                counts,
+            )
+        ]
+    return Established(counts)
+
+
+def _within_noise(evidence: DiagnosisEvidence) -> Finding:
+    figures = evidence.figures
+    gap, exceeded = (
+        figures.gap.without_blunders or figures.gap,
+        (figures.times_stated_noise),
+    )
+    chi2, rms_mm = gap.held_out_chi2.after, gap.held_out_rms_mm.after
+    values = {"held_out_chi2": chi2, "held_out_rms_mm": rms_mm}
+    if exceeded is not None:
+        beyond = (
+            f"What is left is {exceeded:.3g} times the mean square that the "
+            "stated noise explains"
+        )
+        if figures.verdict != "unexplained":
+            # Something was found that no arm file holds.
+            return [
+                Shortfall(
+                    f"{beyond}, by whatever the arm file cannot hold or does not have.",
+                    "Mend what was found, and measure again.",
+                    {**values, "times_stated": exceeded},
+                    State.BAD,
+                )
+            ]
+        return [
+            Shortfall(
+                f"{beyond}, without a pattern that any effect, curve or harmonic "
+                "describes: the noise is stated too small, or there is a fault without "
+                "a pattern.",
+                "Touch one place many times in one posture: if these points scatter as "
+                "stated, look for play, loose parts and whatever else the campaign has "
+                "no column for.",
+                {**values, "times_stated": exceeded},
+                State.BAD,
+            )
+        ]
+    if gap.n == 0 or chi2 is None or rms_mm is None:
+        return [
+            Shortfall(
+                "No pose could be kept aside, so that nothing proves the result.",
+                "Measure more poses.",
+            )
+        ]
+    if chi2 > 1.0 + _OPEN_GAP * float(np.sqrt(2.0 / gap.n)):
+        return [
+            Shortfall(
+                "The poses kept aside still differ from the model by "
+                f"{length_mm(rms_mm)} rms, {chi2:.2g} times the mean square "
+                "that noise explains: something is missing in the arm file.",
+                "Measure again, where the discrepancies are largest.",
+                values,
+            )
+        ]
+    return Established(values)
+
+
+def _helps(evidence: DiagnosisEvidence) -> Finding:
+    figures = evidence.figures
+    values = {
+        "held_out_chi2_before": figures.ledger[0].held_out_chi2,
+        "held_out_chi2_after": figures.ledger[-1].held_out_chi2,
+    }
+    if figures.vetoed:
+        return [
+            Shortfall(
+                "The poses kept aside are predicted worse with what was found than "
+                "without: nothing was added to the arm.",
+                "Measure again, or more.",
+                values,
+                State.BAD,
+            )
+        ]
+    if figures.identified_anew:
+        return [
+            Shortfall(
+                "The arm as identified, without what was found, predicts the poses "
+                "kept aside better than the one with it, and is what is written.",
+                "Measure again, or more.",
+                values,
+            )
+        ]
+    return Established(values)
+
+
+def _written(evidence: DiagnosisEvidence) -> Finding:
+    terms = evidence.figures.terms
+    named = [term for term in terms if term.status == "named" and not term.accepted]
+    of_artefacts = [term for term in named if term.artefact is not None]
+    unwritten = [term for term in named if term not in of_artefacts]
+    shortfalls = [
+        Shortfall(
+            f"The artefact {term.artefact} is at fault, not the arm.",
+            "Fasten it or state it rightly, and measure again.",
+        )
+        for term in of_artefacts
+    ]
+    shortfalls += [
+        Shortfall(
+            f"{term.name} is not in the adapted arm"
+            + (
+                ": poses kept aside are predicted no better with it."
+                if not term.helps
+                else "."
+            ),
+            "Do not expect the written arm to measure better by it.",
+        )
+        for term in unwritten
+    ]
+    why, remedy = (
+        "the campaign does not say when it began",
+        "Give start_utc in campaign.toml.",
+    )
+    if evidence.time_is_order:
+        why, remedy = "the times of poses are their order", "Give times of the poses."
+    shortfalls += [
+        Shortfall(
+            f"{term.name} is not written to the arm file: it is bound to "
+            f"time, and {why}.",
+            remedy,
+        )
+        for term in terms
+        if term.accepted and not term.in_arm_file
+    ]
+    n_written = sum(term.accepted for term in terms)
+    return shortfalls or Established({"n_written": n_written})
+
+
+def _scaled(evidence: DiagnosisEvidence) -> Finding:
+    """Look whether a length is known, here or where the arm was identified."""
+    if evidence.holds_scale:
+        return [
+            Shortfall(
+                "The measurements shrink the arm to a fraction of its design, whatever "
+                "was found: its scale is the design's.",
+                "Check arm file and campaign against each other, and measure again.",
+                state=State.BAD,
+            )
+        ]
+    if evidence.has_length or evidence.was_identified:
+        return Established({"from_campaign": evidence.has_length})
+    return [
+        Shortfall(
+            "The scale of the arm is undetermined: no length is known in this "
+            "campaign, and the arm file is a design. The written arm has the design's "
+            "scale.",
+            "Add a length standard, or diagnose an arm that was identified with one.",
+        )
+    ]
+
+
+def _agreeing(evidence: DiagnosisEvidence) -> Finding:
+    n_all, n_excluded = evidence.n_poses, len(evidence.figures.excluded)
+    values = {"n_left_out": n_excluded, "n_poses": n_all}
+    if n_excluded <= _MANY_EXCLUDED * n_all:
+        return Established(values)
+    return [
+        Shortfall(
+            f"{n_excluded} of {counted(n_all, 'pose')} contradict the others and took "
+            "no part.",
+            "Find out why before the arm is used.",
+            values,
+        )
+    ]
+
+
+def _in_family(evidence: DiagnosisEvidence) -> Finding:
+    if not evidence.contradicted:
+        return Established()
+    names = ", ".join(name for name, _ in evidence.contradicted)
+    file = (evidence.figures.family or {}).get("file")
+    return [
+        Shortfall(
+            f"The measurements contradict the family {file} in {names}.",
+            "Look whether the arm is of that family.",
+            {f"sigmas_of_{name}": sigmas for name, sigmas in evidence.contradicted},
+        )
+    ]
+
+
+CONDITIONS: tuple[Condition[DiagnosisEvidence], ...] = (
+    Condition("visible", "the poses could show effects", _visible),
+    Condition("named", "whatever is missing has one name", _named),
+    Condition("within_noise", "noise explains what is left", _within_noise),
+    Condition("helps", "poses kept aside are predicted no worse", _helps),
+    Condition("written", "everything that has a name is in the arm", _written),
+    Condition("scale", "the scale of the arm is known", _scaled),
+    Condition("agreeing", "nearly all poses agree", _agreeing),
+    Condition("in_family", "the arm is like its family", _in_family),
+)
+"""What has to be established for a diagnosis to be good."""
