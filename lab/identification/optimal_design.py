@@ -16,6 +16,7 @@ from traverse.arrays import Floats, Integers
 from traverse.lab.adjustment import Adjustment, Network
 from traverse.lab.artefacts.artefact import Touches, postures_touching
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.outcomes.identified import Suggestion
 
 _N_SECTORS = 36
 # Below this travel a joint is named as the cause of undetermined parameters.
@@ -71,23 +72,6 @@ _SEED = 3
 _TRIES_AN_ARTEFACT = 60
 _MOST_ARTEFACTS = 12
 _WIDER_RAD = np.radians(30.0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Suggestion:
-    """A pose worth measuring.
-
-    Attributes:
-        feature: Which feature; empty where there is only one.
-        angles_rad: Readings of the joints, (n_joints,).
-        variance_left: Mean variance of the probe after this pose and those before it
-            in the list, as a part of the present one.
-    """
-
-    artefact: str
-    feature: str
-    angles_rad: Floats
-    variance_left: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)

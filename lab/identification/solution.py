@@ -34,9 +34,7 @@ from traverse.lab.identification.results.orientations import (
 from traverse.lab.identification.results.result import (
     ArtefactResult,
     EstimatedLength,
-    ExcludedPose,
     Identification,
-    ParameterEstimate,
 )
 from traverse.lab.identification.results.undetermined import (
     undetermined_directions,
@@ -44,6 +42,7 @@ from traverse.lab.identification.results.undetermined import (
 )
 from traverse.lab.identification.stream_noise import SerialNoise
 from traverse.lab.outcomes.adjustment import Iteration, Progress
+from traverse.lab.outcomes.identified import ExcludedPose, ParameterEstimate
 from traverse.lab.statistics.distributions import global_test, variance_factor
 from traverse.lab.statistics.outlier_clusters import ExcludedCluster
 

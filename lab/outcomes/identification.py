@@ -18,6 +18,7 @@ from traverse.lab.outcomes.base import (
     State,
     judge,
 )
+from traverse.lab.outcomes.identified import ContradictedCertificate
 from traverse.lab.report.quantities import length_mm, probability
 from traverse.lab.statistics.distributions import GlobalTest
 from traverse.plurals import counted
@@ -49,24 +50,6 @@ _CHECK_FILE = (
     "Take the arm file that the campaign was measured with; check its units, signs and "
     "zeros, and the features of the poses."
 )
-
-
-@dataclass(frozen=True, slots=True)
-class ContradictedCertificate:
-    """A certificate that the measurements contradict.
-
-    Attributes:
-        length: What it certifies, such as `distance_mm`.
-        rivals: `artefact name` of others that explain the contradiction as well.
-    """
-
-    artefact: str
-    length: str
-    certified_mm: float
-    measured_mm: float
-    std_mm: float
-    sigmas: float
-    rivals: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,12 +294,12 @@ def _contradicted(entry: ContradictedCertificate) -> Shortfall:
     text = (
         f"The certificate of {entry.artefact} contradicts everything else by "
         f"{entry.sigmas:.3g} sigma: it says {entry.length.removesuffix('_mm')} "
-        f"{entry.certified_mm:.10g} mm, the measurements {entry.measured_mm:.4f} ± "
+        f"{entry.certified_mm:.10g} mm, the measurements {entry.value_mm:.4f} ± "
         f"{entry.std_mm:.4f} mm. It was left out."
     )
     remedy = "Correct the campaign file and identify again."
-    if entry.rivals:
-        rivals = " or ".join(entry.rivals)
+    if entry.or_else:
+        rivals = " or ".join(entry.or_else)
         text += (
             f" It may as well be {rivals} that is wrong: the measurements cannot tell."
         )
@@ -325,10 +308,10 @@ def _contradicted(entry: ContradictedCertificate) -> Shortfall:
         "artefact": entry.artefact,
         "length": entry.length,
         "certified_mm": entry.certified_mm,
-        "measured_mm": entry.measured_mm,
+        "measured_mm": entry.value_mm,
         "std_mm": entry.std_mm,
         "sigmas": entry.sigmas,
-        "rivals": list(entry.rivals),
+        "rivals": list(entry.or_else),
     }
     return Shortfall(text, remedy, values, State.BAD)
 

@@ -6,7 +6,6 @@ from traverse.lab.artefacts.artefact import Artefact
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.results.undetermined import combination
 from traverse.lab.outcomes.identification import (
-    ContradictedCertificate,
     Direction,
     IdentificationEvidence,
     IdentificationOutcome,
@@ -14,6 +13,7 @@ from traverse.lab.outcomes.identification import (
     SharedDeviation,
     identification_outcome,
 )
+from traverse.lab.outcomes.identified import ContradictedCertificate
 from traverse.lab.statistics.outlier_clusters import ExcludedCluster
 
 # Of the reach: a bar that is shorter carries little of a length.
@@ -58,7 +58,7 @@ def evidence_of(result: Identification) -> IdentificationEvidence:
         n_excluded=len(result.excluded),
         n_oriented=0 if turned is None else turned.n_measured,
         n_turned=0 if turned is None else len(turned.excluded),
-        certificates=_certificates(result),
+        certificates=contradicted_certificates(result),
         shared=None
         if shift is None
         else SharedDeviation(
@@ -129,22 +129,23 @@ def _undetermined(result: Identification) -> list[Direction]:
     ]
 
 
-def _certificates(result: Identification) -> list[ContradictedCertificate]:
-    contradicted = []
-    for entry in result.contradictions:
-        length = result.length_of(entry.artefact, entry.name)
-        contradicted.append(
-            ContradictedCertificate(
-                entry.artefact,
-                entry.name,
-                entry.certified_mm,
-                length.value_mm,
-                length.std_mm,
-                entry.evidence,
-                entry.rivals,
-            )
+def contradicted_certificates(
+    result: Identification,
+) -> tuple[ContradictedCertificate, ...]:
+    """List the certificates that contradict the rest, with what was measured."""
+    lengths = [result.length_of(e.artefact, e.name) for e in result.contradictions]
+    return tuple(
+        ContradictedCertificate(
+            artefact=entry.artefact,
+            length=entry.name,
+            certified_mm=entry.certified_mm,
+            value_mm=length.value_mm,
+            std_mm=length.std_mm,
+            sigmas=entry.evidence,
+            or_else=entry.rivals,
         )
-    return contradicted
+        for entry, length in zip(result.contradictions, lengths, strict=True)
+    )
 
 
 def _cluster(result: Identification, entry: ExcludedCluster) -> PosesAside:

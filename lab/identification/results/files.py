@@ -11,12 +11,21 @@ from traverse.kinematics.arm_file.arm import Arm, arm_digest, write_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.campaign.poses import texts
 from traverse.lab.campaign.prior import family_json
-from traverse.lab.identification.results.evidence import outcome_of
+from traverse.lab.identification.results.evidence import (
+    contradicted_certificates,
+    outcome_of,
+)
 from traverse.lab.identification.results.result import ArtefactResult, Identification
 from traverse.lab.outcomes.adjustment import COVARIANCE_FILE, write_covariance
 from traverse.lab.outcomes.base import outcome_json
+from traverse.lab.outcomes.identified import (
+    ExcludedTogether,
+    IdentificationFigures,
+    Undetermined,
+)
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.report.quantities import picked, plain_values
+from traverse.lab.statistics.outlier_clusters import ExcludedCluster
 from traverse.strict_toml.writing import write_atomically
 
 SCHEMA = "traverse/identification/1"
@@ -77,85 +86,84 @@ def identification_json(
 ) -> dict[str, Any]:
     """Put a result into the plain values of `identification.json`."""
     judged = outcome_of(result)
-    effects_mm = result.undetermined_effects_mm
-    masses = result.adjustment.mass_distribution()
-    values = {
+    return {
         "schema": SCHEMA,
         "provenance": (provenance or result.campaign.provenance()).values,
-        "inputs": {
+        **outcome_json(judged.outcome),
+        **plain_values(figures_of(result, judged.title)),
+    }
+
+
+def figures_of(result: Identification, verdict: str) -> IdentificationFigures:
+    """Collect what an identification found."""
+    effects_mm = result.undetermined_effects_mm.tolist()
+    return IdentificationFigures(
+        inputs={
             "arm_digest": arm_digest(result.design),
             **picked(result.options, "hold", "free"),
         },
-        **outcome_json(judged.outcome),
-        "verdict": judged.title,
-        "converged": result.converged,
-        "iterations": len(result.iterations),
-        "sigma0": result.sigma0,
-        "redundancy": result.redundancy,
-        "global_test": picked(
-            result.global_test, "p_value", "passed", "noise_estimated"
-        ),
-        "rms_mm": {"before": result.rms_before_mm, "after": result.rms_after_mm},
-        "parameters": result.parameters,
-        "undetermined": [
-            {"direction": entry.direction, "probe_mm": effect_mm, "why": entry.why}
+        verdict=verdict,
+        converged=result.converged,
+        iterations=len(result.iterations),
+        sigma0=result.sigma0,
+        redundancy=result.redundancy,
+        global_test=picked(result.global_test, "p_value", "passed", "noise_estimated"),
+        rms_mm={"before": result.rms_before_mm, "after": result.rms_after_mm},
+        parameters=result.parameters,
+        undetermined=[
+            Undetermined(entry.direction, effect_mm, entry.why)
             for entry, effect_mm in zip(result.undetermined, effects_mm, strict=True)
         ],
-        "weak": result.weak,
-        "artefacts": {entry.id: _artefact(entry) for entry in result.artefacts},
-        "tools": result.tools,
-        # Of an artefact that lost all poses none can be tested: `w` is null.
-        "excluded": result.excluded,
-        "orientations": result.orientations and result.orientations.values,
-        "holdout": result.holdout,
-        **family_json(result.campaign.prior),
-        **({"mass_distribution": masses} if masses else {}),
-        "alternating": result.alternating,
-        "contradictions": [
-            {
-                **picked(entry, "artefact", "certified_mm", length="name"),
-                **picked(entry, sigmas="evidence", or_else="rivals"),
-                **picked(
-                    result.length_of(entry.artefact, entry.name), "value_mm", "std_mm"
-                ),
-            }
-            for entry in result.contradictions
-        ],
-        "contact_shift": result.contact_shift
+        weak=result.weak,
+        artefacts={entry.id: _artefact(entry) for entry in result.artefacts},
+        tools=result.tools,
+        excluded=result.excluded,
+        orientations=result.orientations and result.orientations.values,
+        holdout=result.holdout,
+        mass_distribution=result.adjustment.mass_distribution() or None,
+        alternating=result.alternating,
+        contradictions=contradicted_certificates(result),
+        contact_shift=result.contact_shift
         and picked(result.contact_shift, "artefacts", "shift_mm", sigmas="evidence"),
-        "wrong_signs": result.wrong_signs,
-        "lost_poses": {
-            e.artefact: picked(e, "n_lost", n="n_poses") for e in result.lost_poses
+        wrong_signs=result.wrong_signs,
+        lost_poses={
+            entry.artefact: picked(entry, "n_lost", n="n_poses")
+            for entry in result.lost_poses
         },
-        "clusters": [
-            {
-                **picked(entry.cluster, "covariate", "joint", "artefact"),
-                # Null for an artefact.
-                **picked(entry.cluster, "low", "high", "n_excluded", n="n_poses"),
-                "log10_p": entry.cluster.log_p / np.log(10.0),
-                "taken_back": entry.taken_back,
-            }
-            for entry in result.clusters
-        ],
-        "still_moving": {} if result.converged else result.moving,
-        "noise": {
+        clusters=[_together(entry) for entry in result.clusters],
+        still_moving={} if result.converged else result.moving,
+        noise={
             "encoder_rad": result.noise.encoder_rad,
-            "contact_mm": {e.id: e.contact_mm for e in result.artefacts},
+            "contact_mm": {entry.id: entry.contact_mm for entry in result.artefacts},
         },
-        "serial_noise": result.serial_noise
+        serial_noise=result.serial_noise
         and picked(
             result.serial_noise, "lasts_s", "samples_per_mean", "samples_per_square"
         ),
-        "condition_number": result.condition_number,
-        "zero_offsets_rad": result.zero_offsets_rad,
-        "coverage": [
+        condition_number=result.condition_number,
+        zero_offsets_rad=result.zero_offsets_rad,
+        coverage=[
             picked(entry, "joint", "least_rad", "largest_rad", "part_of_turn")
             for entry in result.coverage
         ],
-        "suggestions": result.suggestions,
-    }
-    plain: dict[str, Any] = plain_values(values)
-    return plain
+        suggestions=result.suggestions,
+        **family_json(result.campaign.prior),
+    )
+
+
+def _together(entry: ExcludedCluster) -> ExcludedTogether:
+    place = entry.cluster
+    return ExcludedTogether(
+        covariate=place.covariate,
+        joint=place.joint,
+        artefact=place.artefact,
+        low=place.low,
+        high=place.high,
+        n_excluded=place.n_excluded,
+        n=place.n_poses,
+        log10_p=place.log_p / float(np.log(10.0)),
+        taken_back=entry.taken_back,
+    )
 
 
 def _artefact(entry: ArtefactResult) -> dict[str, Any]:

@@ -15,31 +15,19 @@ from traverse.lab.identification.certificates import (
     Contradiction,
     LostPoses,
 )
-from traverse.lab.identification.optimal_design import JointCoverage, Suggestion
+from traverse.lab.identification.optimal_design import JointCoverage
 from traverse.lab.identification.results.orientations import OrientationResult
-from traverse.lab.identification.results.undetermined import Undetermined, Weak
+from traverse.lab.identification.results.undetermined import Undetermined
 from traverse.lab.identification.stream_noise import SerialNoise
 from traverse.lab.outcomes.adjustment import CartesianCovariance, Iteration
+from traverse.lab.outcomes.identified import (
+    ExcludedPose,
+    ParameterEstimate,
+    Suggestion,
+    Weak,
+)
 from traverse.lab.statistics.distributions import GlobalTest
 from traverse.lab.statistics.outlier_clusters import ExcludedCluster
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterEstimate:
-    """One free parameter.
-
-    Attributes:
-        value: Change against the design, in the design's basis.
-        unit: rad, mm, or a term's own.
-        controllability: Which part of what the data say about it no other parameter
-            can take away, 0 to 1: 1 / (N_ii C_ii).
-    """
-
-    name: str
-    value: float
-    unit: str
-    std: float
-    controllability: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,19 +72,6 @@ class ArtefactResult:
     lengths: tuple[EstimatedLength, ...]
     contact_mm: float
     place: Mapping[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class ExcludedPose:
-    """A pose that contradicts the others: its line in the file, and its |w|.
-
-    Attributes:
-        part: What of it contradicts: "position", or "position and orientation".
-    """
-
-    line: int
-    w: float
-    part: str = "position"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

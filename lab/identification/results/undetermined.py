@@ -16,6 +16,7 @@ from traverse.lab.identification.optimal_design import (
     JointCoverage,
     joint_coverage,
 )
+from traverse.lab.outcomes.identified import Weak
 
 # Uncertainty beyond this part of its tolerance: the direction is called weak, and so is
 # one that moves the probe by more than ten contacts' noise.
@@ -48,25 +49,6 @@ class Undetermined:
     direction: dict[str, float]
     why: str
     is_scale: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Weak:
-    """A combination that the data determine poorly.
-
-    Attributes:
-        direction: As in `Undetermined`.
-        std: Standard deviation as a part of the plausible deviation.
-        probe_mm: Standard deviation that it causes at the probe: root mean square
-            over the travelled ranges, at least 120 degrees a joint, rigid motion
-            taken out.
-        why: The likely reason and the remedy.
-    """
-
-    direction: dict[str, float]
-    std: float
-    probe_mm: float
-    why: str
 
 
 def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:

@@ -23,12 +23,12 @@ from traverse.lab.identification.report.page import (
 )
 from traverse.lab.identification.results.evidence import outcome_of
 from traverse.lab.identification.results.result import (
-    ExcludedPose,
     Identification,
 )
 from traverse.lab.identification.results.undetermined import combination
 from traverse.lab.identification.uncertainty_map import UncertaintyMap
 from traverse.lab.outcomes.base import State
+from traverse.lab.outcomes.identified import ExcludedPose
 from traverse.lab.report.quantities import length_mm, probability
 from traverse.lab.statistics.distributions import GlobalTest
 
