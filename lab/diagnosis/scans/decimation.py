@@ -12,15 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from traverse.arrays import Floats, Integers
-from traverse.kinematics.arm_file.arm import Arm, effect_from_table
-from traverse.kinematics.effects.readings.rates import EncoderLatency
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.adjustment import Adjustment
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.campaign.campaign import Campaign, touching_stretches
-from traverse.lab.campaign.poses import evenly
-from traverse.lab.diagnosis.model.fit import Fit, fitted, with_effects
-from traverse.lab.first_moments import own_effects
+from traverse.lab.diagnosis.scans.delays import first_fit_with_delays
 
 
 def with_surface_directions(campaign: Campaign, every: Adjustment) -> Campaign:
@@ -46,7 +43,6 @@ def with_surface_directions(campaign: Campaign, every: Adjustment) -> Campaign:
 
 
 MOST_POSES = 2000
-_FIRST_POSES = 800
 # Below this correlation samples count as independent.
 _LEAST_CORRELATION = 0.02
 # Its decay is fitted where it is above this, at so many lags at least.
@@ -57,9 +53,6 @@ _MOST_LOOKED_AT = 100_000
 # Motion of the fastest joint over which the running mean is taken.
 _SAME_POSTURE_RAD = 1.0
 _LEAST_WINDOW = 20
-_LATE = EncoderLatency.kind
-# Of a latency: by how much later speeds are tried where it is longer than a sample.
-_LEADS = (0.0, 0.5, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,16 +89,7 @@ def decimated(
     """
     usual_s = _usual_s(campaign)
     stretches = touching_stretches(campaign, 1.5 * usual_s)
-    fit = _first_fit(campaign, arm)
-    latencies_s = _latencies_s(fit.arm)
-    late_s = np.array([latencies_s.get(name, 0.0) for name in campaign.joint_names])
-    if np.any(np.abs(late_s) > usual_s):
-        tried = [
-            with_leading_speeds(campaign, stretches, lead * late_s) for lead in _LEADS
-        ]
-        fits = [_first_fit(leading, fit.arm) for leading in tried]
-        at = int(np.argmin([fit.adjustment.sigma0 for fit in fits]))
-        campaign, fit = tried[at], fits[at]
+    campaign, fit = first_fit_with_delays(campaign, arm, stretches, usual_s)
     every = undecimated(fit.adjustment, campaign)
     network, state = every.network, every.state
     lasting = np.ones(len(campaign.artefacts), dtype=np.int64)
@@ -127,64 +111,6 @@ def decimated(
     )
 
 
-def _first_fit(campaign: Campaign, arm: Arm) -> Fit:
-    """Fit the arm and a latency of every joint to a few samples, spread evenly.
-
-    Strategy: what a late reading adds to misclosures follows the speed, smoothly from
-    sample to sample, so that it would pass for noise that lasts and leave too few
-    samples to find it by. Once latencies are estimated, only noise is left of it.
-    """
-    first = campaign.part(_spread(campaign))
-    if campaign.poses.speeds_rad_s is not None:
-        known = _latencies_s(arm)
-        added = tuple(
-            effect_from_table({"kind": _LATE, "joint": name, "latency_s": 0.0})
-            for name in campaign.joint_names
-            if name not in known
-        )
-        arm = with_effects(arm, (*own_effects(arm), *added))
-    return fitted(first, arm, np.ones(len(first.poses), dtype=np.bool_))
-
-
-def _latencies_s(arm: Arm) -> dict[str, float]:
-    """List the latencies of single joints that an arm has."""
-    return {
-        str(effect.joint): float(effect.values["latency_s"])
-        for effect in arm.effects
-        if effect.kind == _LATE and effect.joint is not None
-    }
-
-
-def with_leading_speeds(
-    campaign: Campaign, stretches: Integers, leads_s: Floats
-) -> Campaign:
-    """Take speeds from so much later samples of each stretch, (n_joints,).
-
-    Strategy: of a reading that is late by T the error is T times the mean speed since,
-    which is that of half of T later; a filter's is T times the speed that it shows. A
-    late reading's own speed is late as well, and over some milliseconds of a hand's
-    motion that is many times the noise: it would be left for whatever else can take it.
-    """
-    poses = campaign.poses
-    if poses.speeds_rad_s is None:
-        return campaign
-    leading = poses.speeds_rad_s.copy()
-    for stretch in np.unique(stretches):
-        there = np.flatnonzero(stretches == stretch)
-        if len(there) > 1:
-            time_s = poses.time_s[there]
-            slopes = np.gradient(poses.speeds_rad_s[there], time_s, axis=0)
-            for joint, lead_s in enumerate(leads_s.tolist()):
-                speeds = poses.speeds_rad_s[there, joint]
-                later_s = np.clip(time_s + lead_s, time_s[0], time_s[-1])
-                beyond_s = time_s + lead_s - later_s
-                slope = np.interp(later_s, time_s, slopes[:, joint])
-                leading[there, joint] = (
-                    np.interp(later_s, time_s, speeds) + beyond_s * slope
-                )
-    return replace(campaign, poses=replace(poses, speeds_rad_s=leading))
-
-
 def undecimated(adjustment: Adjustment, campaign: Campaign) -> Adjustment:
     """Put the equations of all samples where a fit of some of them ended.
 
@@ -199,16 +125,6 @@ def undecimated(adjustment: Adjustment, campaign: Campaign) -> Adjustment:
         network=replace(network, campaign=campaign, stations=known, weights=weights),
         state=replace(state, unknowns=unknowns, corrections=()),
     )
-
-
-def _spread(campaign: Campaign) -> Integers:
-    """Take as many samples from each artefact, evenly."""
-    indices = campaign.poses.artefacts
-    each = -(-_FIRST_POSES // len(campaign.artefacts))
-    chosen = [
-        evenly(np.flatnonzero(indices == index), each) for index in np.unique(indices)
-    ]
-    return np.sort(np.concatenate(chosen))
 
 
 def _usual_s(campaign: Campaign) -> float:

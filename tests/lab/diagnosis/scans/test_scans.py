@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from tests.simulator.campaigns.arms import seven_joint_arm
 from traverse.cli.__main__ import app
 from traverse.kinematics.arm_file.arm import effect_from_table, read_arm
-from traverse.lab.campaign.campaign import read_campaign
+from traverse.lab.campaign.campaign import campaign_of_places, read_campaign
 from traverse.lab.campaign.stream_table import senses_of, speeds_of, stretches_of
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import judge, project
@@ -20,6 +20,7 @@ from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.diagnosis.scans.decimation import decimated
+from traverse.lab.diagnosis.scans.delays import with_speeds_since
 from traverse.lab.diagnosis.scans.harmonics import first_significant, stream_harmonics
 from traverse.lab.diagnosis.scans.scan_diagnosis import diagnose_stream
 from traverse.simulator.campaigns.dense.scan import simulate_scan
@@ -227,3 +228,57 @@ def test_a_small_high_harmonic_shows_in_all_samples(tmp_path):
     ]
     # What is left is no more than chance.
     assert first_significant(found.harmonics, 1e-3) is None
+
+
+def with_late_joint(campaign, joint, n_samples):
+    """Shift a joint's readings, and the speeds that they show, to later samples."""
+    poses = campaign.poses
+    lines = poses.lines[n_samples:] - n_samples
+    kept = np.flatnonzero(lines == poses.lines[:-n_samples])
+    angles_rad, speeds = poses.angles_rad.copy(), poses.speeds_rad_s.copy()
+    for column in (angles_rad, speeds):
+        column[n_samples:, joint] = column[:-n_samples, joint].copy()
+    late = replace(poses, angles_rad=angles_rad, speeds_rad_s=speeds)
+    return replace(campaign, poses=late).part(n_samples + kept)
+
+
+def test_a_reading_that_is_late_by_samples_is_that_joints_latency_alone(folders):
+    arm, campaign = read(folders())
+    late = with_late_joint(campaign, joint=3, n_samples=3)
+    diagnosis = diagnose_stream(late, arm, OPTIONS).diagnosis
+    (term,) = diagnosis.terms
+    assert term.candidate.name == "encoder_latency J4"
+    assert diagnosis.verdict == "named"
+    assert term.estimates["latency_s"].value == pytest.approx(0.015, abs=2e-5)
+
+
+def test_speeds_since_the_instant_of_a_reading_turn_it_into_the_angle():
+    """Of motions in sines, whose angles are known at every instant."""
+    arm, campaign = seven_joint_arm(), stream_of_sines(late_s=0.013)
+    stretches = np.zeros(len(campaign.poses), dtype=np.int64)
+    late_s = np.array([0.0, 0.013, *np.zeros(len(arm.joints) - 2)])
+    led = with_speeds_since(campaign, stretches, late_s)
+    true_rad = 0.8 * np.sin(3.0 * campaign.poses.time_s)
+    corrected_rad = led.poses.angles_rad[:, 1] + 0.013 * led.poses.speeds_rad_s[:, 1]
+    assert np.max(np.abs(corrected_rad - true_rad)[:-3]) < 1e-7
+    as_shown_rad = campaign.poses.speeds_rad_s[:, 1] * 0.013
+    as_shown_rad += campaign.poses.angles_rad[:, 1]
+    assert np.max(np.abs(as_shown_rad - true_rad)) > 5e-4
+    assert np.array_equal(
+        led.poses.speeds_rad_s[:, 0], campaign.poses.speeds_rad_s[:, 0]
+    )
+
+
+def stream_of_sines(late_s):
+    arm = seven_joint_arm()
+    time_s = np.arange(400) / 200.0
+    shown_s = np.zeros((400, len(arm.joints)))
+    shown_s[:, 1] = time_s - late_s
+    campaign = campaign_of_places(
+        [joint.name for joint in arm.joints],
+        0.8 * np.sin(3.0 * shown_s),
+        np.zeros((400, 3)),
+    )
+    speeds_rad_s = 2.4 * np.cos(3.0 * shown_s)
+    poses = replace(campaign.poses, time_s=time_s, speeds_rad_s=speeds_rad_s)
+    return replace(campaign, poses=poses)
