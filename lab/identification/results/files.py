@@ -97,6 +97,8 @@ def identification_json(
 def figures_of(result: Identification, verdict: str) -> IdentificationFigures:
     """Collect what an identification found."""
     effects_mm = result.undetermined_effects_mm.tolist()
+    orientations, shift = result.orientations, result.contact_shift
+    serial = result.serial_noise
     return IdentificationFigures(
         inputs={
             "arm_digest": arm_digest(result.design),
@@ -118,13 +120,14 @@ def figures_of(result: Identification, verdict: str) -> IdentificationFigures:
         artefacts={entry.id: _artefact(entry) for entry in result.artefacts},
         tools=result.tools,
         excluded=result.excluded,
-        orientations=result.orientations and result.orientations.values,
+        orientations=None if orientations is None else orientations.values,
         holdout=result.holdout,
         mass_distribution=result.adjustment.mass_distribution() or None,
         alternating=result.alternating,
         contradictions=contradicted_certificates(result),
-        contact_shift=result.contact_shift
-        and picked(result.contact_shift, "artefacts", "shift_mm", sigmas="evidence"),
+        contact_shift=None
+        if shift is None
+        else picked(shift, "artefacts", "shift_mm", sigmas="evidence"),
         wrong_signs=result.wrong_signs,
         lost_poses={
             entry.artefact: picked(entry, "n_lost", n="n_poses")
@@ -136,10 +139,9 @@ def figures_of(result: Identification, verdict: str) -> IdentificationFigures:
             "encoder_rad": result.noise.encoder_rad,
             "contact_mm": {entry.id: entry.contact_mm for entry in result.artefacts},
         },
-        serial_noise=result.serial_noise
-        and picked(
-            result.serial_noise, "lasts_s", "samples_per_mean", "samples_per_square"
-        ),
+        serial_noise=None
+        if serial is None
+        else picked(serial, "lasts_s", "samples_per_mean", "samples_per_square"),
         condition_number=result.condition_number,
         zero_offsets_rad=result.zero_offsets_rad,
         coverage=[
