@@ -230,28 +230,6 @@ def test_a_small_high_harmonic_shows_in_all_samples(tmp_path):
     assert first_significant(found.harmonics, 1e-3) is None
 
 
-def with_late_joint(campaign, joint, n_samples):
-    """Shift a joint's readings, and the speeds that they show, to later samples."""
-    poses = campaign.poses
-    lines = poses.lines[n_samples:] - n_samples
-    kept = np.flatnonzero(lines == poses.lines[:-n_samples])
-    angles_rad, speeds = poses.angles_rad.copy(), poses.speeds_rad_s.copy()
-    for column in (angles_rad, speeds):
-        column[n_samples:, joint] = column[:-n_samples, joint].copy()
-    late = replace(poses, angles_rad=angles_rad, speeds_rad_s=speeds)
-    return replace(campaign, poses=late).part(n_samples + kept)
-
-
-def test_a_reading_that_is_late_by_samples_is_that_joints_latency_alone(folders):
-    arm, campaign = read(folders())
-    late = with_late_joint(campaign, joint=3, n_samples=3)
-    diagnosis = diagnose_stream(late, arm, OPTIONS).diagnosis
-    (term,) = diagnosis.terms
-    assert term.candidate.name == "encoder_latency J4"
-    assert diagnosis.verdict == "named"
-    assert term.estimates["latency_s"].value == pytest.approx(0.015, abs=2e-5)
-
-
 def test_speeds_since_the_instant_of_a_reading_turn_it_into_the_angle():
     """Of motions in sines, whose angles are known at every instant."""
     arm, campaign = seven_joint_arm(), stream_of_sines(late_s=0.013)
