@@ -2,6 +2,7 @@
 
 import ast
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from tests.docs.pages import CHECKOUT
@@ -22,10 +23,16 @@ def imported(path: Path) -> set[str]:
     return names
 
 
-def file_of(module: str) -> Path | None:
-    path = CHECKOUT.joinpath(*module.split("."))
-    files = path.with_suffix(".py"), path / "__init__.py"
-    return next((file for file in files if file.exists()), None)
+def files_of(module: str) -> Iterator[Path]:
+    """Files of a module of this project, and of the packages around it."""
+    parts = module.split(".")
+    if parts[0] not in ("tests", "traverse"):
+        return
+    names = parts[parts[0] == "traverse" :]
+    for n in range(1, len(names) + 1):
+        path = CHECKOUT.joinpath(*names[:n])
+        files = path.with_suffix(".py"), path / "__init__.py"
+        yield from (file for file in files if file.exists())
 
 
 def test_the_guest_s_programs_import_what_the_package_has():
@@ -40,10 +47,9 @@ def test_the_guest_s_programs_import_what_the_package_has():
     while waiting:
         path = waiting.pop()
         for module in imported(path):
-            file = file_of(module) if module.startswith("tests.") else None
-            if file is not None and file not in seen:
-                seen.add(file)
-                waiting.append(file)
+            new = set(files_of(module)) - seen
+            seen |= new
+            waiting += new
             if module.partition(".")[0] not in of_package | BY_PYTHON:
                 foreign.add((path.name, module))
     assert len(seen) > 12
