@@ -27,7 +27,7 @@ CONTROL = (
     "send",
 )
 COMMANDS = (
-    *("demo", "run", "watch", "page", "check", "artefact", "collect"),
+    *("demo", "run", "watch", "page", "check", "joints", "artefact", "collect"),
     *("identify", "predict", "diagnose", "verify", "certify", "trace"),
     *(
         "daily-check",

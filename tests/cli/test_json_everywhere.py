@@ -64,6 +64,7 @@ ELSEWHERE = {
         "tests/end_to_end/cli/test_control.py",
     ),
     **dict.fromkeys(("probe use", "send"), "tests/end_to_end/cli/test_control.py"),
+    "joints": "tests/cli/test_joints.py",
     "board test": "tests/cli/devices/test_board.py",
     "extensions": "tests/test_extensions.py",
     **dict.fromkeys(

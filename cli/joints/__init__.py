@@ -1,0 +1,1 @@
+"""`traverse joints`: guided bring-up of an arm's encoders."""
