@@ -95,15 +95,15 @@ def check_request(folders: Sequence[Path], request: Request) -> None:
         ValueError: Two are called the same, or there are results already.
     """
     results = [results_of(folder, request.out) for folder in folders]
-    for one in results:
-        if results.count(one) > 1:
+    for path in results:
+        if results.count(path) > 1:
             raise ValueError(
-                f"{results.count(one)} campaigns are called {one.name}; results are "
-                "kept by the names of their folders: rename them"
+                f"{results.count(path)} campaigns are called {path.name}; results are "
+                "kept by the names of their paths: rename them"
             )
-        if one.exists():
+        if path.exists():
             raise ValueError(
-                f"{one} is there; name another --out, or run those that have no "
+                f"{path} is there; name another --out, or run those that have no "
                 "results yet: --rest"
             )
 
@@ -181,8 +181,8 @@ def run_task(task: Task) -> Outcome:
 def _lines(task: Task, arm_file: Path, out: Path) -> tuple[list[str], bool]:
     """Run it; return its summary, and whether all is well with it."""
     if isinstance(task.options, DiagnosisOptions):
-        found = diagnosed(task.campaign, task.arm, task.options)
-        return write_diagnosed(found, arm_file, out, task.provenance), True
+        diagnosis = diagnosed(task.campaign, task.arm, task.options)
+        return write_diagnosed(diagnosis, arm_file, out, task.provenance), True
     result = identified(task.campaign, task.arm, task.options)
     lines = write_identified(result, out, task.provenance)
     return lines, outcome_of(result).outcome.state is not State.BAD

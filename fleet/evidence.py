@@ -81,9 +81,9 @@ def stored_checks(database: Database) -> dict[str, list[Check]]:
     """
     with database.transaction() as run:
         rows = run(_CHECKS)
-    found: dict[str, list[Check]] = {}
+    checks: dict[str, list[Check]] = {}
     for time_utc, arm, arm_digest, data_digest, begins, text in rows:
         figures = DailyCheckFigures(**json.loads(text))
         check = Check(time_utc, arm, arm_digest, data_digest, begins, figures)
-        found.setdefault(arm, []).append(check)
-    return found
+        checks.setdefault(arm, []).append(check)
+    return checks

@@ -55,7 +55,7 @@ def find_gaps(database: Database, now_ns: int) -> list[Gap]:
     """
     with database.transaction() as run:
         open_series = run(_OPEN)
-    found = []
+    gaps = []
     for arm, session, scan, last_seq, complete_to, known_ns in open_series:
         since_ns = known_ns or now_ns
         with database.transaction() as run:
@@ -65,8 +65,8 @@ def find_gaps(database: Database, now_ns: int) -> list[Gap]:
             if (mark, after_ns) != (complete_to, known_ns):
                 run(_UPDATE, (mark, after_ns, *place, mark))
         if missing:
-            found.append(Gap(*place, *_spanned(missing), since_ns))
-    return found
+            gaps.append(Gap(*place, *_spanned(missing), since_ns))
+    return gaps
 
 
 def _spanned(missing: list[tuple[int, int]]) -> tuple[int, int]:
@@ -85,13 +85,13 @@ def _missing(
     """Return up to where it is complete, and what is missing behind that."""
     arm, session, scan = place
     if scan:
-        there = run(_BLOCKS, (arm, session, scan, first_seq - 1, _MOST_ROWS))
+        ranges = run(_BLOCKS, (arm, session, scan, first_seq - 1, _MOST_ROWS))
     else:
-        there = run(_POINTS, (arm, session, first_seq - 1, _MOST_ROWS))
-    if len(there) == _MOST_ROWS:
-        last_seq = min(last_seq, there[-1][0])
-    there += run(_LOST, (arm, session, scan, first_seq - 1))
-    gaps = list(_between(sorted(there), first_seq, last_seq))
+        ranges = run(_POINTS, (arm, session, first_seq - 1, _MOST_ROWS))
+    if len(ranges) == _MOST_ROWS:
+        last_seq = min(last_seq, ranges[-1][0])
+    ranges += run(_LOST, (arm, session, scan, first_seq - 1))
+    gaps = list(_between(sorted(ranges), first_seq, last_seq))
     mark = gaps[0][0] - 1 if gaps else last_seq
     return mark, gaps
 

@@ -316,9 +316,9 @@ class Member:
                     wait_again_s = min(2 * wait_again_s, LAST_WAIT_S)
             self._back()
             self.counts.stored += len(batch)
-            for one in batch:
-                if one.number:
-                    one.acknowledge(one.number)
+            for message in batch:
+                if message.number:
+                    message.acknowledge(message.number)
 
     def _away(self, reason: str) -> None:
         if not self._is_away:
@@ -413,9 +413,11 @@ class Member:
                 log.info("%s: %s", arm, error)
                 return None
 
-        found = await asyncio.gather(*map(answer, asked))
+        answers = await asyncio.gather(*map(answer, asked))
         return [
-            (arm, one) for arm, one in zip(asked, found, strict=True) if one is not None
+            (arm, given)
+            for arm, given in zip(asked, answers, strict=True)
+            if given is not None
         ]
 
     async def _write_off(

@@ -74,7 +74,7 @@ def overview_values(
         certificates = {row[0]: row[1:] for row in run(_CERTIFICATES)}
     reports = {arm: report_of(some) for arm, some in stored_checks(database).items()}
     names = sorted({*arms, *reports, *certificates, *counts})
-    found = []
+    arms_values = []
     for name in names:
         values = _arm_values(name, arms.get(name), now_ns)
         values["points_a_day"] = counts.get(name, [0] * DAYS)
@@ -91,18 +91,18 @@ def overview_values(
         values["drift"] = None if report is None else _drift(report)
         concerns = _concerns(values, report, now_ns)
         values["need"] = max(
-            (one.need for one in concerns), key=_RANKS.index, default="good"
+            (concern.need for concern in concerns), key=_RANKS.index, default="good"
         )
-        values["concerns"] = [one.text for one in concerns]
-        found.append(values)
-    found.sort(key=lambda one: (-_RANKS.index(one["need"]), one["arm"]))
-    heard = [one["heard_utc"] for one in found if one["heard_utc"]]
+        values["concerns"] = [concern.text for concern in concerns]
+        arms_values.append(values)
+    arms_values.sort(key=lambda of_arm: (-_RANKS.index(of_arm["need"]), of_arm["arm"]))
+    heard = [of_arm["heard_utc"] for of_arm in arms_values if of_arm["heard_utc"]]
     values = {
         "schema": SCHEMA,
         "time_utc": _utc(now_ns),
         "database": database.name,
         "heard_utc": max(heard, default=None),
-        "arms": found,
+        "arms": arms_values,
     }
     return values, reports
 
@@ -133,7 +133,8 @@ def _arm_values(name: str, row: tuple[Any, ...] | None, now_ns: int) -> dict[str
     online, state, session, model, version, at_ns, status, heard_ns, warm_c, unsent = (
         row
     )
-    heard_ns = max((one for one in (at_ns, heard_ns) if one is not None), default=None)
+    times_ns = [time_ns for time_ns in (at_ns, heard_ns) if time_ns is not None]
+    heard_ns = max(times_ns, default=None)
     is_silent = heard_ns is None or now_ns - heard_ns > SILENT_S * 1e9
     return {
         "arm": name,
@@ -156,31 +157,33 @@ def _alarms(status: bytes | None) -> list[str]:
         latest = decode(Status, bytes(status))
     except MessageError:  # of a version to come
         return []
-    return [f"{one.source}: {one.text}" for one in latest.alarms]
+    return [f"{alarm.source}: {alarm.text}" for alarm in latest.alarms]
 
 
 def _concerns(
     values: dict[str, Any], report: DailyCheckReport | None, now_ns: int
 ) -> list[Concern]:
     """List what is not as it should be."""
-    found = []
+    concerns = []
     state = values["state"]
     if state == "silent":
-        found.append(Concern("bad", f"says nothing since {values['heard_utc']}"))
+        concerns.append(Concern("bad", f"says nothing since {values['heard_utc']}"))
     elif state == "never heard":
-        found.append(Concern("doubt", "has never been heard by a member of the store"))
+        concerns.append(
+            Concern("doubt", "has never been heard by a member of the store")
+        )
     elif state != "ready":
         state = {"doubt": "in doubt"}.get(state, state)
-        found.append(Concern("doubt", f"is {state}"))
-    found += [Concern("bad", alarm) for alarm in values["alarms"]]
+        concerns.append(Concern("doubt", f"is {state}"))
+    concerns += [Concern("bad", alarm) for alarm in values["alarms"]]
     if values["numbers_lost"]:
-        found.append(Concern("bad", f"{values['numbers_lost']} points are lost"))
+        concerns.append(Concern("bad", f"{values['numbers_lost']} points are lost"))
     if values["series_incomplete"]:
-        found.append(Concern("doubt", "points are missing and have been asked for"))
+        concerns.append(Concern("doubt", "points are missing and have been asked for"))
     if report is None:
-        found.append(Concern("doubt", "no daily check is known"))
+        concerns.append(Concern("doubt", "no daily check is known"))
     else:
-        found += [
+        concerns += [
             Concern(
                 "bad" if reason.state is State.BAD else "doubt",
                 f"daily check: {reason.text}",
@@ -191,11 +194,11 @@ def _concerns(
         last = datetime.fromisoformat(report.checks[-1].time_utc)
         days = (now_ns / 1e9 - last.timestamp()) / 86_400
         if days > CHECK_DAYS:
-            found.append(Concern("doubt", f"last daily check {days:.0f} days ago"))
+            concerns.append(Concern("doubt", f"last daily check {days:.0f} days ago"))
     certificate = values["certificate"]
     if certificate is not None and certificate["verdict"] == "reject":
-        found.append(Concern("bad", "the last verification rejected it"))
-    return found
+        concerns.append(Concern("bad", "the last verification rejected it"))
+    return concerns
 
 
 def overview_page(
@@ -204,7 +207,9 @@ def overview_page(
     refresh_s: int | None = None,
 ) -> str:
     """Make the page, in one file; the browser may load it anew so often."""
-    checked = [one["arm"] for one in values["arms"] if one["arm"] in reports]
+    checked = [
+        name for name in (arm["arm"] for arm in values["arms"]) if name in reports
+    ]
     charts = [(arm, chart_png(reports[arm])) for arm in checked[:MOST_CHARTS]]
     return page(
         "fleet/overview.jinja", {}, values=values, charts=charts, refresh_s=refresh_s

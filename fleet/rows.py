@@ -174,14 +174,14 @@ def listed_series(database: Database, arm: str, listed: Mapping[str, Any]) -> No
     scans = [StoredScan.read(given) for given in listed.get("scans", ())]
     rows = [
         *(
-            (arm, one.session, "", one.begun_ns, one.last_seq)
-            for one in StoredSession.read_all(listed)
-            if one.last_seq is not None
+            (arm, series.session, "", series.begun_ns, series.last_seq)
+            for series in StoredSession.read_all(listed)
+            if series.last_seq is not None
         ),
         *(
-            (arm, one.session, one.scan, one.begun_ns, one.last_block_seq)
-            for one in scans
-            if one.last_block_seq is not None
+            (arm, series.session, series.scan, series.begun_ns, series.last_block_seq)
+            for series in scans
+            if series.last_block_seq is not None
         ),
     ]
     with database.transaction() as run:

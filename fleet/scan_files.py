@@ -56,13 +56,13 @@ class ScanFiles:
         for block in blocks:
             began = datetime.fromtimestamp(block.time_ns // 10**9, UTC)
             by_day.setdefault(f"{began:%Y-%m-%d}", []).append(block)
-        found = []
+        written = []
         for day, some in by_day.items():
             folder = f"arm={quote(arm, safe='')}/day={day}"
             name = f"{folder}/{self._member}-{next(self._numbers)}.parquet"
             self._write(name, pa.concat_tables(map(_table, some)))
-            found += [(block, name) for block in some]
-        return found
+            written += [(block, name) for block in some]
+        return written
 
     def _write(self, name: str, table: pa.Table) -> None:
         path = f"{self._root}/{name}"

@@ -47,8 +47,8 @@ class Store:
             self._write(batch)
         except BadValueError as error:
             if len(batch) > 1:  # the others are good
-                for one in batch:
-                    self.write([one])
+                for message in batch:
+                    self.write([message])
                 return
             with self._database.transaction() as run:
                 self._refuse(run, batch[0], str(error))
@@ -77,19 +77,19 @@ class Store:
     def _unknown(self, arm: str, blocks: Sequence[Scan]) -> list[Scan]:
         """Leave out what is stored, or here twice."""
         by_scan: dict[tuple[str, str], list[int]] = {}
-        for one in blocks:
-            by_scan.setdefault((one.session, one.scan), []).append(one.seq)
+        for block in blocks:
+            by_scan.setdefault((block.session, block.scan), []).append(block.seq)
         known: set[tuple[str, str, int]] = set()
         with self._database.transaction() as run:
             for scan, seqs in by_scan.items():
-                found = run(_KNOWN_BLOCKS, (arm, *scan, min(seqs), max(seqs)))
-                known.update((*scan, seq) for (seq,) in found)
+                stored_seqs = run(_KNOWN_BLOCKS, (arm, *scan, min(seqs), max(seqs)))
+                known.update((*scan, seq) for (seq,) in stored_seqs)
         left = []
-        for one in blocks:
-            place = (one.session, one.scan, one.seq)
+        for block in blocks:
+            place = (block.session, block.scan, block.seq)
             if place not in known:
                 known.add(place)
-                left.append(one)
+                left.append(block)
         return left
 
     def _refuse(self, run: Run, message: IncomingMessage, reason: str) -> None:

@@ -73,7 +73,7 @@ class Workers:
         Raises:
             WorkersError: The cluster cannot be used, or went away.
         """
-        waiting = ((one, 0) for one in given)
+        waiting = ((item, 0) for item in given)
         suspects: deque[tuple[Given, int]] = deque()
         is_over = False
         while not is_over:
@@ -81,8 +81,8 @@ class Workers:
             with self._pool() as pool:
                 while True:
                     # After a death one at a time, to see whose it was.
-                    alone = suspects or any(deaths for _, deaths in going.values())
-                    free = (1 if alone else _AHEAD * pool.n_workers()) - len(going)
+                    is_single = suspects or any(deaths for _, deaths in going.values())
+                    free = (1 if is_single else _AHEAD * pool.n_workers()) - len(going)
                     source = drained(suspects) if suspects else waiting
                     for entry in islice(source, max(free, 0)):
                         going[_submitted(pool.executor, function, entry[0])] = entry
@@ -95,13 +95,13 @@ class Workers:
                     for future in ended:
                         made = _result(future, pool.deaths)
                         yield going.pop(future)[0], made
-            for future, (one, deaths) in going.items():
+            for future, (item, deaths) in going.items():
                 if not _is_broken(future):
-                    yield one, future.result()
+                    yield item, future.result()
                 elif deaths + 1 == _MOST_DEATHS:
-                    yield one, _died()
+                    yield item, _died()
                 else:
-                    suspects.append((one, deaths + 1))
+                    suspects.append((item, deaths + 1))
 
     @contextmanager
     def _pool(self) -> "Iterator[_Pool]":

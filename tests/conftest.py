@@ -15,11 +15,14 @@ from typing import Any
 
 import hypothesis
 import pytest
+from xdist.scheduler import LoadFileScheduling
 
 from tests import programs, shared, warm_start
 from tests.mosquitto import Mosquitto
 
 GRACE_S = 2.0
+# Folders of files that compute for many seconds.
+LONG = ("lab/diagnosis", "lab/identification")
 LINKS = pytest.StashKey[Path]()
 SHARED = pytest.StashKey["TemporaryDirectory[str]"]()
 # How long an example takes says how busy this machine is. Many more examples are run
@@ -149,10 +152,25 @@ def no_task_is_left(
         request.getfixturevalue("_no_task")
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadFileScheduling:
+    """Give each worker a file at a time; those of the browser, which starts once."""
+    return FileScheduling(config, log)
+
+
+class FileScheduling(LoadFileScheduling):
+    """A worker's next tests: those of a file, or of the folder `browser`."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        before, browser, _ = nodeid.partition("/browser/")
+        return before if browser else super()._split_scope(nodeid)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Spread the files of every folder: those that wait among those that compute.
 
-    Workers take file by file in this order, so that cores are busy until the end.
+    Workers take file by file in this order, so that cores are busy until the end. What
+    takes longest is not last.
     """
     for item in items:
         for group in _needed(item) - programs.groups().keys():
@@ -162,11 +180,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             )
     folders: dict[str, dict[Path, None]] = {}
     for item in items:
-        folder = os.path.relpath(item.path, Path(__file__).parent).partition("/")[0]
+        parts = item.path.relative_to(Path(__file__).parent).parts
+        folder = "/".join(parts[:2]) if "/".join(parts[:2]) in LONG else parts[0]
         folders.setdefault(folder, {})[item.path] = None
     ranks = {
-        path: at / len(files)
-        for files in folders.values()
+        path: at / len(files) * (0.6 if folder in LONG else 1.0)
+        for folder, files in folders.items()
         for at, path in enumerate(files)
     }
     items.sort(key=lambda item: (ranks[item.path], item.path))

@@ -25,6 +25,9 @@ from traverse.lab.artefacts.artefact import (
 PLACE_SCALE_MM = 1000.0
 RADIUS_SCALE_MM = 1000.0
 _STEPS = 20
+# Where most centres are farther off than this part of the extent after so many steps,
+# they lie on no sphere: with wrong signs or zeros of joints, which are tried by dozens.
+_HOPELESS, _STEPS_OF_HOPE = 0.2, 4
 # Steps end below this part of the extent: a starting value needs no more.
 _SETTLED = 1e-9
 _FAR = 0.5  # of the radius: such a centre is on no such sphere
@@ -121,10 +124,13 @@ def polished(
         is_known: Whether the radius stays.
         lengths: Beyond which the radius counts, (n_poses,).
     """
-    for _ in range(_STEPS):
+    hopeless = _HOPELESS * float(np.abs(local).max())
+    for at in range(_STEPS):
         away, units = distances(local, centre)
         residuals = away - lengths - radius
         scale = max(float(np.median(np.abs(residuals))), 1e-9)
+        if at == _STEPS_OF_HOPE and scale > hopeless:
+            break
         weights = 1.0 / np.sqrt(1.0 + (residuals / (3.0 * scale)) ** 2)
         columns = [-units] if is_known else [-units, -np.ones((len(local), 1))]
         design = weights[:, np.newaxis] * np.hstack(columns)

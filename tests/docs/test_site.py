@@ -123,7 +123,8 @@ def test_every_command_is_followed_by_the_options_of_its_help(site: Path) -> Non
 
 
 @pytest.mark.needs("chromium")
-async def test_search_works_from_files_and_asks_nobody(site: Path) -> None:
+async def test_pages_work_in_a_browser_from_files(site: Path) -> None:
+    """The search asks nobody; a console is copied without prompts and answers."""
     asked: list[str] = []
     async with async_playwright() as playwright:
         browser = await playwright.chromium.launch(
@@ -135,17 +136,6 @@ async def test_search_works_from_files_and_asks_nobody(site: Path) -> None:
         await page.locator("input.md-search__input").fill("outbox")
         first = page.locator(".md-search-result__item h1").first
         await expect(first).to_have_text("Outbox", timeout=20_000)
-        await browser.close()
-    assert all(url.startswith(("file:", "data:", "blob:")) for url in asked), asked
-
-
-@pytest.mark.needs("chromium")
-async def test_a_console_is_copied_without_prompts_and_answers(site: Path) -> None:
-    async with async_playwright() as playwright:
-        browser = await playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
-        )
-        page = await browser.new_page()
         await page.goto((site / "tutorial" / "first-light.html").as_uri())
         block = page.locator(".highlight code", has_text="mosquitto_pub -t test")
         # What the site's button does before it takes the text.
@@ -153,4 +143,5 @@ async def test_a_console_is_copied_without_prompts_and_answers(site: Path) -> No
             "it => { it.setAttribute('data-md-copying', ''); return it.innerText }"
         )
         await browser.close()
+    assert all(url.startswith(("file:", "data:", "blob:")) for url in asked), asked
     assert copied.strip() == "mosquitto_pub -t test -m hello && echo works"

@@ -15,6 +15,8 @@ from traverse.lab.outcomes.base import State
 from traverse.lab.outcomes.identification import CONDITIONS
 
 QUICK = Options(n_suggestions=0)
+# Without the search for zeros and signs, which takes seconds and helps nothing.
+NO_SEARCH = replace(QUICK, coarse_start=False)
 BALL = {"id": "ball", "kind": "sphere", "radius_mm": 25.4}
 TABLES = [*cones(2), bar(), BALL]
 
@@ -55,8 +57,7 @@ def test_another_arms_file_is_bad_and_makes_no_arm_file():
         for at, joint in enumerate(DESIGN_ARM.joints)
     )
     other = DESIGN_ARM.model_copy(update={"joints": joints})
-    # Without the search for zeros and signs, which takes seconds and helps nothing.
-    options = replace(QUICK, coarse_start=False, snooping=False)
+    options = replace(NO_SEARCH, snooping=False)
     result = identify(simulate(built(3), TABLES, 12, 7), other, options)
     judged = outcome_of(result)
     assert judged.outcome.state is State.BAD
@@ -155,7 +156,7 @@ def test_an_arm_that_is_far_from_its_design_is_in_doubt():
     links_mm = true.links_mm.copy()
     links_mm[3] += [0.0, 0.0, 60.0]
     campaign = simulate(replace(true, links_mm=links_mm), TABLES, 30, 7)
-    judged = outcome_of(identify(campaign, DESIGN_ARM, QUICK))
+    judged = outcome_of(identify(campaign, DESIGN_ARM, NO_SEARCH))
     assert "design" in judged.outcome.codes
     (reason,) = [one for one in judged.outcome.reasons if one.code == "design"]
     assert reason.values["parameter"].startswith("J4.link")

@@ -18,7 +18,7 @@ from tests.lab.simulated import (
 )
 from tests.running import invoke
 from traverse.lab.campaign.campaign_file import Tool
-from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.diagnose import DiagnosisOptions, diagnose
 from traverse.lab.diagnosis.report.files import write_diagnosis
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.prediction import placed, places_of, predict
@@ -194,7 +194,7 @@ def eccentric(campaign, joint, size_rad):
 @pytest.mark.parametrize("joint", [1, pytest.param(5, marks=pytest.mark.slow)])
 def test_an_effect_is_named_from_poses_with_several_tools(joint, tmp_path):
     campaign = eccentric(measured(["", "low", "far"], 60), joint, 1e-4)
-    found = diagnose(campaign, arm_value(TRUE))
+    found = diagnose(campaign, arm_value(TRUE), DiagnosisOptions(n_draws=200))
     (term,) = found.terms
     assert term.status == "named"
     assert (term.candidate.kind, term.candidate.joint) == (
