@@ -40,8 +40,8 @@ def effect():
 
 def with_kind():
     """A campaign of an arm that has it, and the arm."""
-    found = measured().with_effect(effect())
-    return replace(found.campaign, start_utc=START), found.arm
+    measurement = measured().with_effect(effect())
+    return replace(measurement.campaign, start_utc=START), measurement.arm
 
 
 def walk_arm_file():
@@ -64,15 +64,21 @@ def walk_identification():
     campaign, arm = with_kind()
     nothing = effect().model_copy(update=dict.fromkeys(VALUES, 0.0))
     design = arm.model_copy(update={"effects": (nothing,)})
-    found = identify(campaign, design, Options(free=(f"*{KIND}*",), n_suggestions=0))
-    assert found.arm.effects[0].values == pytest.approx(VALUES, abs=5e-6)
-    mine = {one.name: one.unit for one in found.parameters if KIND in one.name}
+    result = identify(campaign, design, Options(free=(f"*{KIND}*",), n_suggestions=0))
+    assert result.arm.effects[0].values == pytest.approx(VALUES, abs=5e-6)
+    mine = {
+        parameter.name: parameter.unit
+        for parameter in result.parameters
+        if KIND in parameter.name
+    }
     assert mine == {f"J3.{KIND}.cos_rad": "rad", f"J3.{KIND}.sin_rad": "rad"}
 
 
 def walk_candidates():
     bank = library_bank(measured().rows(), measured().arm)
-    joints = [one.joint for one in bank.candidates if one.kind == KIND]
+    joints = [
+        candidate.joint for candidate in bank.candidates if candidate.kind == KIND
+    ]
     assert joints == [f"J{k}" for k in range(1, 8)]
     entries = planned(measured().campaign, measured().arm)
     (mine,) = (e for e in entries if e.candidate.identity[:2] == (KIND, "J3"))
@@ -81,14 +87,14 @@ def walk_candidates():
 
 
 def walk_diagnosis():
-    found = diagnose(*with_kind(), DECISION)
-    (term,) = found.terms
+    diagnosis = diagnose(*with_kind(), DECISION)
+    (term,) = diagnosis.terms
     assert (term.candidate.kind, term.candidate.joint) == (KIND, "J3")
     assert candidate_label(term.candidate) == f"{LABEL}, joint J3"
     assert "µrad" in term_size_text(term)
-    assert LABEL in report_page(found, plots_of(found))
-    assert diagnosis_json(found)["terms"][0]["kind"] == KIND
-    assert found.adapted.effects[0].values == pytest.approx(VALUES, abs=5e-6)
+    assert LABEL in report_page(diagnosis, plots_of(diagnosis))
+    assert diagnosis_json(diagnosis)["terms"][0]["kind"] == KIND
+    assert diagnosis.adapted.effects[0].values == pytest.approx(VALUES, abs=5e-6)
 
 
 def walk_acceptance():

@@ -72,13 +72,13 @@ def made(tmp_path_factory):
     campaign = folder / "campaign.toml"
     campaign.write_text(stated(campaign.read_text("utf-8")), "utf-8")
     measured = read_measured(folder, arm)
-    found = verified([measured], "vdi2617-9", limits)
+    verification = verified([measured], "vdi2617-9", limits)
     files = {path.name: path.read_bytes() for path in files_read(folder)}
     files["arm.toml"] = ARM.read_bytes()
     files["limits.toml"] = LIMITS.encode()
     when = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
     return SealedCertificate(
-        found,
+        verification,
         arm,
         limits,
         files,

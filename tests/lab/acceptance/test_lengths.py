@@ -48,9 +48,9 @@ def test_two_seats_by_hand(kind):
         known = {"between": ("a", "b"), "distance_mm": 500.0}
         bar = artefact("L", "seats", distances=(known,))
     data = measured((bar, touched))
-    found = errors_of(data, "L", "e_uni", limits())
-    assert [e.error_mm for e in found] == pytest.approx([0.01, -0.02, 0.0], abs=1e-12)
-    assert [e.repeat for e in found] == [1, 2, 3]
+    errors = errors_of(data, "L", "e_uni", limits())
+    assert [e.error_mm for e in errors] == pytest.approx([0.01, -0.02, 0.0], abs=1e-12)
+    assert [e.repeat for e in errors] == [1, 2, 3]
 
 
 def test_ball_bar_by_hand_with_expansion():
@@ -71,11 +71,11 @@ def test_ball_bar_by_hand_with_expansion():
             features += [feature] * 6
     data = measured((bar, touches(np.concatenate(places), features, 30.0)))
     standards = {"temperature_std_c": 0.1, "expansion_std_per_c": 1e-6}
-    found = errors_of(data, "L", "e_uni", limits(standards=standards))
-    assert [e.error_mm for e in found] == pytest.approx([0.003, -0.001], abs=1e-10)
+    errors = errors_of(data, "L", "e_uni", limits(standards=standards))
+    assert [e.error_mm for e in errors] == pytest.approx([0.003, -0.001], abs=1e-10)
     # 4e-4 of the certificate; 300 x 1e-6 x 10 = 3e-3; 300 x 1e-5 x 0.1 = 3e-4.
     expected = np.sqrt(4e-4**2 + 3e-3**2 + 3e-4**2)
-    assert found[0].standard_mm == pytest.approx(expected)
+    assert errors[0].standard_mm == pytest.approx(expected)
 
 
 def test_parallel_planes_by_hand():

@@ -69,21 +69,21 @@ def test_what_all_touches_share_moves_a_length_as_differences_say(kind):
     for _ in range(5):
         way = rng.normal(size=(len(entry[1]), 3, 1))
         data = with_errors(entry, 0.0, 1e-3 * way)
-        found = predicted_lengths(data, errors_of(data, "L", "e_uni", limits())[:1])
+        lengths = predicted_lengths(data, errors_of(data, "L", "e_uni", limits())[:1])
         places_mm, step = entry[1].places_mm, 1e-5 * way[..., 0]
         ends = [errors_mm(entry, places_mm + s * step)[0] for s in (1.0, -1.0)]
-        assert found.stds_mm[0] == pytest.approx(
+        assert lengths.stds_mm[0] == pytest.approx(
             1e-3 * abs(ends[0] - ends[1]) / 2e-5, rel=1e-5
         )
 
 
 def test_touches_alone_by_hand():
     data = with_errors(ENTRIES["seats"](), 1e-4, np.zeros((4, 3, 0)))
-    found = predicted_lengths(data, errors_of(data, "L", "e_uni", limits()))
-    assert found.stds_mm == pytest.approx([np.sqrt(2e-4)] * 2)
+    lengths = predicted_lengths(data, errors_of(data, "L", "e_uni", limits()))
+    assert lengths.stds_mm == pytest.approx([np.sqrt(2e-4)] * 2)
     # Errors 0.01 and -0.02 of standard uncertainty 0.01414, and a standard of almost 0.
-    assert found.sigma0 == pytest.approx(np.sqrt((0.5 + 2.0) / 2.0), rel=1e-3)
-    assert found.n_inside == 2
+    assert lengths.sigma0 == pytest.approx(np.sqrt((0.5 + 2.0) / 2.0), rel=1e-3)
+    assert lengths.n_inside == 2
 
 
 @pytest.mark.parametrize("kind", ["bar", "planes"])
@@ -115,5 +115,5 @@ def test_errors_of_drawn_arms_are_as_predicted_and_larger_ones_are_found(kind):
 def test_nothing_is_predicted_of_points_without_angles():
     data = measured(ENTRIES["seats"]())
     assert data.errors_unknown == "the points have no angles"
-    found = errors_of(data, "L", "e_uni", limits())
-    assert predicted_lengths(data, found) is None
+    errors = errors_of(data, "L", "e_uni", limits())
+    assert predicted_lengths(data, errors) is None

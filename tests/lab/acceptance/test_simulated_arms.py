@@ -34,9 +34,9 @@ POSES = {standard: poses_of(standard) for standard in STANDARDS}
 
 def figures(poses, standard, folder, seed=1):
     write_campaign(folder, drawn_acceptance(poses, seed), ARM)
-    found = verified([read_measured(folder, ARM)], standard, NO_LIMITS)
-    assert found.missing == ()
-    return {figure.key: figure for figure in found.figures}
+    verification = verified([read_measured(folder, ARM)], standard, NO_LIMITS)
+    assert verification.missing == ()
+    return {figure.key: figure for figure in verification.figures}
 
 
 @pytest.mark.parametrize("standard", STANDARDS)

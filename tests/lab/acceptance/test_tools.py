@@ -61,9 +61,9 @@ def campaign(standard, folder, star=STAR_MM):
 
 
 def figures(standard, folder):
-    found = verified(read_by_tool(folder, ARM), standard)
-    assert found.missing == ()
-    return {(one.tool, one.key): one for one in found.figures}
+    verification = verified(read_by_tool(folder, ARM), standard)
+    assert verification.missing == ()
+    return {(figure.tool, figure.key): figure for figure in verification.figures}
 
 
 def run(*arguments, status=0):
@@ -137,8 +137,8 @@ def test_the_certificate_names_the_tools_and_is_checked(tmp_path):
     words = ["--standard", INTERIM, "--arm", ARM_FILE, "--limits", limits]
     run(folder, *words, "--out", out)
     values = json.loads((out / "certificate.json").read_text())
-    assert [one["tool"] for one in values["figures"]] == ["own probe", "star"]
-    assert {one["tool"] for one in values["lengths"]} == {"own probe", "star"}
+    assert [value["tool"] for value in values["figures"]] == ["own probe", "star"]
+    assert {value["tool"] for value in values["lengths"]} == {"own probe", "star"}
     vectors = {t["name"]: t["vector_mm"] for t in values["administration"]["tools"]}
     assert vectors == {
         "own probe": list(ARM.probe.vector_mm),
@@ -192,8 +192,8 @@ def test_qif_keeps_the_tools_apart(tmp_path):
     ]
     text = (tmp_path / "arm.qif").read_text()
     values = json.loads((out / "certificate.json").read_text())
-    for one in values["lengths"]:
-        assert decimal_text(one["error_mm"]) in text
+    for value in values["lengths"]:
+        assert decimal_text(value["error_mm"]) in text
 
 
 def test_a_digital_certificate_states_tools_and_vectors(tmp_path):

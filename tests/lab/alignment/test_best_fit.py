@@ -30,21 +30,21 @@ NEAR_LINE = np.array([[0.0, 0, 0], [300, 20, 0], [700, 0, 25], [1000, 10, 0]])
 
 
 def test_a_wide_net_has_nothing_against_it():
-    found = fitted(WIDE, seed=2)
-    assert found.is_good
-    assert not found.flags
-    assert found.outcome.state is State.GOOD
-    assert told(found)["verdict"] == "Usable"
-    assert found.index.rms_mm < 1.0
+    fit = fitted(WIDE, seed=2)
+    assert fit.is_good
+    assert not fit.flags
+    assert fit.outcome.state is State.GOOD
+    assert told(fit)["verdict"] == "Usable"
+    assert fit.index.rms_mm < 1.0
 
 
 def test_nearly_collinear_points_are_called_so_however_small_their_residuals():
-    found = fitted(NEAR_LINE, seed=2, std_mm=0.001)
-    assert codes(found) == {"nearly_collinear", "small_for_the_volume"}
-    (flag,) = (f for f in found.flags if f.code == "nearly_collinear")
+    fit = fitted(NEAR_LINE, seed=2, std_mm=0.001)
+    assert codes(fit) == {"nearly_collinear", "small_for_the_volume"}
+    (flag,) = (f for f in fit.flags if f.code == "nearly_collinear")
     assert abs(flag.direction[0]) > 0.999
-    assert found.index.rms_mm > 5.0 * fitted(WIDE).index.rms_mm
-    assert "nearly collinear" in "\n".join(WORDS.lines("summary", told(found)))
+    assert fit.index.rms_mm > 5.0 * fitted(WIDE).index.rms_mm
+    assert "nearly collinear" in "\n".join(WORDS.lines("summary", told(fit)))
 
 
 def test_points_on_a_line_within_their_errors_are_refused_with_the_direction():
@@ -56,11 +56,11 @@ def test_points_on_a_line_within_their_errors_are_refused_with_the_direction():
 
 
 def test_three_points_are_called_blind_across_their_plane():
-    found = fitted(WIDE[:3], seed=5)
-    assert codes(found) == {"coplanar", "blind_directions"}
+    fit = fitted(WIDE[:3], seed=5)
+    assert codes(fit) == {"coplanar", "blind_directions"}
     normal = np.cross(WIDE[1] - WIDE[0], WIDE[2] - WIDE[0])
     normal /= np.linalg.norm(normal)
-    for point in found.points:
+    for point in fit.points:
         assert point.detectable_mm.worst is None
         assert abs(point.worst_direction @ normal) == pytest.approx(1.0)
         assert point.hidden_in_volume_mm is None
@@ -86,23 +86,23 @@ def test_a_scale_of_other_units_is_flagged():
     inches = tuple(
         Place(place.place_mm / 25.4, place.covariance_mm2) for place in given.measured
     )
-    found = best_fit_alignment(
+    alignment = best_fit_alignment(
         CommonPoints(given.names, inches, given.nominal),
         fixed_volume(BOX),
         "",
         with_scale=True,
     )
-    assert found.transformation.scale == pytest.approx(25.4)
-    assert "unlikely_scale" in codes(found)
+    assert alignment.transformation.scale == pytest.approx(25.4)
+    assert "unlikely_scale" in codes(alignment)
 
 
 def test_errors_that_are_not_stated_are_estimated_and_test_nothing():
-    found = fitted(WIDE, seed=6, stated=False)
-    assert found.test.p_value is None
-    assert found.is_good
-    assert codes(found) == {"errors_not_stated"}
-    assert found.test.sigma0 == pytest.approx(STD_MM, rel=0.7)
-    values = told(found)
+    fit = fitted(WIDE, seed=6, stated=False)
+    assert fit.test.p_value is None
+    assert fit.is_good
+    assert codes(fit) == {"errors_not_stated"}
+    assert fit.test.sigma0 == pytest.approx(STD_MM, rel=0.7)
+    values = told(fit)
     assert values["sigma0_unit"] == "mm"
     assert all(point["p_value"] is None for point in values["points"])
 
@@ -124,24 +124,24 @@ def test_a_wrong_point_fails_the_test_and_is_named():
         Place(wrong, given.measured[2].covariance_mm2),
         *given.measured[3:],
     )
-    found = best_fit_alignment(
+    alignment = best_fit_alignment(
         CommonPoints(given.names, measured, given.nominal), fixed_volume(BOX), ""
     )
-    assert not found.is_good
-    assert codes(found) >= {"global_test_failed", "suspect_point"}
-    assert told(found)["verdict"] == "Not usable"
-    assert [r["state"] for r in told(found)["reasons"]].count("bad") == 1
+    assert not alignment.is_good
+    assert codes(alignment) >= {"global_test_failed", "suspect_point"}
+    assert told(alignment)["verdict"] == "Not usable"
+    assert [r["state"] for r in told(alignment)["reasons"]].count("bad") == 1
     # and the covariance grows with sigma0
     good = best_fit_alignment(given, fixed_volume(BOX), "")
     after, before = (
-        told(one)["quality"]["predicted_error_mm"]["rms"] for one in (found, good)
+        told(one)["quality"]["predicted_error_mm"]["rms"] for one in (alignment, good)
     )
-    assert after / before == pytest.approx(found.test.sigma0, rel=0.01)
+    assert after / before == pytest.approx(alignment.test.sigma0, rel=0.01)
 
 
 def test_an_error_of_the_detectable_size_is_found_four_times_out_of_five():
-    found = fitted(WIDE)
-    point = found.points[1]
+    fit = fitted(WIDE)
+    point = fit.points[1]
     size_mm, way = point.detectable_mm.worst, point.worst_direction
     n, hits = 300, 0
     off = size_mm * transformation().rotation.T @ way

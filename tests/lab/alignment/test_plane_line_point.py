@@ -47,13 +47,15 @@ def aligned(given, std_mm=0.01):
 @pytest.mark.parametrize("shanks", [True, False])
 def test_exact_touches_give_the_exact_alignment(shanks):
     true = drawn()
-    found = aligned(touches(true, shanks=shanks))
-    np.testing.assert_allclose(found.transformation.rotation, true.rotation, atol=1e-12)
+    alignment = aligned(touches(true, shanks=shanks))
     np.testing.assert_allclose(
-        found.transformation.translation_mm, true.translation_mm, atol=1e-9
+        alignment.transformation.rotation, true.rotation, atol=1e-12
     )
-    assert [f["redundancy"] for f in found.features] == [1, 1, 0]
-    assert found.test.redundancy == 2
+    np.testing.assert_allclose(
+        alignment.transformation.translation_mm, true.translation_mm, atol=1e-9
+    )
+    assert [f["redundancy"] for f in alignment.features] == [1, 1, 0]
+    assert alignment.test.redundancy == 2
 
 
 def test_by_hand_a_part_beside_the_arm():
@@ -76,13 +78,13 @@ def test_by_hand_a_part_beside_the_arm():
         for name, group in places.items()
         for place in group
     ]
-    found = align_plane_line_point(given, nominal, BOX, "", std_mm=0.01)
+    alignment = align_plane_line_point(given, nominal, BOX, "", std_mm=0.01)
     expected = [[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]
-    np.testing.assert_allclose(found.transformation.rotation, expected, atol=1e-15)
-    moved = found.transformation.places_mm(np.array([[10.0, 20, 30]]))
+    np.testing.assert_allclose(alignment.transformation.rotation, expected, atol=1e-15)
+    moved = alignment.transformation.places_mm(np.array([[10.0, 20, 30]]))
     np.testing.assert_allclose(moved, np.zeros((1, 3)), atol=1e-13)
-    assert found.test is None
-    assert {flag.code for flag in found.flags} >= {"no_redundancy"}
+    assert alignment.test is None
+    assert {flag.code for flag in alignment.flags} >= {"no_redundancy"}
 
 
 def test_the_covariance_is_the_scatter_of_many_alignments():
@@ -90,13 +92,13 @@ def test_the_covariance_is_the_scatter_of_many_alignments():
     n = 400
     errors, squares = np.empty((n, 6)), np.empty(n)
     for row in range(n):
-        found = aligned(touches(true, std_mm, rng), std_mm)
-        centre = found.centre_mm
+        alignment = aligned(touches(true, std_mm, rng), std_mm)
+        centre = alignment.centre_mm
         at = true.inverse().places_mm(centre[None])
-        errors[row, :3] = found.transformation.places_mm(at)[0] - centre
-        off = found.transformation.rotation @ true.rotation.T
+        errors[row, :3] = alignment.transformation.places_mm(at)[0] - centre
+        off = alignment.transformation.rotation @ true.rotation.T
         errors[row, 3:] = Rotation.from_matrix(off).as_rotvec()
-        squares[row] = found.test.sigma0**2 * found.test.redundancy
+        squares[row] = alignment.test.sigma0**2 * alignment.test.redundancy
     covariance = aligned(touches(true), std_mm).covariance
     normalised = np.einsum("ni,ij,nj->n", errors, np.linalg.inv(covariance), errors)
     assert np.mean(normalised) == pytest.approx(6.0, rel=0.12)
@@ -140,21 +142,21 @@ def test_what_is_missing_is_named_all_at_once():
 def test_a_plane_touched_along_a_line_is_flagged_or_refused():
     true = drawn()
     narrow = np.array([[10.0, 20, 50], [400, 30, 50], [200, 20, 50]])
-    found = aligned(touches(true, top=narrow))
-    assert "nearly_collinear" in {flag.code for flag in found.flags}
+    alignment = aligned(touches(true, top=narrow))
+    assert "nearly_collinear" in {flag.code for flag in alignment.flags}
     narrower = np.array([[10.0, 20, 50], [400, 20.1, 50], [200, 20, 50]])
     with pytest.raises(ValueError, match="undetermined"):
         aligned(touches(true, top=narrower))
 
 
 def test_touches_that_nothing_checks_are_blind():
-    found = aligned(touches(drawn(), top=TOP[:3]))
-    assert [p.detectable_mm.best is None for p in found.points] == [
+    alignment = aligned(touches(drawn(), top=TOP[:3]))
+    assert [p.detectable_mm.best is None for p in alignment.points] == [
         *([True] * 3),
         *([False] * 3),
         True,
     ]
-    assert "blind_directions" in {flag.code for flag in found.flags}
+    assert "blind_directions" in {flag.code for flag in alignment.flags}
 
 
 def test_centres_of_a_ball_are_flagged_as_they_are_no_surface():

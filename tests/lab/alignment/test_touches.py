@@ -51,10 +51,10 @@ def test_a_name_that_was_given_twice_is_flagged(stated, apart_mm):
         first = given.measured[0]
         twice = Place(first.place_mm, first.covariance_mm2, 2, spread_mm)
         measured = (twice, *given.measured[1:])
-        found = best_fit_alignment(
+        alignment = best_fit_alignment(
             CommonPoints(given.names, measured, given.nominal), fixed_volume(BOX), ""
         )
-        assert ("scattered_touches" in codes(found)) == is_flagged
+        assert ("scattered_touches" in codes(alignment)) == is_flagged
 
 
 def test_flags_of_touches_are_reported():

@@ -139,7 +139,7 @@ def test_each_certificate_can_be_left_out(table):
             )
         ]
         assert observed[1] < observed[0]
-        assert name in {one.name for one in without.lengths(state)}
+        assert name in {length.name for length in without.lengths(state)}
         assert len(without.unknown_scales(touches)) == len(
             artefact.unknown_scales(touches)
         )

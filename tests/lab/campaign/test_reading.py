@@ -320,10 +320,10 @@ def test_other_separators_and_decimal_commas_are_read(folder, mark, decimal):
     for name in ("poses.csv", "grid.csv"):
         text = (folder / name).read_text()
         (folder / name).write_text(written_with(text, mark, decimal))
-    found = read_campaign(folder, ["J1", "J2"])
-    assert np.array_equal(found.poses.angles_rad, expected.poses.angles_rad)
-    assert np.array_equal(found.poses.time_s, expected.poses.time_s)
-    assert found.artefacts == expected.artefacts
+    campaign = read_campaign(folder, ["J1", "J2"])
+    assert np.array_equal(campaign.poses.angles_rad, expected.poses.angles_rad)
+    assert np.array_equal(campaign.poses.time_s, expected.poses.time_s)
+    assert campaign.artefacts == expected.artefacts
 
 
 @pytest.mark.parametrize(
@@ -421,8 +421,8 @@ def test_orientations_that_are_none_are_refused(folder, cells, artefact, what):
     write_oriented(folder, cells, artefact=artefact)
     with pytest.raises(FileError) as caught:
         read_campaign(folder, ["J1", "J2"], orientations=True)
-    assert any(what in str(one) for one in caught.value.problems)
-    assert all("line 2" in str(one) for one in caught.value.problems)
+    assert any(what in str(problem) for problem in caught.value.problems)
+    assert all("line 2" in str(problem) for problem in caught.value.problems)
 
 
 def test_a_column_of_the_orientation_that_is_missing_is_named(folder):

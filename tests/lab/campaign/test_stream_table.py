@@ -73,16 +73,19 @@ def at(sample, artefact, feature=""):
 
 def test_a_stream_becomes_poses(tmp_path):
     touching = [at(0, "seat"), at(100, None), at(200, "bar", "2"), at(300, "bar", "1")]
-    found = read_campaign(folder_of(tmp_path, touching), JOINTS)
-    poses = found.poses
+    campaign = read_campaign(folder_of(tmp_path, touching), JOINTS)
+    poses = campaign.poses
     # Four samples at each end have no speed.
     assert poses.lines.tolist() == [*range(5, 101), *range(201, 397)]
-    assert found.is_stream
-    assert found.notes == ()
-    assert found.start_utc == datetime.fromtimestamp(UTC_NS // 10**9, UTC)
+    assert campaign.is_stream
+    assert campaign.notes == ()
+    assert campaign.start_utc == datetime.fromtimestamp(UTC_NS // 10**9, UTC)
     assert np.allclose(poses.time_s, 0.005 * (poses.lines - 1))
-    assert [found.artefacts[i].id for i in poses.artefacts[[0, -1]]] == ["seat", "bar"]
-    names = found.feature_names[1]
+    assert [campaign.artefacts[i].id for i in poses.artefacts[[0, -1]]] == [
+        "seat",
+        "bar",
+    ]
+    names = campaign.feature_names[1]
     assert names[poses.features[96]] == "2"
     assert names[poses.features[-1]] == "1"
     # By hand: 4000 counts are 6.136 rad, nearest to 6.0 in this very turn; they
@@ -100,28 +103,28 @@ def test_a_stream_becomes_poses(tmp_path):
 
 
 def test_a_joint_at_rest_keeps_the_sense_of_its_last_motion(tmp_path):
-    found = read_campaign(folder_of(tmp_path, [at(0, "seat")]), JOINTS)
-    senses = found.poses.approaches[:, 1]
-    rows = found.poses.lines - 1
+    campaign = read_campaign(folder_of(tmp_path, [at(0, "seat")]), JOINTS)
+    senses = campaign.poses.approaches[:, 1]
+    rows = campaign.poses.lines - 1
     assert np.all(senses[rows < 240] == -1.0)
     assert np.all(senses[rows > 256] == 1.0)
 
 
 def test_time_counts_from_the_start_of_the_campaign(tmp_path):
     head = HEAD + "start_utc = 2026-11-18T00:00:00Z\n"
-    found = read_campaign(folder_of(tmp_path, [at(0, "seat")], head=head), JOINTS)
+    campaign = read_campaign(folder_of(tmp_path, [at(0, "seat")], head=head), JOINTS)
     start_s = datetime(2026, 11, 18, tzinfo=UTC).timestamp()
-    assert found.poses.time_s[0] == pytest.approx(UTC_NS / 1e9 + 0.02 - start_s)
-    assert found.start_utc == datetime(2026, 11, 18, tzinfo=UTC)
+    assert campaign.poses.time_s[0] == pytest.approx(UTC_NS / 1e9 + 0.02 - start_s)
+    assert campaign.start_utc == datetime(2026, 11, 18, tzinfo=UTC)
 
 
 def test_gaps_divide_and_long_ones_are_noted(tmp_path):
     missing = range(50, 170)
     folder = folder_of(tmp_path, [at(0, "seat")], missing=missing)
-    found = read_campaign(folder, JOINTS)
-    rows = set((found.poses.time_s / 0.005).round().astype(int).tolist())
+    campaign = read_campaign(folder, JOINTS)
+    rows = set((campaign.poses.time_s / 0.005).round().astype(int).tolist())
     assert rows == {*range(4, 46), *range(174, 396)}
-    (note,) = found.notes
+    (note,) = campaign.notes
     assert "1 gap of more than 0.5 s, the longest 0.605 s" in note
 
 
@@ -129,9 +132,9 @@ def test_a_torn_recording_is_used_up_to_the_tear(tmp_path):
     folder = folder_of(tmp_path, [at(0, "seat")])
     whole = (folder / "scan.mcap").read_bytes()
     (folder / "scan.mcap").write_bytes(whole[:-30])
-    found = read_campaign(folder, JOINTS)
-    assert len(found.poses) == N - 8
-    assert "torn after" in found.notes[0]
+    campaign = read_campaign(folder, JOINTS)
+    assert len(campaign.poses) == N - 8
+    assert "torn after" in campaign.notes[0]
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,9 @@ def test_a_list_of_digests_with_a_line_less(kind, request, tmp_path):
     for number, line in enumerate(lines):
         sums.write_text("".join([*lines[:number], *lines[number + 1 :]]))
         name = line.split()[-1]
-        assert any(f"{name} is not in it" in one for one in problems(folder)), name
+        assert any(f"{name} is not in it" in problem for problem in problems(folder)), (
+            name
+        )
 
 
 def test_sums_that_are_gone_or_point_elsewhere(signed_verification, tmp_path):
@@ -128,7 +130,7 @@ def test_sums_that_are_gone_or_point_elsewhere(signed_verification, tmp_path):
     outside.write_text("x")
     digest = hashlib.sha256(b"x").hexdigest()
     sums.write_text(f"{digest}  ../secret\n" + original)
-    assert any("lies elsewhere" in one for one in problems(folder))
+    assert any("lies elsewhere" in problem for problem in problems(folder))
 
 
 def test_a_figure_remade_with_all_digests_does_not_follow(

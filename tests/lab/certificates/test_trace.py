@@ -138,7 +138,7 @@ def test_the_command(chain: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     values = json.loads(ran.output)
     assert values["state"] == "whole"
     (missing,) = [
-        one for one in values["links"][0]["links"] if one["state"] == "missing"
+        value for value in values["links"][0]["links"] if value["state"] == "missing"
     ]
     assert missing["what"] == "campaign"
     ran = invoke("trace", "results", "--in", chain.parent / f"{chain.name}-campaign")

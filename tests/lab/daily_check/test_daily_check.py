@@ -63,18 +63,18 @@ def ball(outwards=NINE, radius_mm=RADIUS_MM, **keys):
 
 
 def test_figures_are_those_by_hand():
-    found = daily_check_figures(measured(cone(), ball(radius_mm=RADIUS_MM + 0.004)))
-    assert found.spat_max_mm == pytest.approx(0.03)
-    assert found.spat_2s_mm == pytest.approx(2 * np.sqrt(6 * 0.03**2 / 5))
-    assert found.sphere_form_mm == pytest.approx(0.0, abs=1e-9)
-    assert found.sphere_diameter_mm == pytest.approx(0.008, abs=1e-9)
-    assert (found.n_cone, found.n_sphere) == (6, 9)
-    assert found.temperature_c == pytest.approx(22.0)
+    figures = daily_check_figures(measured(cone(), ball(radius_mm=RADIUS_MM + 0.004)))
+    assert figures.spat_max_mm == pytest.approx(0.03)
+    assert figures.spat_2s_mm == pytest.approx(2 * np.sqrt(6 * 0.03**2 / 5))
+    assert figures.sphere_form_mm == pytest.approx(0.0, abs=1e-9)
+    assert figures.sphere_diameter_mm == pytest.approx(0.008, abs=1e-9)
+    assert (figures.n_cone, figures.n_sphere) == (6, 9)
+    assert figures.temperature_c == pytest.approx(22.0)
 
 
 def test_the_sphere_is_as_large_as_it_is_warm():
-    found = daily_check_figures(measured(cone(), ball(expansion_per_c=1e-3)))
-    assert found.sphere_diameter_mm == pytest.approx(-2 * RADIUS_MM * 1e-3 * 2.0)
+    figures = daily_check_figures(measured(cone(), ball(expansion_per_c=1e-3)))
+    assert figures.sphere_diameter_mm == pytest.approx(-2 * RADIUS_MM * 1e-3 * 2.0)
 
 
 def test_what_is_missing_is_reported():

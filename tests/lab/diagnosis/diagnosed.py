@@ -27,25 +27,25 @@ ECCENTRIC = {
 
 def eccentric_campaign() -> Measurement:
     """Readings of J3 are wrong, one pose is a blunder."""
-    found = measured().with_effect(effect_from_table(ECCENTRIC))
-    angles_rad = found.campaign.poses.angles_rad.copy()
+    measurement = measured().with_effect(effect_from_table(ECCENTRIC))
+    angles_rad = measurement.campaign.poses.angles_rad.copy()
     angles_rad[100, 1] += 2e-3
-    found = found.with_poses(angles_rad=angles_rad)
-    return replace(found, campaign=replace(found.campaign, start_utc=START))
+    measurement = measurement.with_poses(angles_rad=angles_rad)
+    return replace(measurement, campaign=replace(measurement.campaign, start_utc=START))
 
 
 @shared
 def eccentric() -> Diagnosis:
     """Of that campaign."""
-    found = eccentric_campaign()
-    return diagnose(found.campaign, found.arm, OPTIONS)
+    measurement = eccentric_campaign()
+    return diagnose(measurement.campaign, measurement.arm, OPTIONS)
 
 
 @shared
 def clean() -> Diagnosis:
     """Of a campaign in which nothing is hidden."""
-    found = measured()
-    return diagnose(found.campaign, found.arm, DECISION)
+    measurement = measured()
+    return diagnose(measurement.campaign, measurement.arm, DECISION)
 
 
 @shared
@@ -56,8 +56,8 @@ def drifting() -> Diagnosis:
         "rate_mm_s": [3e-5, 0.0, 5e-5],
         "epoch_utc": datetime(2000, 1, 1, tzinfo=UTC),
     }
-    found = measured().with_effect(effect_from_table(table))
-    return diagnose(found.campaign, found.arm, DECISION)
+    measurement = measured().with_effect(effect_from_table(table))
+    return diagnose(measurement.campaign, measurement.arm, DECISION)
 
 
 # Of the file of the arm.

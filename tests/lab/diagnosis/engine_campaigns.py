@@ -85,7 +85,7 @@ def hidden(kind: str, size: float, joint: str | None = None, draw: int = 7) -> H
 
 def measured_with(*wrong: Hidden, seed: int = 11, **noise: float) -> Campaign:
     """Measure with an arm that has these effects."""
-    two_bars = any(one.kind == "artefact_length" for one in wrong)
+    two_bars = any(effect.kind == "artefact_length" for effect in wrong)
     table = NOISE.model_copy(update=noise)
     return campaign_from_simulation(
         draw_noise(played(poses(two_bars), wrong), seed, table).campaign

@@ -36,7 +36,7 @@ def decided(campaign, options=DECISION):
 
 
 def names(found):
-    return [(one.candidate.kind, one.candidate.joint) for one in found.terms]
+    return [(term.candidate.kind, term.candidate.joint) for term in found.terms]
 
 
 def bump():
@@ -53,16 +53,19 @@ def bumpy():
     "seed", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 3))]
 )
 def test_nothing_is_found_where_nothing_is_missing(seed):
-    found = decided(measured_with(seed=seed))
-    assert found.verdict == "clean"
-    assert found.terms == ()
-    assert found.gap.closed is None
-    assert not np.any(found.blunders)
-    assert not found.vetoed
-    assert [step.effect for step in found.ledger] == [None]
-    assert found.ledger[0].held_out.chi2 == pytest.approx(1.0, abs=0.35)
-    assert all(one.log10_p > one.threshold_log10_p for one in found.leftovers)
-    assert found.adapted.effects == ()
+    diagnosis = decided(measured_with(seed=seed))
+    assert diagnosis.verdict == "clean"
+    assert diagnosis.terms == ()
+    assert diagnosis.gap.closed is None
+    assert not np.any(diagnosis.blunders)
+    assert not diagnosis.vetoed
+    assert [step.effect for step in diagnosis.ledger] == [None]
+    assert diagnosis.ledger[0].held_out.chi2 == pytest.approx(1.0, abs=0.35)
+    assert all(
+        remainder.log10_p > remainder.threshold_log10_p
+        for remainder in diagnosis.leftovers
+    )
+    assert diagnosis.adapted.effects == ()
 
 
 def test_a_wrong_noise_level_is_no_effect():
@@ -71,16 +74,16 @@ def test_a_wrong_noise_level_is_no_effect():
 
 
 def test_noise_that_nobody_states_is_estimated():
-    found = decided(measured_with(hidden("backlash", 15.0), seed=5, stated=False))
-    assert names(found)[0][0] == "backlash"
-    assert np.mean(found.noise.encoder_rad) == pytest.approx(5e-6, rel=0.5)
+    diagnosis = decided(measured_with(hidden("backlash", 15.0), seed=5, stated=False))
+    assert names(diagnosis)[0][0] == "backlash"
+    assert np.mean(diagnosis.noise.encoder_rad) == pytest.approx(5e-6, rel=0.5)
 
 
 def test_an_eccentricity_is_named_with_its_size():
-    found = eccentric()
-    assert found.verdict == "named"
-    (term,) = found.terms
-    assert names(found) == [("encoder_eccentricity", "J3")]
+    diagnosis = eccentric()
+    assert diagnosis.verdict == "named"
+    (term,) = diagnosis.terms
+    assert names(diagnosis) == [("encoder_eccentricity", "J3")]
     for key in ("cos_rad", "sin_rad"):
         one = term.estimates[key]
         assert abs(one.value - ECCENTRIC[key]) < 3.0 * one.std
@@ -88,44 +91,44 @@ def test_an_eccentricity_is_named_with_its_size():
         assert one.unit == "rad"
         assert term.effect.values[key] == one.value
     assert term.accepted
-    assert found.adapted.effects == (term.effect,)
+    assert diagnosis.adapted.effects == (term.effect,)
     assert term.log_bayes_factor > 20.0
     assert term.log10_p < -10.0
 
 
 def test_the_gap_closes_on_poses_that_were_kept_aside():
-    found = eccentric()
-    assert found.gap.closed > 0.9
-    assert not found.vetoed
-    assert not np.any(found.choosing & found.held_out)
-    assert found.held_out.mean() == pytest.approx(0.3, abs=0.05)
-    used = np.concatenate([s.poses for s in found.after.network.stations])
-    assert not np.any(found.held_out[used])
-    assert not np.any(found.excluded & ~found.choosing)
-    assert found.excluded.sum() <= 3
+    diagnosis = eccentric()
+    assert diagnosis.gap.closed > 0.9
+    assert not diagnosis.vetoed
+    assert not np.any(diagnosis.choosing & diagnosis.held_out)
+    assert diagnosis.held_out.mean() == pytest.approx(0.3, abs=0.05)
+    used = np.concatenate([s.poses for s in diagnosis.after.network.stations])
+    assert not np.any(diagnosis.held_out[used])
+    assert not np.any(diagnosis.excluded & ~diagnosis.choosing)
+    assert diagnosis.excluded.sum() <= 3
 
 
 def test_the_ledger_tells_every_step():
-    found = eccentric()
-    start, last = found.ledger
+    diagnosis = eccentric()
+    start, last = diagnosis.ledger
     assert (start.effect, last.effect) == (None, "encoder_eccentricity J3")
     assert start.held_out.n == last.held_out.n > 50
     assert start.held_out.chi2 > 1.5
     assert last.held_out.chi2 < 1.2
     assert start.held_out.rms_mm > last.held_out.rms_mm > 0.0
     assert start.sigma0 > 1.2 > last.sigma0
-    s = [step.held_out.chi2 for step in found.ledger]
-    assert found.gap.closed == pytest.approx((s[0] - s[1]) / (s[0] - 1.0))
-    again = compare_on_holdout(found.before, found.after, found.held_out)
-    assert again.closed == pytest.approx(found.gap.closed)
+    s = [step.held_out.chi2 for step in diagnosis.ledger]
+    assert diagnosis.gap.closed == pytest.approx((s[0] - s[1]) / (s[0] - 1.0))
+    again = compare_on_holdout(diagnosis.before, diagnosis.after, diagnosis.held_out)
+    assert again.closed == pytest.approx(diagnosis.gap.closed)
 
 
 def test_what_could_have_been_seen_is_reported_of_every_kind():
-    told = {one.candidate.kind for one in eccentric().detectable}
+    told = {size.candidate.kind for size in eccentric().detectable}
     assert {"encoder_eccentricity", "base_drift", "thermal_expansion"} <= told
-    for one in eccentric().detectable:
-        assert one.minimum is None or 0.0 < one.best <= one.minimum
-        assert (one.minimum is None) == bool(one.why)
+    for size in eccentric().detectable:
+        assert size.minimum is None or 0.0 < size.best <= size.minimum
+        assert (size.minimum is None) == bool(size.why)
 
 
 @pytest.mark.slow
@@ -134,7 +137,7 @@ def test_a_decision_alone_says_the_same_terms():
     assert names(quick) == names(bumpy())
     assert [t.status for t in quick.terms] == [t.status for t in bumpy().terms]
     assert quick.detectable == ()
-    assert all(one.separate_by == "" for one in quick.terms)
+    assert all(term.separate_by == "" for term in quick.terms)
     assert clean().detectable == ()
 
 
@@ -142,7 +145,7 @@ def test_a_decision_alone_says_the_same_terms():
 def test_a_bump_is_unknown_at_its_joint_and_becomes_a_curve():
     found, wrong = bumpy(), bump()
     assert found.verdict == "unknown"
-    unknown = [one for one in found.terms if one.status == "unknown"]
+    unknown = [term for term in found.terms if term.status == "unknown"]
     assert {one.candidate.joint for one in unknown} == {wrong.joint}
     term = unknown[0]
     assert term.candidate.kind == term.effect.kind == "empirical"
@@ -154,7 +157,7 @@ def test_a_bump_is_unknown_at_its_joint_and_becomes_a_curve():
 
 def test_the_curve_of_a_bump_is_where_the_bump_is():
     wrong = bump()
-    (term,) = [one for one in bumpy().terms if one.status == "unknown"]
+    (term,) = [term for term in bumpy().terms if term.status == "unknown"]
     knots = np.array(term.effect.values["knots"])
     values = np.array(term.effect.values["values_rad"])
     top = np.argmax(np.sign(wrong.fault.height_rad) * (values - np.median(values)))
@@ -166,24 +169,24 @@ def test_the_curve_of_a_bump_is_where_the_bump_is():
 def test_blunders_do_not_hide_an_effect():
     share = 0.05
     wrong = hidden("encoder_eccentricity", 20.0)
-    found = decided(measured_with(wrong, blunder_share=share))
-    assert ("encoder_eccentricity", wrong.joint) in names(found)[:1]
-    n_blunders = share * len(found.choosing)
-    assert 0.4 * n_blunders < found.excluded.sum() < 1.2 * n_blunders + 2
+    diagnosis = decided(measured_with(wrong, blunder_share=share))
+    assert ("encoder_eccentricity", wrong.joint) in names(diagnosis)[:1]
+    n_blunders = share * len(diagnosis.choosing)
+    assert 0.4 * n_blunders < diagnosis.excluded.sum() < 1.2 * n_blunders + 2
 
 
 def test_blunders_alone_are_no_effect():
-    found = decided(measured_with(seed=6, blunder_share=0.05))
-    assert found.verdict == "clean"
-    assert found.excluded.sum() > 3
+    diagnosis = decided(measured_with(seed=6, blunder_share=0.05))
+    assert diagnosis.verdict == "clean"
+    assert diagnosis.excluded.sum() > 3
 
 
 @pytest.mark.slow
 def test_slow_noise_is_no_drift():
-    found = decided(measured_with(seed=2, serial_share=0.4))
-    assert found.verdict == "clean"
-    assert found.noise.serial_share > 0.1
-    assert found.noise.serial_phi > 0.6
+    diagnosis = decided(measured_with(seed=2, serial_share=0.4))
+    assert diagnosis.verdict == "clean"
+    assert diagnosis.noise.serial_share > 0.1
+    assert diagnosis.noise.serial_phi > 0.6
 
 
 def test_slow_noise_that_a_jump_and_a_curve_imitate_is_noise():
@@ -195,9 +198,9 @@ def test_slow_noise_that_a_jump_and_a_curve_imitate_is_noise():
 @pytest.mark.slow
 def test_an_effect_is_found_in_slow_noise():
     wrong = hidden("backlash", 20.0)
-    found = decided(measured_with(wrong, serial_share=0.4))
-    assert names(found) == [("backlash", wrong.joint)]
-    assert found.noise.serial_share > 0.1
+    diagnosis = decided(measured_with(wrong, serial_share=0.4))
+    assert names(diagnosis) == [("backlash", wrong.joint)]
+    assert diagnosis.noise.serial_share > 0.1
 
 
 def test_a_campaign_of_times_and_angles_alone_is_diagnosed():
@@ -212,23 +215,25 @@ def test_a_campaign_of_times_and_angles_alone_is_diagnosed():
         directions=None,
         force_n=None,
     )
-    found = decided(replace(campaign, poses=bare, start_utc=None), OPTIONS)
-    assert ("encoder_eccentricity", wrong.joint) in names(found)
-    reasons = {one.candidate.kind: one.why for one in found.detectable if one.why}
+    diagnosis = decided(replace(campaign, poses=bare, start_utc=None), OPTIONS)
+    assert ("encoder_eccentricity", wrong.joint) in names(diagnosis)
+    reasons = {
+        size.candidate.kind: size.why for size in diagnosis.detectable if size.why
+    }
     assert {"thermal_expansion", "backlash", "encoder_latency"} <= set(reasons)
     assert "no temperature" in reasons["thermal_expansion"]
 
 
 def test_an_effect_that_the_arm_has_already_is_no_finding():
-    found = eccentric()
-    entry = found.terms[0].effect
-    arm = with_effects(found.arm, (entry,))
-    again = diagnose(found.campaign, arm, replace(DECISION, seed=3))
+    diagnosis = eccentric()
+    entry = diagnosis.terms[0].effect
+    arm = with_effects(diagnosis.arm, (entry,))
+    again = diagnose(diagnosis.campaign, arm, replace(DECISION, seed=3))
     assert again.verdict == "clean"
     (kept,) = again.adapted.effects
     assert kept.kind == "encoder_eccentricity"
     for key in ("cos_rad", "sin_rad"):
-        std = found.terms[0].estimates[key].std
+        std = diagnosis.terms[0].estimates[key].std
         assert abs(kept.values[key] - entry.values[key]) < 3.0 * std
 
 
@@ -253,27 +258,27 @@ def first_of_two(wished):
 
 @pytest.mark.slow
 def test_two_effects_are_found_one_after_the_other():
-    found = decided(measured_with(*two_wrong()), OPTIONS)
-    assert {name[0] for name in names(found)} == {one.kind for one in two_wrong()}
-    s = [step.held_out.chi2 for step in found.ledger]
+    diagnosis = decided(measured_with(*two_wrong()), OPTIONS)
+    assert {name[0] for name in names(diagnosis)} == {one.kind for one in two_wrong()}
+    s = [step.held_out.chi2 for step in diagnosis.ledger]
     assert s[0] > s[1] > s[2]
     # A decision alone says the ends only.
     quick = decided(measured_with(*two_wrong()))
     first, last = quick.ledger
     assert first.held_out.chi2 == pytest.approx(s[0])
     assert last.held_out.chi2 == pytest.approx(s[2])
-    assert last.effect == ", ".join(step.effect for step in found.ledger[1:])
+    assert last.effect == ", ".join(step.effect for step in diagnosis.ledger[1:])
 
 
 @pytest.mark.parametrize("wished", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_tentative_terms_enter_only_where_wished(wished):
-    found = first_of_two(wished)
-    assert len(found.terms) == 1
-    assert len(found.ledger) == 2
+    diagnosis = first_of_two(wished)
+    assert len(diagnosis.terms) == 1
+    assert len(diagnosis.ledger) == 2
     # Something is left, so the one name is not sure.
-    assert found.verdict == "tentative"
-    assert found.terms[0].accepted == wished
-    assert len(found.adapted.effects) == int(wished)
+    assert diagnosis.verdict == "tentative"
+    assert diagnosis.terms[0].accepted == wished
+    assert len(diagnosis.adapted.effects) == int(wished)
 
 
 @pytest.mark.slow
@@ -284,13 +289,13 @@ def test_what_makes_unseen_poses_worse_stays_out():
     angles_rad = spoilt.poses.angles_rad.copy()
     angles_rad[held_out] = plain.poses.angles_rad[held_out]
     campaign = replace(plain, poses=replace(plain.poses, angles_rad=angles_rad))
-    found = decided(campaign, OPTIONS)
-    assert np.array_equal(found.held_out, held_out)
-    assert found.vetoed
-    assert names(found)[0][0] == "encoder_scale"
-    assert not any(term.accepted for term in found.terms)
-    assert found.adapted.effects == ()
-    assert found.ledger[-1].held_out.chi2 > found.ledger[0].held_out.chi2
+    diagnosis = decided(campaign, OPTIONS)
+    assert np.array_equal(diagnosis.held_out, held_out)
+    assert diagnosis.vetoed
+    assert names(diagnosis)[0][0] == "encoder_scale"
+    assert not any(term.accepted for term in diagnosis.terms)
+    assert diagnosis.adapted.effects == ()
+    assert diagnosis.ledger[-1].held_out.chi2 > diagnosis.ledger[0].held_out.chi2
 
 
 def test_a_model_that_fits_its_own_poses_alone_is_not_clean():
@@ -300,35 +305,35 @@ def test_a_model_that_fits_its_own_poses_alone_is_not_clean():
     angles_rad = plain.poses.angles_rad.copy()
     angles_rad[held_out] = spoilt.poses.angles_rad[held_out]
     campaign = replace(plain, poses=replace(plain.poses, angles_rad=angles_rad))
-    found = decided(campaign)
-    assert found.verdict == "unknown"
-    (term,) = found.terms
+    diagnosis = decided(campaign)
+    assert diagnosis.verdict == "unknown"
+    (term,) = diagnosis.terms
     assert term.misfit.figures.chi2 > 5.0
-    assert term.misfit.figures.n_poses == found.gap.before.n_poses == held_out.sum()
-    assert term.candidate.artefact in {one.id for one in campaign.artefacts}
-    told = diagnosis_json(found)
-    assert told["gap"]["held_out_chi2"]["before"] == pytest.approx(
+    assert term.misfit.figures.n_poses == diagnosis.gap.before.n_poses == held_out.sum()
+    assert term.candidate.artefact in {artefact.id for artefact in campaign.artefacts}
+    values = diagnosis_json(diagnosis)
+    assert values["gap"]["held_out_chi2"]["before"] == pytest.approx(
         term.misfit.figures.chi2
     )
-    (line,) = WORDS.lines("missing", found)
+    (line,) = WORDS.lines("missing", diagnosis)
     assert "no others. The poses kept aside are" in line
     assert f"of {held_out.sum()} contradict it one by one" in line
 
 
 @pytest.mark.parametrize("wished", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_gap_is_that_of_the_arm_that_is_written(wished):
-    found = first_of_two(wished)
-    start, last = (step.held_out for step in found.ledger)
-    told = diagnosis_json(found)["gap"]
-    words = WORDS.held_out(found)
+    diagnosis = first_of_two(wished)
+    start, last = (step.held_out for step in diagnosis.ledger)
+    values = diagnosis_json(diagnosis)["gap"]
+    words = WORDS.held_out(diagnosis)
     if wished:
-        assert found.gap.after.chi2 == pytest.approx(last.chi2)
-        assert "with_all_terms" not in told
+        assert diagnosis.gap.after.chi2 == pytest.approx(last.chi2)
+        assert "with_all_terms" not in values
         assert " -> " in words
     else:
-        assert found.gap.after == found.gap.before
-        assert told["held_out_chi2"]["after"] == pytest.approx(start.chi2)
-        assert told["with_all_terms"]["held_out_chi2"]["after"] == last.chi2
+        assert diagnosis.gap.after == diagnosis.gap.before
+        assert values["held_out_chi2"]["after"] == pytest.approx(start.chi2)
+        assert values["with_all_terms"]["held_out_chi2"]["after"] == last.chi2
         assert "that is not written included" in words
 
 
@@ -352,15 +357,15 @@ def test_an_effect_that_no_machine_has_is_not_named():
         "sin_mm": [0.0, 0.0, 2.0],
     }
     made = measured().with_effect(effect_from_table(table))
-    found = diagnose(made.campaign, made.arm, DECISION)
-    assert found.verdict == "unknown"
-    oversized = [term for term in found.terms if term.is_oversized]
+    diagnosis = diagnose(made.campaign, made.arm, DECISION)
+    assert diagnosis.verdict == "unknown"
+    oversized = [term for term in diagnosis.terms if term.is_oversized]
     assert oversized
     for term in oversized:
         assert (term.status, term.accepted) == ("unknown", False)
-    words = " ".join(summary_lines(found))
+    words = " ".join(summary_lines(diagnosis))
     assert "larger than in any such machine" in words
-    assert [t["oversized"] for t in diagnosis_json(found)["terms"]].count(True)
+    assert [t["oversized"] for t in diagnosis_json(diagnosis)["terms"]].count(True)
 
 
 def test_poses_that_could_show_nothing_are_not_called_clean():
@@ -369,11 +374,11 @@ def test_poses_that_could_show_nothing_are_not_called_clean():
     angles_rad = true.zeros_rad + rng.uniform(-0.7, 0.7, (14, 7))
     seen_mm = true.centres(angles_rad) + 3.0 * rng.normal(size=(14, 3))
     campaign = seen_places(angles_rad, seen_mm)
-    found = diagnose(campaign, arm_value(seven_joints()), DECISION)
-    assert not found.terms
-    assert (found.blind, found.verdict) == (True, "unknown")
-    assert diagnosis_json(found)["visible"]["n"] == 0
-    words = " ".join(summary_lines(found))
+    diagnosis = diagnose(campaign, arm_value(seven_joints()), DECISION)
+    assert not diagnosis.terms
+    assert (diagnosis.blind, diagnosis.verdict) == (True, "unknown")
+    assert diagnosis_json(diagnosis)["visible"]["n"] == 0
+    words = " ".join(summary_lines(diagnosis))
     assert "No effect of the library could have been seen in 14 poses" in words
     assert "Clean" not in words
 
@@ -383,12 +388,12 @@ def test_whole_artefacts_are_kept_aside_on_request():
     options = replace(DECISION, holdout_by="artefact")
     measurement = eccentric_campaign()
     campaign, arm = measurement.campaign, measurement.arm
-    found = diagnose(campaign, arm, options)
+    diagnosis = diagnose(campaign, arm, options)
     touched = campaign.poses.artefacts
-    aside = np.unique(touched[found.held_out])
+    aside = np.unique(touched[diagnosis.held_out])
     assert 0 < len(aside) < len(np.unique(touched))
-    assert np.array_equal(found.held_out, np.isin(touched, aside))
-    assert names(found) == names(eccentric())
-    assert found.gap.closed > 0.8
+    assert np.array_equal(diagnosis.held_out, np.isin(touched, aside))
+    assert names(diagnosis) == names(eccentric())
+    assert diagnosis.gap.closed > 0.8
     with pytest.raises(IdentificationError, match="no artefact of"):
         diagnose(campaign.part(touched == aside[0]), arm, options)

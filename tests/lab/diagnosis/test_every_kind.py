@@ -19,18 +19,18 @@ pytestmark = pytest.mark.slow
 def test_an_effect_is_found_under_its_name_or_an_alias(kind):
     # A bar could not be believed to be so wrong that these poses saw more of it.
     wrong = hidden(kind, 12.0 if kind == "artefact_length" else 25.0)
-    found = diagnose(measured_with(wrong), poses().arm, DECISION)
-    assert found.verdict in ("named", "tentative")
-    term = max(found.terms, key=lambda one: one.log_bayes_factor)
+    diagnosis = diagnose(measured_with(wrong), poses().arm, DECISION)
+    assert diagnosis.verdict in ("named", "tentative")
+    term = max(diagnosis.terms, key=lambda one: one.log_bayes_factor)
     keys = wrong.keys
     component = keys["component"] if kind == "axis_runout" else None
     true = (kind, wrong.joint, keys.get("order"), component, keys.get("artefact"))
     names_found = {term.candidate.identity}
-    names_found |= {one.candidate.identity for one in term.alternatives}
+    names_found |= {rival.candidate.identity for rival in term.alternatives}
     aliases = measure(kind == "artefact_length").names_like(wrong)
     assert names_found & (aliases | {true})
     if term.status == "named" and len(names_found) == 1:
         assert names_found <= aliases | {true}
     assert term.log10_p < -20.0
-    if found.gap.closed is not None:
-        assert found.gap.closed > 0.8
+    if diagnosis.gap.closed is not None:
+        assert diagnosis.gap.closed > 0.8

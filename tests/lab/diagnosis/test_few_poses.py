@@ -44,17 +44,17 @@ def test_few_poses_give_a_report_or_a_reason(tmp_path, step, stated):
             with pytest.raises(IdentificationError, match=REFUSAL):
                 diagnose(campaign, arm, OPTIONS)
             return
-        found = diagnose(campaign, arm, OPTIONS)
-        write_diagnosis(tmp_path / "out", found, tmp_path / "arm.toml")
+        diagnosis = diagnose(campaign, arm, OPTIONS)
+        write_diagnosis(tmp_path / "out", diagnosis, tmp_path / "arm.toml")
     assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
-    lines = summary_lines(found)
+    lines = summary_lines(diagnosis)
     unproven = any(line.startswith("No poses were kept aside") for line in lines)
     reason = any(line.startswith("No pose could be kept aside") for line in lines)
     has_picture = (tmp_path / "out" / "ledger.png").exists()
-    assert has_picture == bool(np.any(found.held_out))
+    assert has_picture == bool(np.any(diagnosis.held_out))
     assert has_picture != unproven
     assert has_picture != reason
-    assert has_picture or outcome_of(found).state is not State.GOOD
+    assert has_picture or outcome_of(diagnosis).state is not State.GOOD
 
 
 def test_poses_that_are_nearly_the_same_are_called_so():
@@ -70,15 +70,15 @@ def test_poses_that_are_nearly_the_same_are_called_so():
 def test_many_terms_may_be_requested():
     # With each term some others have nothing left to explain.
     options = replace(OPTIONS, most_terms=10, details=False)
-    found = diagnose(every(2, stated=False), poses().arm, options)
-    assert found.verdict in ("clean", "named", "tentative", "unknown")
+    diagnosis = diagnose(every(2, stated=False), poses().arm, options)
+    assert diagnosis.verdict in ("clean", "named", "tentative", "unknown")
 
 
 @pytest.mark.parametrize("step", [12, 20])
 def test_noise_that_could_not_be_estimated_is_called_assumed(step):
-    found = identify(every(step, stated=False), poses().arm)
-    assert not found.global_test.noise_estimated
-    assert WORDS.noise(found).startswith("Noise (assumed):")
-    assert "by construction" not in said(found)
-    if found.redundancy <= 0:
-        assert found.global_test.passed is None
+    result = identify(every(step, stated=False), poses().arm)
+    assert not result.global_test.noise_estimated
+    assert WORDS.noise(result).startswith("Noise (assumed):")
+    assert "by construction" not in said(result)
+    if result.redundancy <= 0:
+        assert result.global_test.passed is None

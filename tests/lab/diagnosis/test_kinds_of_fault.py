@@ -61,12 +61,12 @@ def test_a_base_that_rocks_with_the_approach_is_told_as_that():
     centres_mm = start.truth.centres(start.campaign.poses.angles_rad)
     approaches = start.campaign.poses.approaches[:, [1]]
     tilts_rad = 8e-5 * approaches * np.array([1.0, 0.4, 0.0])
-    found = decided(moved(start, np.cross(tilts_rad, centres_mm)))
-    (term,) = found.terms
-    assert found.verdict == "unknown"
+    diagnosis = decided(moved(start, np.cross(tilts_rad, centres_mm)))
+    (term,) = diagnosis.terms
+    assert diagnosis.verdict == "unknown"
     assert term.candidate.covariate == "J2_approach"
     assert (term.candidate.joint, term.candidate.component) == ("J1", "tilt")
-    assert outcome_of(found).state is State.BAD
+    assert outcome_of(diagnosis).state is State.BAD
 
 
 def test_an_artefact_that_creeps_is_named():
@@ -76,12 +76,12 @@ def test_an_artefact_that_creeps_is_named():
     is_there = poses.artefacts == ids.index("cone-2")
     share = poses.time_s / poses.time_s.max()
     moves_mm = 0.05 * np.outer(share * is_there, [0.6, -0.8, 0.0])
-    found = decided(moved(start, moves_mm))
-    (term,) = found.terms
+    diagnosis = decided(moved(start, moves_mm))
+    (term,) = diagnosis.terms
     assert (term.status, term.candidate.artefact) == ("named", "cone-2")
-    assert found.noise.serial_share == 0.0
-    assert found.adapted.effects == ()
-    assert "cone-2 is at fault" in " ".join(outcome_of(found).sentences)
+    assert diagnosis.noise.serial_share == 0.0
+    assert diagnosis.adapted.effects == ()
+    assert "cone-2 is at fault" in " ".join(outcome_of(diagnosis).sentences)
 
 
 def test_cones_alone_leave_the_scale_in_doubt():
@@ -105,16 +105,16 @@ def test_noise_that_is_exceeded_without_a_pattern_is_not_clean():
     rng = np.random.default_rng(5)
     angles_rad = start.campaign.poses.angles_rad
     noise_rad = rng.normal(size=angles_rad.shape) * 2e-5
-    found = decided(start.with_poses(angles_rad=angles_rad + noise_rad))
-    assert found.terms == ()
-    assert found.verdict == "unexplained"
-    assert found.exceeded > 4.0
-    outcome = outcome_of(found)
+    diagnosis = decided(start.with_poses(angles_rad=angles_rad + noise_rad))
+    assert diagnosis.terms == ()
+    assert diagnosis.verdict == "unexplained"
+    assert diagnosis.exceeded > 4.0
+    outcome = outcome_of(diagnosis)
     assert outcome.state is State.BAD
-    (reason,) = [one for one in outcome.reasons if one.code == "within_noise"]
-    assert reason.values["times_stated"] == pytest.approx(found.gap.after.chi2)
+    (reason,) = [reason for reason in outcome.reasons if reason.code == "within_noise"]
+    assert reason.values["times_stated"] == pytest.approx(diagnosis.gap.after.chi2)
     # Nobody knows where none is stated.
-    campaign = replace(found.campaign, encoder_rad=None, contact_mm=None)
+    campaign = replace(diagnosis.campaign, encoder_rad=None, contact_mm=None)
     assert diagnose(campaign, start.arm, DECISION).verdict == "clean"
 
 
@@ -131,11 +131,13 @@ def test_an_eccentric_and_tilted_ring_is_named_by_both():
     ring = measured()
     for table in (ECCENTRIC, twice):
         ring = ring.with_effect(effect_from_table(table))
-    found = decided(ring)
-    assert [(t.status, t.candidate.kind, t.candidate.joint) for t in found.terms] == [
+    diagnosis = decided(ring)
+    assert [
+        (t.status, t.candidate.kind, t.candidate.joint) for t in diagnosis.terms
+    ] == [
         ("named", "encoder_eccentricity", "J3"),
         ("named", "encoder_harmonic", "J3"),
-    ] or [(t.status, t.candidate.kind, t.candidate.joint) for t in found.terms] == [
+    ] or [(t.status, t.candidate.kind, t.candidate.joint) for t in diagnosis.terms] == [
         ("named", "encoder_harmonic", "J3"),
         ("named", "encoder_eccentricity", "J3"),
     ]
@@ -143,6 +145,6 @@ def test_an_eccentric_and_tilted_ring_is_named_by_both():
 
 def test_what_yields_against_the_weight_is_no_compliance():
     table = {"kind": "joint_compliance", "joint": "J2", "compliance_rad_nm": -4e-6}
-    found = decided(measured().with_effect(effect_from_table(table)))
-    (term,) = found.terms
+    diagnosis = decided(measured().with_effect(effect_from_table(table)))
+    (term,) = diagnosis.terms
     assert (term.status, term.is_negative, term.accepted) == ("unknown", True, False)

@@ -60,9 +60,9 @@ def without(campaign):
 def test_an_axis_that_wobbles_is_named_which_positions_do_not_show(poses):
     played = with_effects(poses, (effect_from_table(WOBBLE),))
     campaign = measured(played)
-    found = diagnose(campaign, ARM)
-    assert found.verdict == "named"
-    (term,) = found.terms
+    diagnosis = diagnose(campaign, ARM)
+    assert diagnosis.verdict == "named"
+    (term,) = diagnosis.terms
     assert term.candidate.name == "axis_wobble 2 J7"
     for key in ("cos_rad", "sin_rad"):
         estimate, true = term.estimates[key], played.effects[0].values[key]
@@ -77,16 +77,16 @@ def test_nothing_is_found_where_nothing_is_and_blunders_are_no_effects(poses):
         update={"blunder_share": 0.03, "blunder_kinds": ("orientation",)}
     )
     for noise in (NOISE, spoilt):
-        found = diagnose(measured(poses, noise), ARM)
-        assert (found.verdict, found.terms) == ("clean", ())
+        diagnosis = diagnose(measured(poses, noise), ARM)
+        assert (diagnosis.verdict, diagnosis.terms) == ("clean", ())
         # The positions of poses with a wrong orientation take part.
-        assert not np.any(found.excluded)
-        lines = found.campaign.poses.lines
-        wrong = turned_lines(poses, noise) & set(lines[found.choosing].tolist())
-        assert set(lines[found.turned].tolist()) == wrong
-        listed = diagnosis_json(found)["orientations"]["excluded"]
+        assert not np.any(diagnosis.excluded)
+        lines = diagnosis.campaign.poses.lines
+        wrong = turned_lines(poses, noise) & set(lines[diagnosis.choosing].tolist())
+        assert set(lines[diagnosis.turned].tolist()) == wrong
+        listed = diagnosis_json(diagnosis)["orientations"]["excluded"]
         assert {one["line"] for one in listed} == wrong
-        said = "\n".join(summary_lines(found))
+        said = "\n".join(summary_lines(diagnosis))
         assert ("Orientations that contradict the rest" in said) == bool(wrong)
     assert wrong
 

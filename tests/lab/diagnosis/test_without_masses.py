@@ -48,19 +48,19 @@ def kinds(arm):
 def test_what_yields_is_named_and_predicts_nearly_as_with_the_true_masses(kind, joint):
     campaign = measured_with(hidden(kind, 25.0, joint))
     known = diagnose(campaign, poses().arm, DECISION)
-    found = diagnose(campaign, BARE, DECISION)
-    (term,) = found.terms
-    assert (found.verdict, term.candidate.kind, term.candidate.joint) == (
+    diagnosis = diagnose(campaign, BARE, DECISION)
+    (term,) = diagnosis.terms
+    assert (diagnosis.verdict, term.candidate.kind, term.candidate.joint) == (
         "named",
         kind,
         joint,
     )
-    assert found.gap.after.rms_mm < NEAR * known.gap.after.rms_mm
-    assert found.gap.after.rms_mm < 0.7 * found.gap.before.rms_mm
+    assert diagnosis.gap.after.rms_mm < NEAR * known.gap.after.rms_mm
+    assert diagnosis.gap.after.rms_mm < 0.7 * diagnosis.gap.before.rms_mm
     compliance = term.estimates["compliance_rad_nm"]
     assert compliance.value > 10.0 * compliance.std
     assert known.all_terms.mass_distribution() == {}
-    masses = found.all_terms.mass_distribution()
+    masses = diagnosis.all_terms.mass_distribution()
     assert 0 < len(masses["determined"]) < masses["combinations"]
 
 
@@ -106,18 +106,18 @@ def test_the_arm_that_is_written_is_applied_as_it_is(tmp_path):
 
 
 def test_nothing_is_found_and_nothing_written_where_nothing_yields():
-    found = diagnose(measured_with(), BARE, DECISION)
-    assert found.verdict == "clean"
-    assert found.adapted.effects == ()
-    assert found.all_terms.mass_distribution() == {}
+    diagnosis = diagnose(measured_with(), BARE, DECISION)
+    assert diagnosis.verdict == "clean"
+    assert diagnosis.adapted.effects == ()
+    assert diagnosis.all_terms.mass_distribution() == {}
 
 
 def test_an_eccentricity_is_none_of_it():
-    found = diagnose(
+    diagnosis = diagnose(
         measured_with(hidden("encoder_eccentricity", 25.0, "J2")), BARE, DECISION
     )
-    assert [t.candidate.kind for t in found.terms] == ["encoder_eccentricity"]
-    assert kinds(found.adapted) == ["encoder_eccentricity"]
+    assert [t.candidate.kind for t in diagnosis.terms] == ["encoder_eccentricity"]
+    assert kinds(diagnosis.adapted) == ["encoder_eccentricity"]
 
 
 def test_an_arm_that_was_diagnosed_is_diagnosed_again():

@@ -62,14 +62,16 @@ def test_a_campaign_comes_out_as_foreseen_from_the_planted_errors(mix, poses):
     planted = PlantedNoise(poses, NoiseTable())
     options = Options(n_suggestions=0, snooping=False)
     simulated = draw_noise(poses, 13)
-    found = identify(campaign_from_simulation(simulated.campaign), poses.arm, options)
-    assert found.redundancy == planted.redundancy
+    result = identify(campaign_from_simulation(simulated.campaign), poses.arm, options)
+    assert result.redundancy == planted.redundancy
     foreseen = planted.foreseen(simulated)
-    total = found.adjustment.system.sum_of_squares
-    spread = np.sqrt(2.0 * found.redundancy)
+    total = result.adjustment.system.sum_of_squares
+    spread = np.sqrt(2.0 * result.redundancy)
     assert abs(total - foreseen.sum_of_squares) < 0.1 * spread
     has_scale = mix != "cones"
-    errors = distance_errors(found, poses, 4, has_scale=has_scale, steps=foreseen.steps)
+    errors = distance_errors(
+        result, poses, 4, has_scale=has_scale, steps=foreseen.steps
+    )
     spread = np.sqrt(2.0 * errors.degrees)
     assert abs(errors.chi_square - errors.foreseen) < 0.1 * spread
 

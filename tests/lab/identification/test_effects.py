@@ -126,8 +126,8 @@ def test_an_effect_that_is_freed_is_estimated():
     }
     found = freed(campaign_with(true), design(unknown), "J4.encoder_eccentricity.*")
     (effect,) = found.arm.effects
-    names = [one.name for one in found.parameters]
-    stds = {one.name: one.std for one in found.parameters}
+    names = [parameter.name for parameter in found.parameters]
+    stds = {parameter.name: parameter.std for parameter in found.parameters}
     for key in ("cos_rad", "sin_rad"):
         name = f"J4.encoder_eccentricity.{key}"
         away = effect.values[key] - true.values[key]
@@ -144,7 +144,7 @@ def test_an_effect_that_is_held_stays_as_the_file_has_it():
     found = freed(campaign_with(true), arm)
     assert found.arm.effects == (true,)
     assert found.sigma0 == pytest.approx(1.0, abs=0.15)
-    assert not any("encoder" in one.name for one in found.parameters)
+    assert not any("encoder" in parameter.name for parameter in found.parameters)
     without = freed(campaign_with(true), ARM, snooping=False)
     assert without.sigma0 > 1.3
 
@@ -182,11 +182,11 @@ def test_vectors_of_a_wobble_stay_across_the_axis():
     axis = np.array(found.arm.joints[2].axis)
     start = np.array(ARM.joints[2].axis)
     assert np.linalg.norm(axis - start) > 1e-4
-    names = [one.name for one in found.parameters]
+    names = [parameter.name for parameter in found.parameters]
     assert names[-4:] == [
         f"J3.axis_wobble.2.{key}.{c}" for key in ("cos_rad", "sin_rad") for c in "vw"
     ]
-    std = max(one.std for one in found.parameters[-4:])
+    std = max(parameter.std for parameter in found.parameters[-4:])
     for key in ("cos_rad", "sin_rad"):
         assert abs(np.dot(effect.values[key], axis)) < 1e-18 + 1e-9 * std
         away = np.subtract(effect.values[key], played.values[key])

@@ -54,7 +54,7 @@ def restricted_likelihood(parameters, values, stds):
 def test_mean_and_spread_are_where_the_likelihood_is_largest(spread):
     rng = np.random.default_rng(1)
     values, stds = drawn(rng, spread=spread)
-    found = population_of(values, stds, 1e-12)
+    population = population_of(values, stds, 1e-12)
     best = minimize(
         restricted_likelihood,
         [values.mean(), values.std()],
@@ -62,19 +62,19 @@ def test_mean_and_spread_are_where_the_likelihood_is_largest(spread):
         method="Nelder-Mead",
         options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 4000},
     )
-    assert found.mean == pytest.approx(best.x[0], abs=1e-5)
-    assert found.spread == pytest.approx(abs(best.x[1]), abs=1e-4)
+    assert population.mean == pytest.approx(best.x[0], abs=1e-5)
+    assert population.spread == pytest.approx(abs(best.x[1]), abs=1e-4)
 
 
 def test_without_uncertainties_it_is_students_test():
     rng = np.random.default_rng(2)
     values = rng.normal(5.0, 2.0, 20)
-    found = population_of(values, np.zeros(20), 1e-12)
-    assert found.mean == pytest.approx(values.mean())
-    assert found.spread == pytest.approx(values.std(ddof=1))
+    population = population_of(values, np.zeros(20), 1e-12)
+    assert population.mean == pytest.approx(values.mean())
+    assert population.spread == pytest.approx(values.std(ddof=1))
     others = np.delete(values, 3)
     expected = (values[3] - others.mean()) / (others.std(ddof=1) * np.sqrt(1 + 1 / 19))
-    assert found.spreads[3] == pytest.approx(expected)
+    assert population.spreads[3] == pytest.approx(expected)
 
 
 def test_one_family_in_a_hundred_has_a_false_alarm():
@@ -89,9 +89,9 @@ def test_strangers_do_not_hide_one_another():
     rng = np.random.default_rng(4)
     values, stds = drawn(rng)
     values[[3, 17, 30]] += [1.0, 1.1, 0.9]
-    found = population_of(values, stds, 0.01 / N_ARMS)
-    assert set(np.flatnonzero(found.strangers)) == {3, 17, 30}
-    assert found.spread == pytest.approx(0.1, rel=0.4)
+    population = population_of(values, stds, 0.01 / N_ARMS)
+    assert set(np.flatnonzero(population.strangers)) == {3, 17, 30}
+    assert population.spread == pytest.approx(0.1, rel=0.4)
 
 
 def folders(tmp_path, rng, n=N_ARMS):
@@ -116,7 +116,7 @@ def test_the_command_names_who_leaves_the_family(tmp_path):
     assert f"{given[5]}: J3.link.v is +" in ran.output
     assert "spreads from its family" in ran.output
     values = json.loads(run(*given, "--json", status=1).stdout)
-    assert [(one["arm"], one["parameter"]) for one in values["alarms"]] == [
+    assert [(value["arm"], value["parameter"]) for value in values["alarms"]] == [
         (str(given[5]), "J3.link.v")
     ]
     good = [path for path in given if path.name != "arm-5"]

@@ -46,7 +46,7 @@ def test_one_distribution_serves_both_as_well_as_the_true_masses(campaign, found
     compliances = [e for e in found.arm.effects if e.kind != "first_moment"]
     assert all(one.compliance_rad_nm > 0.0 for one in compliances)
     # What compliances do to the ball is that of compliances times moments.
-    true = [one.compliance_rad_nm for one in known.arm.effects]
+    true = [effect.compliance_rad_nm for effect in known.arm.effects]
     levers = [
         effects_from_arm(of.arm).levers_kg_mm(of.adjustment.state.arm.geometry)
         for of in (found, known)
@@ -79,19 +79,19 @@ def test_what_was_estimated_of_masses_is_reported(tmp_path, found):
 
 def test_held_moments_are_those_of_an_arm_of_usual_build(campaign):
     options = Options(free=FREE.free, hold=("*.first_moment.*",), n_suggestions=0)
-    found = identify(campaign, BARE, options)
+    result = identify(campaign, BARE, options)
     assumed = assumed_moments(BARE)
-    moments = [e for e in found.arm.effects if e.kind == "first_moment"]
+    moments = [e for e in result.arm.effects if e.kind == "first_moment"]
     np.testing.assert_allclose(
         [one.moment_kg_m for one in moments], assumed.moments_kg_m[1:], atol=1e-12
     )
-    assert "mass_distribution" not in identification_json(found)
+    assert "mass_distribution" not in identification_json(result)
 
 
 def test_moments_are_held_with_the_compliances(campaign, found):
     again = identify(campaign, found.arm, Options(n_suggestions=0))
     assert again.arm.effects == found.arm.effects
-    assert not any("moment" in one.name for one in again.parameters)
+    assert not any("moment" in parameter.name for parameter in again.parameters)
 
 
 def test_without_gravity_no_moment_is_added():

@@ -334,10 +334,12 @@ def test_an_orientation_that_is_a_blunder_is_taken_out_alone():
         for kind in ("orientation", "contact")
     }
     assert min(map(len, lines.values())) > 0
-    assert [one.line for one in result.orientations.excluded] == lines["orientation"]
-    assert [one.line for one in result.excluded] == lines["contact"]
-    assert {one.part for one in result.excluded} == {"position"}
-    assert all(10 < one.w < 20 for one in result.orientations.excluded)
+    assert [entry.line for entry in result.orientations.excluded] == lines[
+        "orientation"
+    ]
+    assert [entry.line for entry in result.excluded] == lines["contact"]
+    assert {entry.part for entry in result.excluded} == {"position"}
+    assert all(10 < entry.w < 20 for entry in result.orientations.excluded)
     page = report_page(result, result_map(result))
     assert "<th>contradicts</th>" in page
     assert "<td>position</td>" in page
@@ -365,8 +367,8 @@ def test_components_in_another_order_leave_the_result_in_doubt():
     assert "(w, x, y, z)" in page
     # Positions are as good as without.
     bare = stds_of(identify(without(campaign), ARM, QUICK))
-    found = stds_of(result)
-    assert found["J2.link.v"] == pytest.approx(bare["J2.link.v"], rel=0.1)
+    stds = stds_of(result)
+    assert stds["J2.link.v"] == pytest.approx(bare["J2.link.v"], rel=0.1)
 
 
 @pytest.mark.parametrize("frame", ["arm", "own_scaled"])
@@ -447,10 +449,10 @@ def test_orientations_of_poses_kept_aside_are_predicted():
     kept[::4] = True
     result = identify(campaign.part(~kept), ARM, QUICK)
     others = campaign.part(kept)
-    found = predict(
+    prediction = predict(
         others, result.arm, places_of(result), result.tools_mm, mountings_of(result)
     )
-    figures = found.figures()["orientation"]
+    figures = prediction.figures()["orientation"]
     assert figures["n"] == 30
     # Three components of 5e-5 rad, and what the arm is not known.
     assert figures["rms_rad"] == pytest.approx(5e-5 * np.sqrt(3.0), rel=0.25)

@@ -158,6 +158,6 @@ def test_an_arm_that_is_far_from_its_design_is_in_doubt():
     campaign = simulate(replace(true, links_mm=links_mm), TABLES, 30, 7)
     judged = outcome_of(identify(campaign, DESIGN_ARM, NO_SEARCH))
     assert "design" in judged.outcome.codes
-    (reason,) = [one for one in judged.outcome.reasons if one.code == "design"]
+    (reason,) = [reason for reason in judged.outcome.reasons if reason.code == "design"]
     assert reason.values["parameter"].startswith("J4.link")
     assert reason.values["deviations"] == pytest.approx(12.0, abs=1.0)

@@ -103,23 +103,23 @@ def halves(campaign):
 def test_the_true_arm_predicts_exact_poses_with_the_places_of_others(exact):
     fitted, judged = halves(exact)
     places = places_of(placed(fitted, arm_value(TRUE)))
-    found = predict(judged, arm_value(TRUE), places)
-    assert found.placed_by_itself == frozenset()
-    assert len(found.distances_mm) == 40
-    assert found.distances_mm.max() < 1e-6
+    prediction = predict(judged, arm_value(TRUE), places)
+    assert prediction.placed_by_itself == frozenset()
+    assert len(prediction.distances_mm) == 40
+    assert prediction.distances_mm.max() < 1e-6
 
 
 def test_another_arm_is_off_by_what_its_centres_are_off_from_the_places(exact):
     fitted, judged = halves(exact)
     design = DESIGN_ARM
     places = places_of(placed(fitted, design))
-    found = predict(judged, design, places)
+    prediction = predict(judged, design, places)
     seat = judged.poses.artefacts == 0
     geometry = geometry_from_arm(design)
     centres_mm = probe_centre(geometry, judged.poses.angles_rad[seat])
     expected = np.linalg.norm(centres_mm - places["cone-0"], axis=1)
-    assert found.distances_mm[seat] == pytest.approx(expected)
-    figures = found.by_artefact()["cone-0"]
+    assert prediction.distances_mm[seat] == pytest.approx(expected)
+    figures = prediction.by_artefact()["cone-0"]
     assert figures["n"] == 10
     assert figures["mean_mm"] == pytest.approx(expected.mean())
     assert figures["rms_mm"] == pytest.approx(np.sqrt(np.mean(expected**2)))
@@ -130,10 +130,10 @@ def test_an_artefact_that_nobody_placed_is_placed_by_its_own_poses(exact):
     fitted, judged = halves(exact)
     places = dict(places_of(placed(fitted, arm_value(TRUE))))
     del places["grid"]
-    found = predict(judged, arm_value(TRUE), places)
-    assert found.placed_by_itself == {"grid"}
-    assert found.by_artefact()["grid"]["placed_by"] == "itself"
-    assert found.distances_mm.max() < 1e-6
+    prediction = predict(judged, arm_value(TRUE), places)
+    assert prediction.placed_by_itself == {"grid"}
+    assert prediction.by_artefact()["grid"]["placed_by"] == "itself"
+    assert prediction.distances_mm.max() < 1e-6
 
 
 def test_points_of_other_names_are_in_the_same_frame(exact):
@@ -249,8 +249,8 @@ def ours(angles_rad, places_mm, options=QUICK, true_mm=None):
     judges = seen_places(angles_rad[used.stop :], places_mm[used.stop :])
     if true_mm is not None:
         given = seen_places(angles_rad[used], true_mm[used])
-    found = predict(judges, result.arm, places_of(placed(given, result.arm)))
-    return result, float(np.sqrt(np.mean(found.distances_mm**2)))
+    prediction = predict(judges, result.arm, places_of(placed(given, result.arm)))
+    return result, float(np.sqrt(np.mean(prediction.distances_mm**2)))
 
 
 def onto(seen_mm, at_mm):

@@ -63,7 +63,7 @@ def member(seed):
 def family():
     """Twelve arms of it."""
     found = [member(seed) for seed in range(N_ARMS)]
-    names = tuple(one.name for one in found[0].parameters)
+    names = tuple(parameter.name for parameter in found[0].parameters)
     values, stds = (
         np.array([[getattr(p, key) for p in one.parameters] for one in found])
         for key in ("value", "std")
@@ -73,7 +73,8 @@ def family():
         for k in range(len(names))
     ]
     means, of_one_more = (
-        np.array([getattr(one, key) for one in populations]) for key in ("mean", "std")
+        np.array([getattr(population, key) for population in populations])
+        for key in ("mean", "std")
     )
     return Prior("family.toml", demo_arm(), N_ARMS, names, means, of_one_more, names)
 
@@ -85,7 +86,7 @@ def test_it_is_the_least_squares_of_poses_and_expectations():
     assert result.converged
     rows = equations_of(result.adjustment)
     # Its last rows are the family's: written out here from the estimates.
-    estimates = {one.name: one.value for one in result.parameters}
+    estimates = {parameter.name: parameter.value for parameter in result.parameters}
     expected = [
         (mean - estimates[name]) / std
         for name, mean, std in zip(prior.names, prior.changes, prior.stds, strict=True)
@@ -107,14 +108,14 @@ def test_a_few_poses_are_enough_with_a_family_and_its_figures_hold():
     for seed in range(60, 72):
         campaign = campaign_of(seed, 24)
         alone = identify(campaign, demo_arm())
-        found = identify(replace(campaign, prior=family()), demo_arm())
-        assert not found.campaign.prior.contradicted
+        result = identify(replace(campaign, prior=family()), demo_arm())
+        assert not result.campaign.prior.contradicted
         assert len(alone.undetermined) > 0
-        assert len(found.undetermined) == 0
+        assert len(result.undetermined) == 0
         true = identify(campaign_of(seed, 240), demo_arm())
         z += [
             (one.value - other.value) / np.hypot(one.std, other.std)
-            for one, other in zip(found.parameters, true.parameters, strict=True)
+            for one, other in zip(result.parameters, true.parameters, strict=True)
         ]
     # 300 figures, correlated within an arm.
     assert 0.6 < float(np.sqrt(np.mean(np.square(z)))) < 1.3
@@ -123,12 +124,12 @@ def test_a_few_poses_are_enough_with_a_family_and_its_figures_hold():
 def test_many_poses_hardly_notice_it():
     campaign = campaign_of(80, 240)
     alone = identify(campaign, demo_arm())
-    found = identify(replace(campaign, prior=family()), demo_arm())
+    result = identify(replace(campaign, prior=family()), demo_arm())
     # At the probe: parts of links along their axes, which nothing measures, may differ.
     true = true_arm_file(demo_arm(), measured(80, 240).truth.arm)
     off_mm = compare_arms(alone.arm, true).rms_mm
-    assert compare_arms(alone.arm, found.arm).rms_mm < 0.3 * off_mm
-    for one, other in zip(alone.parameters, found.parameters, strict=True):
+    assert compare_arms(alone.arm, result.arm).rms_mm < 0.3 * off_mm
+    for one, other in zip(alone.parameters, result.parameters, strict=True):
         assert other.std <= one.std * 1.01
 
 
@@ -138,24 +139,24 @@ def test_who_left_the_family_in_one_parameter_keeps_the_others():
     moved = prior.changes.copy()
     moved[at] += 1.0
     odd = replace(prior, changes=moved)
-    found = identify(replace(campaign_of(81, 48), prior=odd), demo_arm())
-    (name, sigmas), *others = found.campaign.prior.contradicted
+    result = identify(replace(campaign_of(81, 48), prior=odd), demo_arm())
+    (name, sigmas), *others = result.campaign.prior.contradicted
     assert (name, others) == ("J4.link.w", [])
     assert sigmas > 8.0
     plain = identify(
         replace(campaign_of(81, 48), prior=prior.without("J4.link.w", 0.0)), demo_arm()
     )
-    assert found.parameters == plain.parameters
+    assert result.parameters == plain.parameters
 
 
 @pytest.mark.slow
 def test_a_stranger_is_none_of_the_family_and_judged_by_its_poses():
     campaign = campaign_of(82, 48, OFFSETS)
-    found = identify(replace(campaign, prior=family()), demo_arm())
-    assert found.campaign.prior.names == ()
-    assert len(found.campaign.prior.contradicted) > 4
+    result = identify(replace(campaign, prior=family()), demo_arm())
+    assert result.campaign.prior.names == ()
+    assert len(result.campaign.prior.contradicted) > 4
     alone = identify(campaign, demo_arm())
-    for one, other in zip(alone.parameters, found.parameters, strict=True):
+    for one, other in zip(alone.parameters, result.parameters, strict=True):
         assert one.value == pytest.approx(other.value, abs=0.01 * one.std)
 
 

@@ -109,8 +109,8 @@ def test_without_noise_the_truth_is_recovered_exactly():
     exact = simulate(true, MIXES["everything"], 25, 8, noise=Noise(0.0, 0.0))
     result = identify(exact, DESIGN_ARM, PLAIN)
     angles = np.random.default_rng(1).uniform(-3, 3, (10, 7))
-    found = distances(result.adjustment.state.arm.geometry, angles)
-    assert found == pytest.approx(distances(true.geometry(), angles), abs=1e-6)
+    distances_mm = distances(result.adjustment.state.arm.geometry, angles)
+    assert distances_mm == pytest.approx(distances(true.geometry(), angles), abs=1e-6)
 
 
 def test_points_in_the_arms_system_give_absolute_positions():
@@ -120,8 +120,8 @@ def test_points_in_the_arms_system_give_absolute_positions():
     campaign = simulate(true, [table], 150, 9)
     result = identify(campaign, DESIGN_ARM, PLAIN)
     angles = np.random.default_rng(1).uniform(-3, 3, (20, 7))
-    found = probe_centre(result.adjustment.state.arm.geometry, angles)
-    assert found == pytest.approx(true.centres(angles), abs=0.05)
+    centres_mm = probe_centre(result.adjustment.state.arm.geometry, angles)
+    assert centres_mm == pytest.approx(true.centres(angles), abs=0.05)
 
 
 def test_the_answer_does_not_depend_on_the_datum():

@@ -94,11 +94,11 @@ def test_samples_that_were_excluded_change_no_correlation():
     campaign = stream(phi=PHI)
     spoilt = np.random.default_rng(1).choice(len(campaign.poses), 60, replace=False)
     campaign.poses.angles_rad[spoilt, 3] += 1e-3
-    found = identify(campaign, DESIGN_ARM, OPTIONS)
-    assert set(np.flatnonzero(~found.included)) >= set(spoilt)
-    assert np.count_nonzero(~found.included) < 70
+    result = identify(campaign, DESIGN_ARM, OPTIONS)
+    assert set(np.flatnonzero(~result.included)) >= set(spoilt)
+    assert np.count_nonzero(~result.included) < 70
     of_process = PHI ** np.arange(1, 21)
-    assert np.allclose(correlations(found.adjustment)[:20], of_process, atol=0.06)
+    assert np.allclose(correlations(result.adjustment)[:20], of_process, atol=0.06)
 
 
 def test_standard_deviations_grow_with_the_noise_that_is_shared(shared, single):

@@ -146,8 +146,8 @@ def test_suggested_poses_stay_within_the_travel_that_was_shown():
         for table, middle_mm in zip(cones(3), middles_mm, strict=True)
     ]
     campaign = simulate(built(1), tables, 40, 5, travel_rad=travel_rad)
-    found = identify(campaign, DESIGN_ARM, OPTIONS)
-    angles_rad = np.array([entry.angles_rad for entry in found.suggestions])
+    result = identify(campaign, DESIGN_ARM, OPTIONS)
+    angles_rad = np.array([entry.angles_rad for entry in result.suggestions])
     assert len(angles_rad) == 8
     shown_rad = campaign.poses.angles_rad
     # The last joint hardly turned: more travel is requested of it alone.

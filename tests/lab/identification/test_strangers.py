@@ -43,8 +43,8 @@ def identified(tables, n_each=50, options=QUICK, seed=1, arm=None, **more):
     campaign = simulate(true, tables, n_each, seed, **more.pop("simulated", {}))
     for key, value in more.pop("lies", {}).items():
         changed = [
-            one.model_copy(update=value) if one.id == key else one
-            for one in campaign.artefacts
+            artefact.model_copy(update=value) if artefact.id == key else artefact
+            for artefact in campaign.artefacts
         ]
         campaign = replace(campaign, artefacts=tuple(changed))
     result = identify(replace(campaign, **more), DESIGN_ARM, options)

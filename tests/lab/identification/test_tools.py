@@ -73,7 +73,10 @@ def campaign():
 
 def off_by_sigmas(result, name, expected_mm):
     names = [f"tool.{name}.{axis}" for axis in "xyz"]
-    at = [[one.name for one in result.parameters].index(each) for each in names]
+    at = [
+        [parameter.name for parameter in result.parameters].index(each)
+        for each in names
+    ]
     miss_mm = result.tools_mm[name] - expected_mm
     return miss_mm @ np.linalg.solve(result.covariance[np.ix_(at, at)], miss_mm)
 
@@ -143,7 +146,9 @@ def test_tools_that_are_held_count_as_known(campaign):
     low, high = chi2.ppf([RARE, 1 - RARE], result.redundancy)
     assert low < result.sigma0**2 * result.redundancy < high
     np.testing.assert_array_equal(result.tools_mm["far"], OFFSETS_MM["far"])
-    assert not any(one.name.startswith("tool.") for one in result.parameters)
+    assert not any(
+        parameter.name.startswith("tool.") for parameter in result.parameters
+    )
 
 
 def test_a_prediction_takes_the_tools_that_others_gave():
@@ -151,8 +156,8 @@ def test_a_prediction_takes_the_tools_that_others_gave():
     first = np.arange(len(exact.poses)) % 12 < 8
     given = placed(exact.part(first), arm_value(TRUE))
     for places, tools in ((places_of(given), given.tools_mm), ({}, None)):
-        found = predict(exact.part(~first), arm_value(TRUE), places, tools)
-        assert found.distances_mm.max() < 1e-5
+        prediction = predict(exact.part(~first), arm_value(TRUE), places, tools)
+        assert prediction.distances_mm.max() < 1e-5
 
 
 def written_arm(folder):
@@ -194,8 +199,8 @@ def eccentric(campaign, joint, size_rad):
 @pytest.mark.parametrize("joint", [1, pytest.param(5, marks=pytest.mark.slow)])
 def test_an_effect_is_named_from_poses_with_several_tools(joint, tmp_path):
     campaign = eccentric(measured(["", "low", "far"], 60), joint, 1e-4)
-    found = diagnose(campaign, arm_value(TRUE), DiagnosisOptions(n_draws=200))
-    (term,) = found.terms
+    diagnosis = diagnose(campaign, arm_value(TRUE), DiagnosisOptions(n_draws=200))
+    (term,) = diagnosis.terms
     assert term.status == "named"
     assert (term.candidate.kind, term.candidate.joint) == (
         "encoder_eccentricity",
@@ -204,8 +209,8 @@ def test_an_effect_is_named_from_poses_with_several_tools(joint, tmp_path):
     cosine, sine = term.estimates.values()
     size_rad = np.hypot(cosine.value, sine.value)
     assert abs(size_rad - 1e-4) < 4 * max(cosine.std, sine.std)
-    assert found.gap.closed > 0.9
-    write_diagnosis(tmp_path, found, written_arm(tmp_path))
+    assert diagnosis.gap.closed > 0.9
+    write_diagnosis(tmp_path, diagnosis, written_arm(tmp_path))
     values = json.loads((tmp_path / "diagnosis.json").read_text())
     vector_mm = values["tools"]["far"]["vector_mm"]
     assert np.linalg.norm(vector_mm) == pytest.approx(

@@ -195,13 +195,18 @@ def test_the_map_is_in_the_size_of_single_pairs_and_knows_its_worst_place(
     readings: np.ndarray,
 ) -> None:
     arm = known()
-    found = uncertainty_map(arm, readings)
-    assert found.length_mm == 500.0
+    uncertainty = uncertainty_map(arm, readings)
+    assert uncertainty.length_mm == 500.0
     some = distance_deviations_mm(arm, readings[:100], readings[100:200])
-    for name, figures in found.summary().items():
+    for name, figures in uncertainty.summary().items():
         assert figures.median_mm <= figures.quantile_95_mm <= figures.largest_mm
         assert 0.2 * np.median(some) < figures.median_mm < 5.0 * np.median(some), name
-    assert set(found.summary()) == {"radial", "tangential", "axial", "from reference"}
+    assert set(uncertainty.summary()) == {
+        "radial",
+        "tangential",
+        "axial",
+        "from reference",
+    }
 
 
 def test_a_small_arm_gets_shorter_distances() -> None:
@@ -224,8 +229,8 @@ def test_a_small_arm_gets_shorter_distances() -> None:
 def test_an_arm_that_hardly_moved_has_an_empty_map() -> None:
     arm = known()
     still_rad = np.stack([arm.geometry.zeros_rad, arm.geometry.zeros_rad + 1e-6])
-    found = uncertainty_map(arm, still_rad, 500.0)
-    assert not np.any(np.isfinite(found.deviations_mm[:3]))
+    uncertainty = uncertainty_map(arm, still_rad, 500.0)
+    assert not np.any(np.isfinite(uncertainty.deviations_mm[:3]))
 
 
 def placed_elsewhere(arm: TrueArm) -> TrueArm:
@@ -252,9 +257,9 @@ def in_another_posture(arm: TrueArm, turns_rad: np.ndarray) -> TrueArm:
 
 
 def test_an_arm_is_like_itself() -> None:
-    found = compare_arms(arm_value(TRUE), arm_value(TRUE))
-    assert found.rms_mm == pytest.approx(0.0, abs=1e-9)
-    assert found.turn_rad == pytest.approx(0.0, abs=1e-9)
+    comparison = compare_arms(arm_value(TRUE), arm_value(TRUE))
+    assert comparison.rms_mm == pytest.approx(0.0, abs=1e-9)
+    assert comparison.turn_rad == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("at", ["elsewhere", "in another posture"])
@@ -265,18 +270,20 @@ def test_placing_and_posture_do_not_count(at: str) -> None:
         if at == "elsewhere"
         else in_another_posture(TRUE, turns_rad)
     )
-    found = compare_arms(arm_value(TRUE), arm_value(other))
-    assert found.largest_mm == pytest.approx(0.0, abs=1e-8)
+    comparison = compare_arms(arm_value(TRUE), arm_value(other))
+    assert comparison.largest_mm == pytest.approx(0.0, abs=1e-8)
     if at == "elsewhere":
-        assert found.turn_rad == pytest.approx(0.7, abs=1e-9)
-        assert found.shift_rms_mm > 100.0
+        assert comparison.turn_rad == pytest.approx(0.7, abs=1e-9)
+        assert comparison.shift_rms_mm > 100.0
 
 
 def test_differences_are_those_of_an_independent_fit() -> None:
     first, second = disturbed(TRUE, 1), placed_elsewhere(disturbed(TRUE, 2))
     least, most = TRUE.zeros_rad - 1.0, TRUE.zeros_rad + 1.5
-    found = compare_arms(arm_value(first), arm_value(second), (least, most), 500)
-    assert np.all((found.largest_at_rad >= least) & (found.largest_at_rad <= most))
+    comparison = compare_arms(arm_value(first), arm_value(second), (least, most), 500)
+    assert np.all(
+        (comparison.largest_at_rad >= least) & (comparison.largest_at_rad <= most)
+    )
     # The same postures drawn again, to fit them with an independent function.
     rng = np.random.default_rng(20_171_101)
     angles_rad = rng.uniform(least, most, (500, 7))
@@ -285,22 +292,24 @@ def test_differences_are_those_of_an_independent_fit() -> None:
     local_mm = second_mm - second_mm.mean(axis=0)
     turn, _ = Rotation.align_vectors(onto_mm, local_mm)
     apart_mm = np.linalg.norm(turn.apply(local_mm) - onto_mm, axis=1)
-    assert found.rms_mm == pytest.approx(np.sqrt(np.mean(apart_mm**2)), rel=1e-9)
-    assert found.median_mm == pytest.approx(np.median(apart_mm), rel=1e-9)
-    assert found.largest_mm == pytest.approx(apart_mm.max(), rel=1e-9)
+    assert comparison.rms_mm == pytest.approx(np.sqrt(np.mean(apart_mm**2)), rel=1e-9)
+    assert comparison.median_mm == pytest.approx(np.median(apart_mm), rel=1e-9)
+    assert comparison.largest_mm == pytest.approx(apart_mm.max(), rel=1e-9)
     worst = int(np.argmax(apart_mm))
-    np.testing.assert_allclose(found.largest_at_mm, first_mm[worst], atol=1e-9)
-    np.testing.assert_array_equal(found.largest_at_rad, angles_rad[worst])
+    np.testing.assert_allclose(comparison.largest_at_mm, first_mm[worst], atol=1e-9)
+    np.testing.assert_array_equal(comparison.largest_at_rad, angles_rad[worst])
 
 
 def test_zones_share_out_all_postures() -> None:
-    found = compare_arms(arm_value(TRUE), arm_value(disturbed(TRUE, 1)))
-    assert [zone.name for zone in found.zones] == ["near", "middle", "far"]
-    assert sum(zone.n_postures for zone in found.zones) == found.n_postures
-    filled = [zone for zone in found.zones if zone.n_postures]
+    comparison = compare_arms(arm_value(TRUE), arm_value(disturbed(TRUE, 1)))
+    assert [zone.name for zone in comparison.zones] == ["near", "middle", "far"]
+    assert sum(zone.n_postures for zone in comparison.zones) == comparison.n_postures
+    filled = [zone for zone in comparison.zones if zone.n_postures]
     squares = sum(zone.n_postures * zone.rms_mm**2 for zone in filled)
-    assert squares == pytest.approx(found.n_postures * found.rms_mm**2, rel=1e-9)
-    assert max(zone.largest_mm for zone in filled) == found.largest_mm
+    assert squares == pytest.approx(
+        comparison.n_postures * comparison.rms_mm**2, rel=1e-9
+    )
+    assert max(zone.largest_mm for zone in filled) == comparison.largest_mm
 
 
 def test_arms_of_other_joints_are_refused_by_name() -> None:

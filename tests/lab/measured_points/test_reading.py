@@ -36,13 +36,13 @@ def means(folder, arm):
 def test_a_touch_of_a_recording_is_the_mean_of_its_samples(tmp_path):
     arm = parse_arm(ARM)
     folder = folder_of(tmp_path, TOUCHING)
-    found = read_measured(folder, arm)
+    measured = read_measured(folder, arm)
     seat, first = means(folder, arm)
-    assert found.of("seat").features == ("",)
-    assert found.of("bar").features == ("2", "1")
-    np.testing.assert_allclose(found.of("seat").places_mm[0], seat, atol=1e-9)
-    np.testing.assert_allclose(found.of("bar").places_mm[0], first, atol=1e-9)
-    assert found.of("bar").tip_mm.tolist() == [3.0, 3.0]
+    assert measured.of("seat").features == ("",)
+    assert measured.of("bar").features == ("2", "1")
+    np.testing.assert_allclose(measured.of("seat").places_mm[0], seat, atol=1e-9)
+    np.testing.assert_allclose(measured.of("bar").places_mm[0], first, atol=1e-9)
+    assert measured.of("bar").tip_mm.tolist() == [3.0, 3.0]
 
 
 def test_a_recording_may_hold_its_campaign(tmp_path):
@@ -53,11 +53,11 @@ def test_a_recording_may_hold_its_campaign(tmp_path):
         for value in TOUCHING:
             writer.add_touching(value)
         writer.add_samples(stream(counts))
-    found = read_measured(path, arm)
+    measured = read_measured(path, arm)
     beside = read_measured(folder_of(tmp_path, TOUCHING), arm)
     for name in ("seat", "bar"):
         np.testing.assert_allclose(
-            found.of(name).places_mm, beside.of(name).places_mm, atol=1e-9
+            measured.of(name).places_mm, beside.of(name).places_mm, atol=1e-9
         )
     assert files_read(path) == (path,)
 
@@ -79,10 +79,10 @@ def test_files_lie_beside_one_another(tmp_path):
 
 def test_effects_that_could_not_be_applied_are_reported(tmp_path):
     effect = '[[effects]]\nkind = "probe_radius"\nradius_error_mm = 0.01\n'
-    found = read_measured(folder_of(tmp_path, TOUCHING), parse_arm(ARM + effect))
-    assert "touches: effects of the contact left out" in found.notes[0]
+    measured = read_measured(folder_of(tmp_path, TOUCHING), parse_arm(ARM + effect))
+    assert "touches: effects of the contact left out" in measured.notes[0]
     effect = (
         '[[effects]]\nkind = "artefact_length"\nartefact = "bar"\nerror_ppm = 5.0\n'
     )
-    found = read_measured(tmp_path, parse_arm(ARM + effect))
-    assert "artefact_length of the arm file is not applied" in found.notes[0]
+    measured = read_measured(tmp_path, parse_arm(ARM + effect))
+    assert "artefact_length of the arm file is not applied" in measured.notes[0]

@@ -34,13 +34,15 @@ def bank():
 
 
 def candidate_of(kind, joint=None, order=None, component=None):
-    places = [one.identity for one in bank().candidates]
+    places = [candidate.identity for candidate in bank().candidates]
     return bank().candidates[places.index((kind, joint, order, component, None))]
 
 
 def columns_of(rows, candidate):
     names = library_bank(rows, measured().arm)
-    at = [one.identity for one in names.candidates].index(candidate.identity)
+    at = [candidate.identity for candidate in names.candidates].index(
+        candidate.identity
+    )
     return names.columns[:, names.slices[at]]
 
 

@@ -104,7 +104,7 @@ def test_a_vertical_first_joint_is_not_twisted_by_gravity():
     arm = arm_with_masses(truth)
     rows = equations_of(fitted(campaign, arm, everyone).adjustment)
     names = library_bank(rows, arm)
-    by_name = {one.candidate.name: one for one in detectable(rows, names)}
+    by_name = {size.candidate.name: size for size in detectable(rows, names)}
     found = by_name["joint_compliance J1"]
     assert found.minimum is None
     assert found.why == "J1 is vertical: gravity does not twist it"
@@ -124,7 +124,7 @@ def test_a_probe_on_the_last_axis_hides_that_joints_encoder():
     state = replace(adjustment.state, arm=state)
     rows = equations_of(replace(adjustment, state=state))
     names = library_bank(rows, arm)
-    by_name = {one.candidate.name: one for one in detectable(rows, names)}
+    by_name = {size.candidate.name: size for size in detectable(rows, names)}
     found = by_name["encoder_eccentricity J7"]
     assert found.minimum is None
     assert "the probe lies on the axis of J7" in found.why
@@ -145,8 +145,8 @@ def test_what_the_campaign_lacks_is_reported():
     arm = measured().arm
     rows = equations_of(fitted(campaign, arm, everyone).adjustment)
     absent = absent_candidates(rows, arm)
-    found = detectable(rows, library_bank(rows, arm), absent)
-    whole = [one for one in found if one.candidate.name == "thermal_expansion"]
+    sizes = detectable(rows, library_bank(rows, arm), absent)
+    whole = [one for one in sizes if one.candidate.name == "thermal_expansion"]
     assert whole[0].minimum is None
     assert "temperature" in whole[0].why
     assert "block" not in whole[0].why

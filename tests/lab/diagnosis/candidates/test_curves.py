@@ -32,8 +32,10 @@ JOINTS = [f"J{k}" for k in range(1, 8)]
 
 def test_curves_cover_all_covariates():
     bank = generic_bank(measured_rows())
-    of_arm = [one for one in bank.candidates if one.artefact is None]
-    creeping = [one for one in bank.candidates if one.artefact is not None]
+    of_arm = [candidate for candidate in bank.candidates if candidate.artefact is None]
+    creeping = [
+        candidate for candidate in bank.candidates if candidate.artefact is not None
+    ]
     found = {(c.joint, c.component, c.covariate) for c in of_arm}
     angles = {
         (joint, "angle", covariate)
@@ -62,9 +64,9 @@ def test_curves_cover_all_covariates():
     }
     assert found == angles | moves | base
     fine = [
-        one
-        for one in bank.candidates
-        if one.component == "angle" and one.size == N_FINE_KNOTS
+        candidate
+        for candidate in bank.candidates
+        if candidate.component == "angle" and candidate.size == N_FINE_KNOTS
     ]
     # The plain ones and, over the joint's own reading, the fine ones.
     assert len(of_arm) == len(found) + len(JOINTS)
@@ -89,9 +91,9 @@ def test_few_poses_have_no_fine_curves():
     rows = equations_of(fitted(campaign, measured().arm, few).adjustment)
     assert np.count_nonzero(few) < 8 * (N_KNOTS + 1)
     assert all(
-        one.size == N_KNOTS
-        for one in generic_bank(rows).candidates
-        if one.component == "angle"
+        candidate.size == N_KNOTS
+        for candidate in generic_bank(rows).candidates
+        if candidate.component == "angle"
     )
 
 

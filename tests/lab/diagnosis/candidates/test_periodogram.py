@@ -39,13 +39,13 @@ def teeth(joint: str, cycles: float, size_rad: float = 1.2e-4) -> HiddenEffect:
     ("joint", "cycles"), [("J1", 101.0), ("J2", 80.5), ("J3", 22.4), ("J5", 318.6)]
 )
 def test_joint_and_cycles_of_a_drive_are_found(joint, cycles):
-    found = diagnose(measured_with(teeth(joint, cycles)), poses().arm, DECISION)
-    [term] = found.terms
+    diagnosis = diagnose(measured_with(teeth(joint, cycles)), poses().arm, DECISION)
+    [term] = diagnosis.terms
     assert (term.status, term.candidate.kind) == ("named", KIND)
     assert term.candidate.joint == joint
     # Half a period more or less over the travel would be another wave.
-    travel_rad = np.ptp(found.campaign.poses.angles_rad, axis=0)
-    at = found.campaign.joint_names.index(joint)
+    travel_rad = np.ptp(diagnosis.campaign.poses.angles_rad, axis=0)
+    at = diagnosis.campaign.joint_names.index(joint)
     assert abs(term.candidate.cycles - cycles) * travel_rad[at] < 0.1 * np.pi
     size_rad = np.hypot(term.effect.cos_rad, term.effect.sin_rad)
     assert size_rad == pytest.approx(1.2e-4, rel=0.1)
@@ -54,9 +54,9 @@ def test_joint_and_cycles_of_a_drive_are_found(joint, cycles):
 
 def test_two_drives_of_one_joint_are_both_found():
     wrong = teeth("J2", 80.5), teeth("J2", 202.0, 8e-5)
-    found = diagnose(measured_with(*wrong), poses().arm, DECISION)
-    assert [term.candidate.kind for term in found.terms] == [KIND, KIND]
-    cycles = sorted(term.candidate.cycles for term in found.terms)
+    diagnosis = diagnose(measured_with(*wrong), poses().arm, DECISION)
+    assert [term.candidate.kind for term in diagnosis.terms] == [KIND, KIND]
+    cycles = sorted(term.candidate.cycles for term in diagnosis.terms)
     np.testing.assert_allclose(cycles, [80.5, 202.0], atol=0.1)
 
 
@@ -64,8 +64,8 @@ def test_two_drives_of_one_joint_are_both_found():
 def test_a_whole_order_of_the_bank_of_harmonics_is_the_encoders(order):
     sizes = {"cos_rad": 9e-5, "sin_rad": 9e-5}
     wrong = HiddenEffect("encoder_harmonic", "J3", {"order": order}, sizes)
-    found = diagnose(measured_with(wrong), poses().arm, DECISION)
-    [term] = found.terms
+    diagnosis = diagnose(measured_with(wrong), poses().arm, DECISION)
+    [term] = diagnosis.terms
     assert (term.status, term.candidate.name) == (
         "named",
         f"encoder_harmonic {order} J3",
@@ -74,5 +74,5 @@ def test_a_whole_order_of_the_bank_of_harmonics_is_the_encoders(order):
 
 @pytest.mark.parametrize("seed", range(3, 9))
 def test_clean_campaigns_have_no_drive(seed):
-    found = diagnose(measured_with(seed=seed), poses().arm, DECISION)
-    assert [term for term in found.terms if term.candidate.kind == KIND] == []
+    diagnosis = diagnose(measured_with(seed=seed), poses().arm, DECISION)
+    assert [term for term in diagnosis.terms if term.candidate.kind == KIND] == []

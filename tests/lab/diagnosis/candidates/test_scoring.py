@@ -136,8 +136,8 @@ def test_evidence_is_the_integral_over_size_and_noise(z, s):
         integrated_log_factor(z, s, total, redundancy, factor) for factor in FACTORS
     ]
     expected = np.max(np.array(each) - COSTS)
-    found = log_evidences(np.array([z**2]), np.array([s**2]), total, redundancy)
-    assert float(found) == pytest.approx(expected, abs=0.02)
+    evidences = log_evidences(np.array([z**2]), np.array([s**2]), total, redundancy)
+    assert float(evidences) == pytest.approx(expected, abs=0.02)
 
 
 def test_with_many_rows_evidence_is_that_of_known_noise():
@@ -145,8 +145,8 @@ def test_with_many_rows_evidence_is_that_of_known_noise():
     z, s = np.array([4.0, -2.5]), np.array([3.0, 0.2])
     grown = FACTORS[:, np.newaxis] ** 2 * s**2
     each = 0.5 * np.sum(grown / (1.0 + grown) * z**2 - np.log1p(grown), axis=1)
-    found = log_evidences(z**2, s**2, 1e7, 10**7)
-    assert float(found) == pytest.approx(np.max(each - COSTS), abs=0.02)
+    evidences = log_evidences(z**2, s**2, 1e7, 10**7)
+    assert float(evidences) == pytest.approx(np.max(each - COSTS), abs=0.02)
 
 
 def test_evidence_weighs_directions_that_explain_nothing():
@@ -156,8 +156,8 @@ def test_evidence_weighs_directions_that_explain_nothing():
 
 
 def test_evidence_does_not_end_where_everything_is_explained():
-    found = log_evidences(np.array([100.0]), np.array([1e8]), 100.0, 50)
-    assert np.isfinite(found)
+    evidences = log_evidences(np.array([100.0]), np.array([1e8]), 100.0, 50)
+    assert np.isfinite(evidences)
 
 
 def test_visible_directions_are_orthonormal_and_free_of_the_unknowns():
@@ -179,10 +179,10 @@ def test_directions_that_the_unknowns_absorb_are_not_visible():
     (one,) = project(rows, bank_of(np.hstack([100.0 * absorbed, free])))
     expected = np.linalg.norm(rows.project(free))
     np.testing.assert_allclose(one.singular_values, [expected], rtol=1e-6)
-    found = judge(rows, (none, one))
-    assert found.degrees.tolist() == [0, 1]
-    assert found.log_p[0] == 0.0
-    assert found.statistics[0] == 0.0
+    scores = judge(rows, (none, one))
+    assert scores.degrees.tolist() == [0, 1]
+    assert scores.log_p[0] == 0.0
+    assert scores.statistics[0] == 0.0
 
 
 def test_a_statistic_is_the_drop_of_the_sum_of_squares():
@@ -193,12 +193,12 @@ def test_a_statistic_is_the_drop_of_the_sum_of_squares():
     left = rows.values - both @ np.linalg.lstsq(both, rows.values)[0]
     without = rows.values - rows.basis @ np.linalg.lstsq(rows.basis, rows.values)[0]
     drop = without @ without - left @ left
-    found = judge(rows, project(rows, bank_of(columns)))
-    assert found.statistics[0] == pytest.approx(drop, rel=1e-8)
+    scores = judge(rows, project(rows, bank_of(columns)))
+    assert scores.statistics[0] == pytest.approx(drop, rel=1e-8)
     rest = rows.redundancy - 3
     expected = stats.f.logsf(drop / 3 / (left @ left / rest), 3, rest)
-    assert found.log_p[0] == pytest.approx(expected, rel=1e-7)
-    one = found.projected[0]
+    assert scores.log_p[0] == pytest.approx(expected, rel=1e-7)
+    one = scores.projected[0]
     amplitudes, covariance = one.amplitudes(rows.residuals)
     fit = np.linalg.lstsq(both, rows.values)[0][-3:]
     np.testing.assert_allclose(amplitudes, fit, rtol=1e-6)
@@ -229,14 +229,14 @@ def test_a_statistic_is_what_a_whole_new_fit_gains(table, joint):
         - with_it.adjustment.system.sum_of_squares
     )
     rows = given_here.rows()
-    found = judge(rows, project(rows, library_bank(rows, given_here.arm)))
+    scores = judge(rows, project(rows, library_bank(rows, given_here.arm)))
     (at,) = [
         at
-        for at, one in enumerate(found.candidates)
+        for at, one in enumerate(scores.candidates)
         if (one.kind, one.joint) == (table["kind"], joint)
     ]
     assert drop > 20.0
-    assert found.statistics[at] == pytest.approx(drop, rel=0.01)
+    assert scores.statistics[at] == pytest.approx(drop, rel=0.01)
 
 
 def test_a_wrong_noise_level_changes_no_test():

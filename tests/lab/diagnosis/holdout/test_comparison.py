@@ -89,13 +89,13 @@ def test_statistics_are_those_of_the_dense_predictive_covariance():
 
 def test_s_of_a_right_model_is_one():
     fit, held_out = fit_of(eccentric=False, term=False)
-    found = holdout_result(fit.adjustment, held_out)
-    assert found.n == 3 * 48 + 24
-    assert found.chi2 == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / found.n))
+    result = holdout_result(fit.adjustment, held_out)
+    assert result.n == 3 * 48 + 24
+    assert result.chi2 == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / result.n))
     misclosures_mm = fit.adjustment.predicted(held_out).misclosures_mm
     finite = misclosures_mm[np.isfinite(misclosures_mm)]
-    assert found.rms_mm == pytest.approx(np.sqrt(np.mean(finite**2)))
-    assert found.mean_distance_mm is None
+    assert result.rms_mm == pytest.approx(np.sqrt(np.mean(finite**2)))
+    assert result.mean_distance_mm is None
 
 
 def test_the_missing_term_closes_the_gap():
@@ -206,8 +206,8 @@ def test_mean_distances_are_reported_for_known_points():
     named = artefacts[0].model_copy(update={"kind": "points"})
     campaign = replace(network.campaign, artefacts=(named, *artefacts[1:]))
     adjustment = replace(fit.adjustment, network=replace(network, campaign=campaign))
-    found = holdout_result(adjustment, held_out)
+    result = holdout_result(adjustment, held_out)
     mine = held_out & (campaign.poses.artefacts == 0)
     misclosures_mm = adjustment.predicted(mine).misclosures_mm[mine]
     expected_mm = np.mean(np.sqrt(np.sum(misclosures_mm**2, axis=1)))
-    assert found.mean_distance_mm == pytest.approx(expected_mm)
+    assert result.mean_distance_mm == pytest.approx(expected_mm)

@@ -110,8 +110,8 @@ def test_the_other_term_stays():
 def test_a_term_taken_out_is_found_again_with_its_size():
     given, fit = fit_with(frozen(ECCENTRICITY), frozen(DRIFT))
     rows = rows_without(equations_of(fit.adjustment), 0)
-    found = judge(rows, project(rows, library_bank(rows, given.arm)))
-    best = found.projected[int(np.argmax(found.scores))]
+    scores = judge(rows, project(rows, library_bank(rows, given.arm)))
+    best = scores.projected[int(np.argmax(scores.scores))]
     assert best.candidate.name == "encoder_eccentricity J3"
     assert best.candidate.bank is BankName.LIBRARY
     amplitudes, covariance = best.amplitudes(rows.residuals)

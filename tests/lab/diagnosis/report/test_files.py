@@ -98,13 +98,13 @@ def test_an_arm_file_can_be_written_in_place(folder, source, tmp_path):
 
 
 def test_the_covariance_is_that_of_what_was_estimated(folder):
-    found = eccentric()
+    diagnosis = eccentric()
     arm = read_arm(folder / "arm.toml")
     stored = np.load(folder / "arm.cov.npz")
     digest = hashlib.sha256((folder / "arm.cov.npz").read_bytes()).hexdigest()
     assert arm.identification.covariance_digest == digest
     names = stored["names"].tolist()
-    (term,) = found.terms
+    (term,) = diagnosis.terms
     for key in ("cos_rad", "sin_rad"):
         at = names.index(f"J3.encoder_eccentricity.{key}")
         assert stored["values"][at] == arm.effects[0].values[key]
@@ -155,17 +155,18 @@ def test_the_json_follows_the_contract(said):
 
 
 def test_a_p_value_below_all_numbers_is_zero_beside_its_logarithm():
-    found = eccentric()
-    term = replace(found.terms[0], log10_p=-1234.5)
-    (told,) = diagnosis_json(replace(found, terms=(term,)))["terms"]
+    diagnosis = eccentric()
+    term = replace(diagnosis.terms[0], log10_p=-1234.5)
+    (told,) = diagnosis_json(replace(diagnosis, terms=(term,)))["terms"]
     assert told["p_value"] == 0.0
     assert told["log10_p"] == -1234.5
 
 
 def test_a_gap_that_cannot_be_told_is_null():
-    found = eccentric()
+    diagnosis = eccentric()
     untold = replace(
-        found, gap=replace(found.gap, before=replace(found.gap.before, chi2=1.0))
+        diagnosis,
+        gap=replace(diagnosis.gap, before=replace(diagnosis.gap.before, chi2=1.0)),
     )
     assert diagnosis_json(untold)["gap"]["closed"] is None
 
@@ -176,41 +177,43 @@ def test_known_points_have_a_mean_distance():
         before=HoldoutResult(0.02, 3.0, 90, 0.031),
         after=HoldoutResult(0.01, 1.0, 90, 0.015),
     )
-    told = diagnosis_json(replace(eccentric(), gap=gap))["gap"]
-    assert told["held_out_mean_distance_mm"] == {"before": 0.031, "after": 0.015}
+    values = diagnosis_json(replace(eccentric(), gap=gap))["gap"]
+    assert values["held_out_mean_distance_mm"] == {"before": 0.031, "after": 0.015}
 
 
 def test_clean_has_no_terms():
-    told = diagnosis_json(clean())
-    assert told["verdict"] == "clean"
-    assert told["terms"] == []
-    assert len(told["ledger"]) == 1
-    json.dumps(told, allow_nan=False)
+    values = diagnosis_json(clean())
+    assert values["verdict"] == "clean"
+    assert values["terms"] == []
+    assert len(values["ledger"]) == 1
+    json.dumps(values, allow_nan=False)
 
 
 @pytest.mark.slow
 def test_an_effect_bound_to_an_unknown_time_is_not_written(tmp_path):
-    found = drifting()
+    diagnosis = drifting()
     source = tmp_path / "bench.toml"
-    write_arm(source, found.arm)
-    assert [effect.kind for effect in found.adapted.effects] == ["base_drift"]
-    assert terms_without_epoch(found) == found.terms
-    write_diagnosis(tmp_path / "out", found, source, WHEN)
+    write_arm(source, diagnosis.arm)
+    assert [effect.kind for effect in diagnosis.adapted.effects] == ["base_drift"]
+    assert terms_without_epoch(diagnosis) == diagnosis.terms
+    write_diagnosis(tmp_path / "out", diagnosis, source, WHEN)
     arm = read_arm(tmp_path / "out" / "arm.toml")
     assert arm.effects == ()
     assert not any("base_drift" in name for name in arm.identification.parameters)
-    told = json.loads((tmp_path / "out" / "diagnosis.json").read_text("utf-8"))
-    assert told["terms"][0]["accepted"]
-    assert not told["terms"][0]["in_arm_file"]
+    values = json.loads((tmp_path / "out" / "diagnosis.json").read_text("utf-8"))
+    assert values["terms"][0]["accepted"]
+    assert not values["terms"][0]["in_arm_file"]
     # With a start it has an epoch, and is written.
-    started = replace(found, campaign=replace(found.campaign, start_utc=WHEN))
+    started = replace(diagnosis, campaign=replace(diagnosis.campaign, start_utc=WHEN))
     assert terms_without_epoch(started) == ()
     assert len(arm_with_provenance(started).effects) == 1
 
 
 def test_every_pose_has_one_part(folder):
-    found = eccentric()
-    parts = pose_parts(found)
+    diagnosis = eccentric()
+    parts = pose_parts(diagnosis)
     assert parts[100] == "excluded"
-    assert parts.count("held_out") == np.count_nonzero(found.held_out & ~found.excluded)
+    assert parts.count("held_out") == np.count_nonzero(
+        diagnosis.held_out & ~diagnosis.excluded
+    )
     assert set(parts) == {"choosing", "held_out", "excluded"}

@@ -37,12 +37,12 @@ SECTIONS = [
 
 @pytest.fixture(scope="module")
 def plots():
-    found = eccentric()
-    noise = found.all_terms.network.noise
+    diagnosis = eccentric()
+    noise = diagnosis.all_terms.network.noise
     pictures = {k: png for k, png in written_files().items() if k.endswith(".png")}
     return Plots(
-        discrepancies(found.before, noise),
-        discrepancies(found.after, noise),
+        discrepancies(diagnosis.before, noise),
+        discrepancies(diagnosis.after, noise),
         pictures,
     )
 
@@ -132,11 +132,11 @@ def test_clean_has_a_page_too():
 
 
 def test_the_curve_of_a_term_is_the_term_and_the_data_lie_on_it(plots):
-    found = eccentric()
-    curve = term_curve(found, found.terms[0], plots.before, plots.after)
-    angles_rad = found.campaign.poses.angles_rad[:, 2]
+    diagnosis = eccentric()
+    curve = term_curve(diagnosis, diagnosis.terms[0], plots.before, plots.after)
+    angles_rad = diagnosis.campaign.poses.angles_rad[:, 2]
     assert np.array_equal(curve.covariate.values, np.degrees(angles_rad))
-    effect = found.terms[0].effect
+    effect = diagnosis.terms[0].effect
     expected_rad = effect.cos_rad * np.cos(angles_rad) + effect.sin_rad * np.sin(
         angles_rad
     )
@@ -144,7 +144,7 @@ def test_the_curve_of_a_term_is_the_term_and_the_data_lie_on_it(plots):
     # The band, from the covariance of cosine and sine, holds the truth.
     true_rad = COS_RAD * np.cos(angles_rad) + SIN_RAD * np.sin(angles_rad)
     assert np.all(np.abs(curve.fitted - true_rad) < 4.0 * curve.band)
-    good = ~found.excluded
+    good = ~diagnosis.excluded
     slope = np.polyfit(curve.fitted[good], (curve.after + curve.fitted)[good], 1)[0]
     assert slope == pytest.approx(1.0, abs=0.15)
     before = np.sqrt(np.mean((curve.before[good] / curve.stds[good]) ** 2))
@@ -181,8 +181,8 @@ EFFECTS = [
     "table", EFFECTS, ids=lambda t: f"{t['kind']} {t.get('joint')}"
 )
 def test_every_kind_is_reported_over_what_matters_for_it(table, plots):
-    found = eccentric()
-    started = found.campaign.start_utc
+    diagnosis = eccentric()
+    started = diagnosis.campaign.start_utc
     given = dict(table)
     if given["kind"] in ("base_drift", "base_step", "count_slip"):
         given["epoch_utc"] = started
@@ -195,7 +195,7 @@ def test_every_kind_is_reported_over_what_matters_for_it(table, plots):
         if isinstance(value, float | tuple) and key != "knots"
     }
     term = replace(
-        found.terms[0],
+        diagnosis.terms[0],
         effect=effect,
         candidate=candidate(
             effect.kind,
@@ -214,7 +214,7 @@ def test_every_kind_is_reported_over_what_matters_for_it(table, plots):
             for key, value in numbers.items()
         },
     )
-    curve = term_curve(found, term, plots.before, plots.after)
+    curve = term_curve(diagnosis, term, plots.before, plots.after)
     seen = np.isfinite(curve.stds) & np.isfinite(curve.covariate.values)
     assert np.count_nonzero(seen) > 0.5 * len(seen)
     assert np.abs(curve.fitted[seen]).max() > 0.0
@@ -228,17 +228,17 @@ def test_every_kind_is_reported_over_what_matters_for_it(table, plots):
 
 
 def test_the_length_of_a_standard_moves_no_pose(plots):
-    found = eccentric()
+    diagnosis = eccentric()
     effect = effect_from_table(
         {"kind": "artefact_length", "artefact": "bar", "error_ppm": 12.0}
     )
     term = replace(
-        found.terms[0],
+        diagnosis.terms[0],
         effect=effect,
         candidate=candidate("artefact_length", artefact="bar"),
         estimates={"error_ppm": Estimate(12.0, 1.0, "ppm")},
     )
-    assert term_curve(found, term, plots.before, plots.after) is None
+    assert term_curve(diagnosis, term, plots.before, plots.after) is None
 
 
 def test_means_over_parts_of_a_range():

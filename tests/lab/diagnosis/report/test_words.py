@@ -160,10 +160,10 @@ def test_rivals_and_aliases_are_separated():
 
 
 def test_statuses_have_their_own_words():
-    found = eccentric()
-    term = found.terms[0]
+    diagnosis = eccentric()
+    term = diagnosis.terms[0]
     tentative = replace(term, status="tentative", accepted=False)
-    said = " ".join(WORDS.lines("missing", replace(found, terms=(tentative,))))
+    said = " ".join(WORDS.lines("missing", replace(diagnosis, terms=(tentative,))))
     assert "tentatively" in said
     assert "It is not in the adapted arm." in said
     unknown = replace(
@@ -172,7 +172,7 @@ def test_statuses_have_their_own_words():
         harmonic=3,
         candidate=candidate("empirical", "J3", covariate="J5_rad"),
     )
-    said = " ".join(WORDS.lines("missing", replace(found, terms=(unknown,))))
+    said = " ".join(WORDS.lines("missing", replace(diagnosis, terms=(unknown,))))
     assert "no known effect explains it: something over the reading of J5" in said
     assert "repeats 3 times a turn" in said
 
@@ -184,18 +184,18 @@ def test_a_veto_is_reported():
 
 
 def test_the_gap_is_reported_with_its_part_or_without():
-    found = eccentric()
-    assert "% of what is achievable" in WORDS.held_out(found)
-    near_noise = replace(found.gap.before, chi2=1.0)
+    diagnosis = eccentric()
+    assert "% of what is achievable" in WORDS.held_out(diagnosis)
+    near_noise = replace(diagnosis.gap.before, chi2=1.0)
     assert "cannot be told" in WORDS.held_out(
-        replace(found, gap=replace(found.gap, before=near_noise))
+        replace(diagnosis, gap=replace(diagnosis.gap, before=near_noise))
     )
 
 
 def test_an_experiment_is_proposed_where_there_is_one():
-    found = eccentric()
-    term = replace(found.terms[0], separate_by="hang a known mass at the wrist")
-    said = WORDS.lines("verdict", replace(found, terms=(term,)))
+    diagnosis = eccentric()
+    term = replace(diagnosis.terms[0], separate_by="hang a known mass at the wrist")
+    said = WORDS.lines("verdict", replace(diagnosis, terms=(term,)))
     assert "To separate: hang a known mass at the wrist" in said
 
 
@@ -206,8 +206,8 @@ def test_what_is_bound_to_an_unknown_time_is_reported():
 
 
 def test_times_that_are_an_order_are_called_so():
-    found = drifting()
-    order = replace(found, campaign=replace(found.campaign, time_is_order=True))
+    diagnosis = drifting()
+    order = replace(diagnosis, campaign=replace(diagnosis.campaign, time_is_order=True))
     said = "\n".join(summary_lines(order))
     assert "The campaign's times are the order of its poses" in said
     assert "start_utc" not in said
@@ -215,11 +215,13 @@ def test_times_that_are_an_order_are_called_so():
 
 
 def test_a_move_of_the_base_names_that_of_the_artefacts():
-    found = drifting()
-    (line,) = (one for one in WORDS.lines("missing", found) if "moved against" in one)
+    diagnosis = drifting()
+    (line,) = (
+        line for line in WORDS.lines("missing", diagnosis) if "moved against" in line
+    )
     assert "all artefacts, together, moved against the base" in line
-    one = replace(found.campaign, artefacts=found.campaign.artefacts[:1])
-    said = " ".join(WORDS.lines("missing", replace(found, campaign=one)))
+    one = replace(diagnosis.campaign, artefacts=diagnosis.campaign.artefacts[:1])
+    said = " ".join(WORDS.lines("missing", replace(diagnosis, campaign=one)))
     assert f"that {one.artefacts[0].id} moved against the base" in said
     said = " ".join(WORDS.lines("missing", eccentric()))
     assert "moved against" not in said
@@ -267,19 +269,21 @@ def test_what_cannot_be_seen_has_a_reason():
 
 
 def test_a_worst_pose_that_is_predicted_worse_is_said():
-    found = eccentric()
-    first, last = found.gap.before, found.gap.after
-    assert "worst pose" not in " ".join(summary_lines(found))
-    worse = replace(found.gap, after=replace(last, largest_mm=1.6 * first.largest_mm))
-    words = " ".join(summary_lines(replace(found, gap=worse)))
+    diagnosis = eccentric()
+    first, last = diagnosis.gap.before, diagnosis.gap.after
+    assert "worst pose" not in " ".join(summary_lines(diagnosis))
+    worse = replace(
+        diagnosis.gap, after=replace(last, largest_mm=1.6 * first.largest_mm)
+    )
+    words = " ".join(summary_lines(replace(diagnosis, gap=worse)))
     assert "The worst pose kept aside is predicted worse with what was added" in words
-    gap = diagnosis_json(found)["gap"]
+    gap = diagnosis_json(diagnosis)["gap"]
     largest = {"before": first.largest_mm, "after": last.largest_mm}
     assert gap["held_out_largest_mm"] == largest
 
 
 def test_a_curve_says_where_it_was_seen():
-    found = eccentric()
+    diagnosis = eccentric()
     effect = effect_from_table(
         {
             "kind": "empirical",
@@ -289,7 +293,7 @@ def test_a_curve_says_where_it_was_seen():
             "values_rad": [0.0, 1e-5, 2e-5, 0.0],
         }
     )
-    one = found.terms[0]
+    one = diagnosis.terms[0]
     curve = replace(
         one,
         effect=effect,
@@ -297,7 +301,7 @@ def test_a_curve_says_where_it_was_seen():
         candidate=replace(one.candidate, kind="empirical", covariate="J3_rad"),
         estimates={},
     )
-    words = " ".join(summary_lines(replace(found, terms=(curve,))))
+    words = " ".join(summary_lines(replace(diagnosis, terms=(curve,))))
     assert "seen where the reading of J3 is -28.65 to 57.3 degrees" in words
-    (told,) = diagnosis_json(replace(found, terms=(curve,)))["terms"]
+    (told,) = diagnosis_json(replace(diagnosis, terms=(curve,)))["terms"]
     assert told["seen"] == {"low": -0.5, "high": 1.0}

@@ -47,13 +47,13 @@ def test_a_narrow_bump_is_not_taken_for_blunders(joint, draw, size):
     # All that the fit without it leaves out are its best witnesses.
     assert left_out.sum() >= 3
     assert np.all(on_it[left_out] < wrong.fault.half_width_rad)
-    found = diagnose(campaign, poses().arm, DECISION)
-    assert found.verdict == "unknown"
-    (term,) = found.terms
+    diagnosis = diagnose(campaign, poses().arm, DECISION)
+    assert diagnosis.verdict == "unknown"
+    (term,) = diagnosis.terms
     assert (term.candidate.joint, term.candidate.covariate) == (joint, f"{joint}_rad")
     assert term.accepted
-    assert found.gap.closed > 0.7
-    assert found.excluded.sum() <= 2
+    assert diagnosis.gap.closed > 0.7
+    assert diagnosis.excluded.sum() <= 2
 
 
 @pytest.mark.parametrize("seed", [6, 7, 8])
