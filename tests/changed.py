@@ -27,7 +27,7 @@ def _git(root: Path, *arguments: str) -> list[str]:
 def changed_files(root: Path) -> set[str]:
     """Files that differ from where the branch left main, and new ones."""
     base = next(
-        found[0] for name in MAIN if (found := _git(root, "merge-base", name, "HEAD"))
+        bases[0] for name in MAIN if (bases := _git(root, "merge-base", name, "HEAD"))
     )
     return {
         *_git(root, "diff", "--name-only", base),
@@ -43,13 +43,13 @@ def all_files(root: Path) -> set[str]:
 
 def _imported(root: Path, name: str) -> set[str]:
     """Dotted names that a module imports, anywhere in it."""
-    found: set[str] = set()
+    imported: set[str] = set()
     for node in ast.walk(ast.parse((root / name).read_text("utf-8"))):
         if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
+            imported.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
-            found.update(f"{node.module}.{alias.name}" for alias in node.names)
-    return found
+            imported.update(f"{node.module}.{alias.name}" for alias in node.names)
+    return imported
 
 
 def _file_of(dotted: str, files: set[str]) -> str | None:
@@ -79,8 +79,8 @@ def distances(root: Path, changed: set[str], files: set[str]) -> dict[str, int]:
     for name in files:
         if name.endswith(".py"):
             for dotted in _imported(root, name):
-                if (found := _file_of(dotted, files)) not in (None, name):
-                    importers.setdefault(str(found), set()).add(name)
+                if (imported := _file_of(dotted, files)) not in (None, name):
+                    importers.setdefault(str(imported), set()).add(name)
     reached = {name: 0 for name in changed if name.endswith(".py")}
     edge = set(reached)
     for distance in range(1, DEPTH + 1):
@@ -90,12 +90,13 @@ def distances(root: Path, changed: set[str], files: set[str]) -> dict[str, int]:
 
 
 def _named_alike(test: str, changed: Iterable[str]) -> bool:
-    """Whether a test's name has that of a changed module, below the same folder."""
+    """Whether a test, or its folder, has the name of a changed module beside it."""
     path = PurePosixPath(test)
     for name in map(PurePosixPath, changed):
         stem = name.parent.name if name.stem == "__init__" else name.stem
         same = name.suffix == ".py" and name.parts[0] in path.parts
-        if same and f"_{stem}_" in f"{path.stem}_".replace("test_", "_", 1):
+        is_named = f"_{stem}_" in f"{path.stem}_".replace("test_", "_", 1)
+        if same and (is_named or stem == path.parent.name):
             return True
     return False
 
@@ -127,8 +128,8 @@ def selected(root: Path, changed: set[str]) -> list[str]:
 
 def main(root: Path, options: list[str]) -> None:
     """Print what is selected, then become pytest."""
-    found = selected(root, changed_files(root))
-    taken, left = found[:MOST_FILES], found[MOST_FILES:]
+    chosen = selected(root, changed_files(root))
+    taken, left = chosen[:MOST_FILES], chosen[MOST_FILES:]
     lines = [f"tests of what has changed: {len(taken)} files", *taken, "for make test:"]
     if left:
         lines.append(f"{len(left)} files further away, such as {left[0]};")

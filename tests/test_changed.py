@@ -14,6 +14,7 @@ FILES = {
     "page/view.js": "",
     "tests/store/helper.py": "import root.store.queue\n",
     "tests/store/test_outbox_limits.py": "",
+    "tests/store/outbox/test_whole.py": "",
     "tests/store/test_near.py": "from root.store import outbox\n",
     "tests/store/test_helped.py": "from tests.store.helper import root\n",
     "tests/store/test_unplain.py": "from store.queue import SIZE\n",
@@ -50,6 +51,7 @@ def test_tests_of_a_module_are_those_named_like_it_and_those_that_import_it(
     (checkout / "store" / "outbox.py").write_text("SIZE = 2\n")
     assert changed_files(checkout) == {"store/outbox.py"}
     assert selected(checkout, {"store/outbox.py"}) == [
+        "tests/store/outbox/test_whole.py",
         "tests/store/test_outbox_limits.py",
         "tests/store/test_near.py",
         "tests/store/test_unplain.py",

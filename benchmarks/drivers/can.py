@@ -132,7 +132,6 @@ def busy_s(thread: threading.Thread) -> float:
 
 
 def thread_named(part: str) -> threading.Thread:
-    """The thread of this name."""
     return next(t for t in threading.enumerate() if part in t.name)
 
 

@@ -144,7 +144,6 @@ class Parameters:
 
     @property
     def free_units(self) -> tuple[str, ...]:
-        """Units of the free ones."""
         return tuple(u for u, free in zip(self.units, self.free, strict=True) if free)
 
     @property

@@ -82,7 +82,6 @@ def tau_critical(alpha: float, redundancy: int) -> float:
 
 
 def median_of_chi_square(degrees: int) -> float:
-    """Return the median of chi-square."""
     return float(special.chdtri(degrees, 0.5))
 
 

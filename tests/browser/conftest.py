@@ -236,7 +236,6 @@ def posed(own_broker: Mosquitto) -> PosedDaemon:
 
 @pytest.fixture
 def address(own_broker: Mosquitto) -> str:
-    """Address of the broker."""
     return f"{own_broker.host}:{own_broker.port}"
 
 

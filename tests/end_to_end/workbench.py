@@ -80,7 +80,6 @@ class Workbench:
 
     @property
     def arm_file(self) -> Path:
-        """The arm file."""
         return self.folder / "arm.toml"
 
     @property
