@@ -211,8 +211,9 @@ def _note_imports(file: Path, before: frozenset[str]) -> None:
     names = json.loads(file.read_text("utf-8")) if file.exists() else []
     names += (n for n in sys.modules if not (n in before or n.startswith("_")))
     part = file.with_suffix(f".{os.getpid()}")
-    part.write_text(json.dumps([*dict.fromkeys(names)]), "utf-8")
-    part.rename(file)
+    with contextlib.suppress(OSError):  # it may write no files any more
+        part.write_text(json.dumps([*dict.fromkeys(names)]), "utf-8")
+        part.rename(file)
 
 
 def _main() -> None:
