@@ -181,8 +181,8 @@ def test_harmonics_of_all_samples_are_those_of_the_dense_algebra(folders):
             ),
         )
     )
-    found = stream_harmonics(rows, included)
-    by_name = {one.candidate.name: one for one in found}
+    harmonics = stream_harmonics(rows, included)
+    by_name = {one.candidate.name: one for one in harmonics}
     dense = judge(rows, project(rows, harmonic_bank(rows)))
     ratios, amplitudes = [], []
     for one, statistic in zip(dense.projected, dense.statistics, strict=True):
@@ -210,24 +210,24 @@ def test_a_small_high_harmonic_shows_in_all_samples(tmp_path):
     hidden = seven_joint_arm().model_copy(update={"effects": (effect,)})
     write_scan(tmp_path, simulate_scan(hidden, scan_file(), 8), 8)
     arm, campaign = read(tmp_path)
-    found = diagnose_stream(campaign, arm, OPTIONS)
+    diagnosis = diagnose_stream(campaign, arm, OPTIONS)
     # The poses alone do not show it.
-    assert found.n_from_stream == 1
-    (term,) = found.diagnosis.terms
+    assert diagnosis.n_from_stream == 1
+    (term,) = diagnosis.diagnosis.terms
     assert term.candidate.name == "encoder_harmonic 17 J1"
-    assert term.status == found.diagnosis.verdict == "named"
+    assert term.status == diagnosis.diagnosis.verdict == "named"
     assert term.accepted
     estimate = term.estimates["cos_rad"]
     assert abs(estimate.value - 2e-6) < 4.0 * estimate.std
-    (written,) = found.diagnosis.adapted.effects
+    (written,) = diagnosis.diagnosis.adapted.effects
     assert written.values["order"] == 17
-    assert found.diagnosis.arm.effects == ()
-    assert [step.effect for step in found.diagnosis.ledger] == [
+    assert diagnosis.diagnosis.arm.effects == ()
+    assert [step.effect for step in diagnosis.diagnosis.ledger] == [
         None,
         "encoder_harmonic 17 J1",
     ]
     # What is left is no more than chance.
-    assert first_significant(found.harmonics, 1e-3) is None
+    assert first_significant(diagnosis.harmonics, 1e-3) is None
 
 
 def test_speeds_since_the_instant_of_a_reading_turn_it_into_the_angle():
