@@ -27,6 +27,7 @@ from paho.mqtt.properties import Properties
 from benchmarks.tools.command_line import run_main
 
 POINT_S, LOOK_S = 0.5, 2.0
+PATIENCE_S = 60.0  # of a reader with a witness that begins anew, and recovers its store
 TABLES = """
 CREATE TABLE IF NOT EXISTS arrivals (n INTEGER PRIMARY KEY AUTOINCREMENT,
     session TEXT, seq INTEGER, id TEXT, digest TEXT);
@@ -131,7 +132,7 @@ def read(payload: bytes | bytearray) -> dict[str, Any]:
 
 def seen(store: Path) -> tuple[int, int]:
     """Return how many points it has, and how many it has commanded."""
-    with closing(sqlite3.connect(store)) as database:
+    with closing(sqlite3.connect(store, PATIENCE_S)) as database:
         (points,) = database.execute(
             "SELECT count(DISTINCT id) FROM arrivals"
         ).fetchone()
@@ -146,7 +147,7 @@ def faults(store: Path, outbox: Path) -> tuple[dict[str, int], list[str]]:
         store: of a witness.
         outbox: the daemon's `outbox.db`.
     """
-    with closing(sqlite3.connect(store)) as database:
+    with closing(sqlite3.connect(store, PATIENCE_S)) as database:
         arrived = database.execute("SELECT session, seq, id, digest FROM arrivals")
         digests: dict[str, set[str]] = defaultdict(set)
         places: dict[str, set[tuple[str, int]]] = defaultdict(set)
