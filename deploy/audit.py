@@ -30,22 +30,24 @@ def report(source: str) -> list[dict[str, object]] | None:
         done = subprocess.run(
             command, check=False, capture_output=True, timeout=PATIENCE_S
         )
-        found = json.loads(done.stdout)["dependencies"]
+        dependencies = json.loads(done.stdout)["dependencies"]
     except (OSError, ValueError, KeyError, subprocess.TimeoutExpired):
         return None
-    return list(found)
+    return list(dependencies)
 
 
 def lines_of(dependencies: list[dict[str, object]]) -> list[str]:
     """One line an advisory."""
     lines = []
-    for one in dependencies:
-        advisories = one.get("vulns", [])
+    for package in dependencies:
+        advisories = package.get("vulns", [])
         assert isinstance(advisories, list)  # noqa: S101 - what pip-audit promises
         for advisory in advisories:
             better = ", ".join(advisory["fix_versions"]) or "nothing yet"
             names = ", ".join((advisory["id"], *advisory.get("aliases", ())))
-            lines.append(f"{one['name']} {one['version']}: {names}; mended in {better}")
+            lines.append(
+                f"{package['name']} {package['version']}: {names}; mended in {better}"
+            )
     return lines
 
 
@@ -56,7 +58,7 @@ def main() -> int:
         dependencies = report(source)
         if dependencies is None:
             continue
-        skipped = [str(one["name"]) for one in dependencies if "skip_reason" in one]
+        skipped = [str(each["name"]) for each in dependencies if "skip_reason" in each]
         lines = lines_of(dependencies)
         if len(skipped) == len(dependencies):
             continue

@@ -93,7 +93,7 @@ class FileError(ValueError):
         self.source = str(source)
         given = [problems] if isinstance(problems, str) else problems
         self.problems = tuple(
-            Problem("", one) if isinstance(one, str) else one for one in given
+            Problem("", each) if isinstance(each, str) else each for each in given
         )
         super().__init__(self.source, self.problems)
 
@@ -183,7 +183,7 @@ def _converted(name: str, value: object, known: Collection[str]) -> str | None:
     if not ours or key not in known:
         return None
     values = value if isinstance(value, list | tuple) else [value]
-    numbers = [number_in(one) for one in values]
+    numbers = [number_in(value) for value in values]
     texts = [f"{factor * number:.12g}" for number in numbers if number is not None]
     if len(texts) < len(numbers):
         return f"unknown key '{name}'; expected '{key}'"
@@ -214,7 +214,7 @@ def problem_from_error(error: Mapping[str, Any], known: Collection[str]) -> Prob
         context = error.get("ctx", {})
         entries = counted(context.get("actual_length", 0), "entry")
         message = _WORDING[kind].format(found=found, entries=entries, **context)
-        if kind == "too_long" and all(type(one) is int for one in error["input"]):
+        if kind == "too_long" and all(type(value) is int for value in error["input"]):
             message += "; a decimal comma separates entries: write 250.0, not 250,0"
     else:
         message = f"{shown(error['input'])}: {error['msg']}"

@@ -229,7 +229,7 @@ def _begun(path: Path, lines: Lines, *, has_header: bool) -> Table:
             if not line.strip() or line.lstrip().startswith("#"):
                 continue
             separator = mark or separator_of(line)
-            other = [SEPARATORS[one] for one in SEPARATORS if one in line]
+            other = [name for sign, name in SEPARATORS.items() if sign in line]
             if mark and other and mark not in line:
                 raise ValueError(f"has {' and '.join(other)}, but line 1 names another")
         except ValueError as error:

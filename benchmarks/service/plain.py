@@ -226,7 +226,7 @@ def main(path: Path | None = None) -> None:
     for rate_hz, _ in PHASES:
         print("\n".join(lines(turns, rate_hz)))
     print(load())
-    figures = {"load": before, "idle": idle, "turns": [asdict(one) for one in turns]}
+    figures = {"load": before, "idle": idle, "turns": [asdict(turn) for turn in turns]}
     write_json(path, figures)
 
 
