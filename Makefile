@@ -21,7 +21,7 @@ DIST ?= dist
 # TINY=1: as little of a benchmark or proof as shows that it runs.
 TINY ?=
 # Groups of Debian packages that the tests need, in deploy/debian-packages.sh.
-TEST_GROUPS := compiler avr simavr arm cplusplus mosquitto postgresql openssl jq chromium node systemd groff xvfb
+TEST_GROUPS := compiler avr simavr arm cppcheck cplusplus mosquitto postgresql openssl jq chromium node systemd groff xvfb
 # Dask scheduler that long proofs run on: make blind SCHEDULER=tcp://host:8786
 SCHEDULER ?=
 CLUSTER := $(if $(SCHEDULER),--scheduler $(SCHEDULER))

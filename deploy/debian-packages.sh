@@ -23,6 +23,7 @@ vm|qemu-system-x86_64 busybox ip mmdebstrap depmod mke2fs|qemu-system-x86 busybo
 fresh|mmdebstrap unshare|mmdebstrap util-linux
 avr|avr-gcc avr-size avr-objcopy|gcc-avr avr-libc
 arm|arm-none-eabi-gcc arm-none-eabi-objcopy arm-none-eabi-size python3|gcc-arm-none-eabi
+cppcheck|cppcheck|cppcheck
 simavr|file:/usr/include/simavr/sim_avr.h|libsimavr-dev
 aarch64|aarch64-linux-gnu-gcc qemu-aarch64|gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user
 prometheus|promtool|prometheus

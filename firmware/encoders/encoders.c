@@ -72,12 +72,12 @@ void encoders_watch(struct lb_board *board, void (*hold)(void), void (*release)(
         return;
     }
     encoders.looked_at = now;
-    uint32_t counts[CHANNELS];
-    uint8_t status[CHANNELS];
     uint8_t worst[CHANNELS];
     hold();
     front_end_look();
     if (!encoders.latched) {
+        uint32_t counts[CHANNELS];
+        uint8_t status[CHANNELS];
         encoders_latch(counts, status);
     }
     encoders.latched = false;

@@ -53,6 +53,9 @@ class EmulatedBoard:
         self.n_edges += 1
         return self.n_edges - 1
 
+    def next_edge(self) -> int:
+        return int(self.ask("show").split()[3])
+
     def close(self) -> None:
         self._process.communicate("quit\n", timeout=10.0)
 
@@ -67,9 +70,6 @@ class HostBoard(EmulatedBoard):
     def __init__(self, link: Path, *options: str) -> None:
         program = (str(host_board()), "--link", str(link), *options)
         super().__init__(link, program=program, ready=f"ready {link}")
-
-    def next_edge(self) -> int:
-        return int(self.ask("show").split()[3])
 
 
 class HostBoardRig:

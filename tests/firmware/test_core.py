@@ -366,6 +366,11 @@ def test_it_compiles_for_a_processor_of_eight_bits(tmp_path):
     assert total[1:3] == ["0", "0"]  # its state is the port's
 
 
+@pytest.mark.needs("cppcheck")
+def test_cppcheck_finds_nothing():
+    run_program("make", "-C", FIRMWARE, "cppcheck")
+
+
 def test_a_board_of_inputs_alone():
     bench = quiet(channels=0)
     bench.inputs(1)

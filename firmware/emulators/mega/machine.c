@@ -172,6 +172,7 @@ bool machine_run(uint64_t until_cycle)
 void machine_set_line(char port, unsigned bit, bool level)
 {
     /* Driven from outside: the processor's pull-ups do not change it. */
+    /* cppcheck-suppress unassignedVariable -- its elements are */
     static uint8_t driven[PORTS];
     static uint8_t levels[PORTS];
     const unsigned place = (unsigned)(port - 'A');

@@ -69,7 +69,7 @@ static struct {
 /* The number of an EDGE: bytes 4 to 7 of its body, which COBS has stuffed. */
 static uint32_t edge_seq(const uint8_t *frame, uint16_t n_frame)
 {
-    uint8_t body[300];
+    uint8_t body[300] = {0};
     uint16_t n_body = 0U;
     for (uint16_t from = 0U; from + 1U < n_frame;) {
         const uint16_t next = (uint16_t)(from + frame[from]);

@@ -11,7 +11,6 @@
 static struct {
     uint64_t clocked_at; /* the last change of the clock */
     bool is_running;     /* within a word */
-    bool selected;
     uint64_t answers[MOTIONS]; /* AS5047: what the last frame asked for */
 } bus;
 

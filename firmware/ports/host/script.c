@@ -75,10 +75,10 @@ bool script_execute(const char *text, const struct machine_options *options, con
     if (strcmp(command, "quit") == 0) {
         return false;
     }
-    bool is_done = true;
     if (strcmp(command, "show") == 0) {
         show();
     } else {
+        bool is_done = true;
         if (strcmp(command, "power") == 0) {
             line_unplug(link);
             machine_power_up(options);

@@ -28,10 +28,12 @@ static uint32_t vectors_in_ram[N_VECTORS] __attribute__((aligned(256)));
 __attribute__((section(".start"))) void start(void)
 {
     const uint32_t *from = program_in_flash;
+    /* cppcheck-suppress comparePointers -- marks of one region, by the linker */
     for (uint32_t *to = program_begin; to < program_end; to++) {
         *to = *from;
         from++;
     }
+    /* cppcheck-suppress comparePointers */
     for (uint32_t *to = bss_begin; to < bss_end; to++) {
         *to = 0U;
     }
@@ -46,7 +48,9 @@ __attribute__((section(".start"))) void start(void)
 typedef void (*handler)(void);
 
 __attribute__((section(".vectors"), used)) static const struct {
+    /* cppcheck-suppress unusedStructMember -- read by the processor */
     const uint32_t *stack;
+    /* cppcheck-suppress unusedStructMember */
     handler handlers[N_VECTORS - 1U];
 } vectors = {
     .stack = stack_top,

@@ -1,4 +1,7 @@
-"""The compiled firmware as the board of an arm: a press is the point of its contact."""
+"""The firmware as the board of an arm: a press is the point of its contact.
+
+Compiled for this computer, and as the processor of an Arduino Mega runs it.
+"""
 
 import numpy as np
 import pytest
@@ -7,11 +10,11 @@ from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.listener import listening
 from tests.end_to_end.workbench import Workbench
 from tests.firmware.host_rig import host_board_at
+from tests.firmware.mega import mega_at, mega_firmware
 from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto", "compiler")
 
-BOARD_ID = b"host board\0\1".hex()
 TURNS = np.array([2**23] * 4 + [2**22] * 3)
 POSTURES = (
     (400_000, 5_500_000, 7_300_000, 2_100_000, 70_000, 4_000_000, 300_000),
@@ -19,12 +22,28 @@ POSTURES = (
 )
 
 
+def host_board(bench):
+    bench.confirm_board(b"host board\0\1".hex())
+    return host_board_at(bench.pty, "--first-ticks", str(2**32 - 3_000_000))
+
+
+def mega_board(bench):
+    bench.confirm_board(b"mega2560\0\0\0\1".hex())
+    firmware = mega_firmware("FRONT_END=BISS", "WORD_BITS=23")
+    return mega_at(bench.pty, firmware, "--encoders", "biss", "--bits", "23")
+
+
+MEGA = pytest.param(
+    mega_board, marks=(pytest.mark.needs("avr", "simavr"), pytest.mark.slow)
+)
+
+
+@pytest.mark.parametrize("board_of", [host_board, MEGA])
 async def test_each_press_is_a_point_with_the_counts_latched_at_its_contact(
-    bench: Workbench,
+    bench: Workbench, board_of
 ) -> None:
-    bench.confirm_board(BOARD_ID)
     bench.write_daemon()
-    with host_board_at(bench.pty, "--first-ticks", str(2**32 - 3_000_000)) as board:
+    with board_of(bench) as board:
         async with listening(bench.host, bench.port, bench.arm) as listener:
             with bench.daemon() as daemon:
                 await listener.ready("ready")
