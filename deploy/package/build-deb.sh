@@ -56,6 +56,19 @@ Description: daily check, identification and acceptance of a measuring arm
  Libraries (scipy, matplotlib) for the commands daily-check, identify, predict, diagnose,
  verify, align and probe of traverse. Works on the arm's computer or on any other.
 CONTROL
+# Licences of everything in a package, and its changelog, where Debian looks for them.
+"$python" "$here/copyright.py" "$checkout/LICENSE" traverse "$root"
+"$python" "$here/copyright.py" "$checkout/LICENSE" traverse-lab "$lab"
+for tree in "$root" "$lab"; do
+    name="$(sed -n 's/^Package: //p' "$tree/DEBIAN/control")"
+    doc="$tree/usr/share/doc/$name"
+    {
+        printf '%s (%s) unstable; urgency=medium\n\n' "$name" "$version"
+        printf '  * What has changed is in /usr/share/doc/traverse/CHANGELOG.md.\n\n'
+        printf ' -- Traverse <traverse@localhost>  %s\n' "$(LC_ALL=C date -u -d "@$(date +%s)" '+%a, %d %b %Y %H:%M:%S +0000')"
+    } | gzip -9n >"$doc/changelog.gz"
+    install -D -m 644 "$here/debian/$name.lintian-overrides" "$tree/usr/share/lintian/overrides/$name"
+done
 # Times of files are those of the last change of the sources, or of now.
 if stamp="$(git -C "$checkout" log -1 --format=%ct 2>/dev/null)"; then
     export SOURCE_DATE_EPOCH="$stamp"
@@ -64,6 +77,6 @@ for tree in "$root" "$lab"; do
     (cd "$tree" && find usr -type f -exec md5sum {} +) >"$tree/DEBIAN/md5sums"
     name="$(sed -n 's/^Package: //p' "$tree/DEBIAN/control")"
     package="$build/${name}_${version}_$architecture.deb"
-    dpkg-deb --root-owner-group -Zzstd --build "$tree" "$package" >/dev/null
+    dpkg-deb --root-owner-group -Zxz -z2 --build "$tree" "$package" >/dev/null
     echo "$package"
 done

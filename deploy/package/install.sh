@@ -41,6 +41,8 @@ add() {
     find "$destdir$home/bin" ! -type d ! -name 'python*' ! -name traverse -delete
     find "$destdir$home" -mindepth 1 -maxdepth 1 ! -name bin ! -name 'lib*' ! -name pyvenv.cfg -exec rm -r {} +
     find "$site" -type d -name tests -prune -exec rm -r {} +
+    # Symbols of wheels are half of their size; libraries are loaded, not run.
+    find "$site" -name '*.so*' -type f -exec strip --strip-unneeded {} + -exec chmod 644 {} +
     "$system_python" -m compileall -q -j 2 --invalidation-mode unchecked-hash -s "$destdir" -p / "$site"
 }
 files() { (cd "$destdir$home" && find . ! -type d | sort); }
@@ -60,7 +62,7 @@ sed -i '/^command = /d' "$destdir$home/pyvenv.cfg"
 place() { install -D -m 644 "$checkout/deploy/$1" "$destdir$2"; }
 mkdir -p "$destdir/usr/bin"
 ln -sf ../lib/traverse/bin/traverse "$destdir/usr/bin/traverse"
-for unit in traverse@.service traverse-page@.service; do
+for unit in traverse@.service traverse-page@.service traverse-gateway@.service; do
     place "systemd/$unit" "/usr/lib/systemd/system/$unit"
 done
 place systemd/traverse.sysusers /usr/lib/sysusers.d/traverse.conf

@@ -1,0 +1,64 @@
+"""Write a Debian package's copyright file: licences of Traverse and of what it brings.
+
+Usage: copyright.py LICENSE PACKAGE ROOT
+
+Each distribution below ROOT states its licence in its metadata; its texts are copied.
+Ends with status 1 if one states none.
+"""
+
+import sys
+from email.parser import HeaderParser
+from pathlib import Path
+
+TEXTS = ("LICENSE*", "LICENCE*", "COPYING*", "NOTICE*", "AUTHORS*")
+
+
+def licence_of(metadata: Path) -> tuple[str, str]:
+    """Return name and version, and the licence, of a distribution's METADATA.
+
+    Raises:
+        ValueError: it states no licence.
+    """
+    headers = HeaderParser().parsestr(metadata.read_text("utf-8"))
+    name = f"{headers['Name']} {headers['Version']}"
+    classifiers = [
+        value.rpartition(" :: ")[2]
+        for value in headers.get_all("Classifier", [])
+        if value.startswith("License :: ")
+    ]
+    stated = headers["License-Expression"] or ", ".join(classifiers)
+    stated = stated or (headers["License"] or "").strip().partition("\n")[0]
+    if not stated and not texts_of(metadata.parent):
+        raise ValueError(f"{metadata}: states no licence")
+    return name, stated or "see its text below"
+
+
+def texts_of(info: Path) -> list[Path]:
+    """Return the files with licences in a distribution's folder of metadata."""
+    return sorted(
+        {file for form in TEXTS for file in info.rglob(form) if file.is_file()}
+    )
+
+
+def main(licence: Path, package: str, root: Path) -> None:
+    """Write ROOT/usr/share/doc/PACKAGE/copyright."""
+    parts = ["Traverse is licensed as follows.", licence.read_text("utf-8")]
+    for metadata in sorted(root.rglob("*.dist-info/METADATA")):
+        name, stated = licence_of(metadata)
+        parts.append(f"{name}: {stated}")
+        parts += [
+            f"{name}, {file.name}:\n\n{file.read_text('utf-8', 'replace')}"
+            for file in texts_of(metadata.parent)
+        ]
+    target = root / "usr" / "share" / "doc" / package / "copyright"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    rule = "\n" + "-" * 78 + "\n\n"
+    target.write_text(rule.join(part.strip() + "\n" for part in parts), "utf-8")
+    target.chmod(0o644)
+
+
+if __name__ == "__main__":
+    try:
+        main(Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3]))
+    except ValueError as error:
+        sys.exit(str(error))
