@@ -204,6 +204,8 @@ class DiagnosisEvidence:
         has_length: Whether a length is known in the campaign.
         holds_scale: Whether the design's scale is held all the same.
         was_identified: Whether the arm file was.
+        undetermined_mm: How far the probe moves by combinations of parameters that the
+            poses do not determine, where the design is off by a plausible deviation.
         contradicted: Parameters of the family that the poses contradict, in sigmas.
     """
 
@@ -213,6 +215,7 @@ class DiagnosisEvidence:
     has_length: bool
     holds_scale: bool
     was_identified: bool
+    undetermined_mm: float
     contradicted: Sequence[tuple[str, float]] = field(default=())
 
 
@@ -417,6 +420,23 @@ def _scaled(evidence: DiagnosisEvidence) -> Finding:
     ]
 
 
+def _determined(evidence: DiagnosisEvidence) -> Finding:
+    """Compare what is not determined with how poses kept aside are predicted."""
+    predicted_mm = evidence.figures.gap.held_out_rms_mm.after or 0.0
+    values = {"undetermined_mm": evidence.undetermined_mm}
+    if evidence.undetermined_mm <= predicted_mm:
+        return Established(values)
+    return [
+        Shortfall(
+            "Parameters of the arm are undetermined: if its design is off by a "
+            f"plausible deviation there, the probe is off by "
+            f"{length_mm(evidence.undetermined_mm)} where nothing was measured.",
+            "Measure more and more varied postures; traverse identify names them.",
+            values,
+        )
+    ]
+
+
 def _agreeing(evidence: DiagnosisEvidence) -> Finding:
     n_all, n_excluded = evidence.n_poses, len(evidence.figures.excluded)
     values = {"n_left_out": n_excluded, "n_poses": n_all}
@@ -453,6 +473,7 @@ CONDITIONS: tuple[Condition[DiagnosisEvidence], ...] = (
     Condition("helps", "poses kept aside are predicted no worse", _helps),
     Condition("written", "everything that has a name is in the arm", _written),
     Condition("scale", "the scale of the arm is known", _scaled),
+    Condition("determined", "the poses determine the arm", _determined),
     Condition("agreeing", "nearly all poses agree", _agreeing),
     Condition("in_family", "the arm is like its family", _in_family),
 )

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from traverse.lab.adjustment import Adjustment
 from traverse.lab.campaign.prior import family_json
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.fit import terms_without_epoch
@@ -68,9 +69,22 @@ def _judged(diagnosis: Diagnosis, figures: DiagnosisFigures) -> Outcome:
             has_length=network.has_length(),
             holds_scale=network.holds_scale,
             was_identified=diagnosis.arm.identification is not None,
+            undetermined_mm=_undetermined_mm(diagnosis.final.adjustment),
             contradicted=() if prior is None else prior.contradicted,
         )
     )
+
+
+def _undetermined_mm(adjustment: Adjustment) -> float:
+    """Return how far the probe moves by undetermined directions but the scale."""
+    network, split = adjustment.network, adjustment.split
+    arm = adjustment.state.arm
+    scale = network.undetermined_scale(arm)
+    rest = split.undetermined - split.undetermined @ scale.T @ scale
+    if not len(rest):
+        return 0.0
+    effects_mm = network.probe_effects_mm(arm, rest * split.tolerances)
+    return float(np.linalg.norm(effects_mm))
 
 
 def figures_of(diagnosis: Diagnosis) -> DiagnosisFigures:

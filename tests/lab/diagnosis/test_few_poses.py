@@ -9,8 +9,10 @@ import pytest
 from tests.lab.diagnosis.engine_campaigns import OPTIONS, measured_with, poses
 from tests.lab.identification.words import said
 from traverse.kinematics.arm_file.arm import write_arm
+from traverse.kinematics.model.forward import probe_centre
+from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.adjustment.prepare import IdentificationError
-from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.campaign import Campaign, campaign_of_places
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.report.files import write_diagnosis
 from traverse.lab.diagnosis.report.outcome import outcome_of
@@ -82,3 +84,24 @@ def test_noise_that_could_not_be_estimated_is_called_assumed(step):
     assert "by construction" not in said(result)
     if result.redundancy <= 0:
         assert result.global_test.passed is None
+
+
+@pytest.mark.parametrize(("travel_rad", "codes"), [(2.0, ()), (2e-3, ("determined",))])
+def test_an_arm_whose_joints_hardly_turned_is_in_doubt(travel_rad, codes):
+    """Seen by an instrument, whatever the last three joints do."""
+    arm = poses().arm
+    rng = np.random.default_rng(3)
+    angles_rad = rng.uniform(-2.0, 2.0, (60, 7))
+    angles_rad[:, 4:] *= travel_rad / 2.0
+    places_mm = probe_centre(geometry_from_arm(arm), angles_rad)
+    places_mm += rng.normal(0.0, 0.01, places_mm.shape)
+    campaign = campaign_of_places(
+        [joint.name for joint in arm.joints],
+        angles_rad,
+        places_mm,
+        encoder_rad=1e-6,
+        contact_mm=0.01,
+    )
+    diagnosis = diagnose(campaign, arm, replace(OPTIONS, details=False))
+    assert diagnosis.verdict == "clean"
+    assert outcome_of(diagnosis).codes == codes
