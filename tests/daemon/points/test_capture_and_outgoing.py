@@ -6,6 +6,8 @@ import pytest
 from tests.daemon.values import UTC_OFFSET_NS, SetClock, arm_model, kept_at_once
 from traverse.daemon.config.schema import CaptureSection, InputSection
 from traverse.daemon.errors import CaptureRefusedError
+from traverse.daemon.monitoring.events import Occurrence
+from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.mqtt.outgoing_queue import (
     MAX_EVENTS,
     MAX_REPLIES,
@@ -167,6 +169,19 @@ async def test_what_is_not_urgent_is_sent_with_the_next_or_at_a_flush():
         queue.flush()
     queue.offer("point", message("e"))  # its requester has gone
     assert looked == [[2, 1], [3, 1]]
+
+
+@pytest.mark.parametrize(
+    ("severity", "active", "looked_at"),
+    [("info", None, 0), ("info", False, 1), ("warning", None, 1), ("error", True, 1)],
+)
+async def test_what_informs_only_waits_for_another_message(severity, active, looked_at):
+    queue, looked = OutgoingQueue(), []
+    publisher = MessagePublisher("bench-7", "json", queue, SetClock())
+    event = Occurrence(severity, "a.b", "text", "", "a", active, 1, 2, 1, {})
+    with queue.notifying(lambda: looked.append(None)):
+        publisher.publish_event(event, "session")
+    assert (len(looked), queue.waiting("event")) == (looked_at, 1)
 
 
 async def test_empty_waits_until_the_last_message_is_there():
