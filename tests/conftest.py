@@ -180,8 +180,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             )
     folders: dict[str, dict[Path, None]] = {}
     for item in items:
-        parts = item.path.relative_to(Path(__file__).parent).parts
-        folder = "/".join(parts[:2]) if "/".join(parts[:2]) in LONG else parts[0]
+        parts = Path(os.path.relpath(item.path, Path(__file__).parent)).parts
+        folder = "/".join(parts[:2])
+        folder = folder if folder in LONG else parts[0]
         folders.setdefault(folder, {})[item.path] = None
     ranks = {
         path: at / len(files) * (0.6 if folder in LONG else 1.0)
