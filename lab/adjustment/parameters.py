@@ -8,6 +8,7 @@ is left alone, because x does not change when a hinge slides along its own axis.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
+from functools import lru_cache
 
 import numpy as np
 
@@ -87,6 +88,17 @@ class Expected:
 
 # Components smaller than this part of the largest are not named.
 _NAMED = 0.1
+
+
+@lru_cache(maxsize=8)
+def _basis(geometry: Geometry, smallest: tuple[int, ...]) -> Floats:
+    """Build a basis; a geometry is asked for it many times in an iteration."""
+    unit = np.eye(3)[list(smallest)]
+    along = np.einsum("ki,ki->k", unit, geometry.axes)[:, np.newaxis]
+    v = unit_vectors(unit - along * geometry.axes)
+    basis = np.stack([v, np.cross(geometry.axes, v)], axis=1)
+    basis.setflags(write=False)
+    return basis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,11 +204,7 @@ class Parameters:
 
     def basis(self, geometry: Geometry) -> Floats:
         """Build (v_k, w_k) across every axis as it is now, (n_joints, 2, 3)."""
-        axes = geometry.axes
-        unit = np.eye(3)[list(self.smallest)]
-        along = np.einsum("ki,ki->k", unit, axes)[:, np.newaxis]
-        v = unit_vectors(unit - along * axes)
-        return np.stack([v, np.cross(axes, v)], axis=1)
+        return _basis(geometry, self.smallest)
 
     def columns(
         self, values: ArmValues, derivatives: ProbeDerivatives, poses: Poses
