@@ -146,12 +146,12 @@ def _print_rest(devices: "TurningDevices", as_json: bool) -> dict[str, int]:
         noise_counts[track.source] = noise
         alarm = devices.alarms.get(track.source, "")
         words = [f"{track.source}: {track.modulus_counts} counts, moves by {noise}"]
-        if track.n_invalid:
-            words.append(
-                f"{track.n_invalid} of {track.n_samples} without a valid count"
-            )
-        if track.n_weak:
-            words.append(f"{track.n_weak} of {track.n_samples} with a weak signal")
+        for n, what in (
+            (track.n_invalid, "without a valid count"),
+            (track.n_weak, "with a weak signal"),
+        ):
+            if n:
+                words.append(f"{n / track.n_samples:.0%} of samples {what}")
         if alarm:
             words.append(alarm)
         _print(

@@ -27,6 +27,7 @@ RUN: Final = {
     "docs/how-to/metrology-software.md": "tests/docs/test_bench_guides.py",
     "docs/tutorial/arduino-to-calibrated-arm.md": "tests/docs/test_arduino_tutorial.py",
     "docs/tutorial/old-microscribe.md": "tests/docs/test_old_microscribe.py",
+    "docs/tutorial/parts-to-calibrated-arm.md": "tests/docs/test_parts_tutorial.py",
 }
 """Pages of which a test runs every command but those named below."""
 _MICROSCRIBE = "tests/docs/test_old_microscribe.py"
