@@ -4,9 +4,17 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import AsyncIterable, AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import (
+    AsyncIterable,
+    AsyncIterator,
+    Awaitable,
+    Callable,
+    Mapping,
+    Sequence,
+)
 from typing import Literal, TypeVar
 
+from traverse.arrays import Floats
 from traverse.broker.address import BrokerAddress
 from traverse.client.arm import Arm
 from traverse.client.cancel_tasks import cancel_tasks
@@ -24,6 +32,7 @@ LOOK_S = 0.2
 ABSENT_S = 2.0
 AGAIN_S = 1.0
 PATIENCE_S = 5.0
+MOST_ASKED = 100  # points, as the command allows
 
 
 class Follower:
@@ -99,6 +108,22 @@ class Follower:
         else:
             return True
         return False
+
+    async def shared_errors(self, ids: Sequence[str]) -> Mapping[str, Floats] | str:
+        """Return what points share by the arm, by id, or why that is not known."""
+        shared: dict[str, Floats] = {}
+        for start in range(0, len(ids), MOST_ASKED):
+            asked = ids[start : start + MOST_ASKED]
+            if self._arm is None:
+                return "there is no connection to the arm"
+            try:
+                errors = await self._arm.covariance(asked)
+            except CommandRefused as error:
+                return error.text
+            except ClientError as error:
+                return str(error)
+            shared |= dict(zip(asked, errors.shared_mm, strict=True))
+        return shared
 
     async def turn_scan(self) -> None:
         """Stop the running scan, or start one."""

@@ -12,6 +12,7 @@ from traverse.client.inspection.plan import (
     RelationEntry,
     ToleranceEntry,
 )
+from traverse.kinematics.features.datum import datum_system
 from traverse.kinematics.features.figures import (
     Conformity,
     Figure,
@@ -134,7 +135,10 @@ class Inspection:
 
 
 def inspected(
-    plan: Plan, points: Sequence[Point], shared_mm: Mapping[str, Floats] | str
+    plan: Plan,
+    points: Sequence[Point],
+    shared_mm: Mapping[str, Floats] | str,
+    alignment: Helmert | None = None,
 ) -> Inspection:
     """Compute all figures of a plan.
 
@@ -143,12 +147,52 @@ def inspected(
         points: not retracted; those of no feature are left out.
         shared_mm: factors S of what points share by the arm, (3, rank), by their ids;
             or why they are not known.
+        alignment: into the part's system; None: that of the points, if they have one.
     """
     assigned = assigned_points(plan, points)
+    measured = _measured(plan, assigned, shared_mm, alignment)
+    features, unknown, every = measured.features, measured.unknown, measured.points
+    judge = _Judge(plan, assigned, is_known=not unknown)
+    results = [
+        _feature(entry, assigned[entry.name], features, judge)
+        for entry in plan.features
+    ]
+    results += [_relation(entry, features, judge) for entry in plan.relations]
+    return Inspection(
+        plan.part,
+        plan.serial,
+        plan.operator,
+        arm=every[0].arm if every else "",
+        model=every[0].model if every else "",
+        system="arm" if measured.system is None else "part",
+        tip_mm=measured.tip_mm,
+        last_ns=max((point.time_ns for point in every), default=0),
+        uncertainty_unknown=unknown,
+        features=tuple(results),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measured:
+    """Features of points in a system; `unknown` says why there is no U."""
+
+    features: Features
+    points: list[Point]
+    system: Helmert | None
+    tip_mm: float
+    unknown: str
+
+
+def _measured(
+    plan: Plan,
+    assigned: Mapping[str, list[Point]],
+    shared_mm: Mapping[str, Floats] | str,
+    alignment: Helmert | None,
+) -> _Measured:
     used = {point.id: point for each in assigned.values() for point in each}
     rows = {point_id: row for row, point_id in enumerate(used)}
     every = list(used.values())
-    errors, system, unknown = _errors(every, shared_mm)
+    errors, system, unknown = _errors(every, shared_mm, alignment)
     tips = {point.probe_radius_mm for point in every}
     if len(tips) > 1:
         unknown = unknown or "the points were taken with balls of different radius"
@@ -163,31 +207,37 @@ def inspected(
         for feature in plan.features
         if assigned[feature.name]
     ]
+    tip_mm = max(tips, default=0.0)
     touches = Touches(
         errors,
-        max(tips, default=0.0),
+        tip_mm,
         _towards(every, system),
         np.array([p.compensation in MEASURED_SIDES for p in every], dtype=bool),
     )
     features = measured_features(definitions, touches)
-    judge = _Judge(plan, assigned, is_known=not unknown)
-    results = [
-        _feature(entry, assigned[entry.name], features, judge)
-        for entry in plan.features
-    ]
-    results += [_relation(entry, features, judge) for entry in plan.relations]
-    return Inspection(
-        plan.part,
-        plan.serial,
-        plan.operator,
-        arm=every[0].arm if every else "",
-        model=every[0].model if every else "",
-        system="arm" if system is None else "part",
-        tip_mm=max(tips, default=0.0),
-        last_ns=max((point.time_ns for point in every), default=0),
-        uncertainty_unknown=unknown,
-        features=tuple(results),
-    )
+    return _Measured(features, every, system, tip_mm, unknown)
+
+
+def system_of_datums(
+    plan: Plan, points: Sequence[Point], names: Sequence[str]
+) -> Helmert:
+    """Return the part's system by 3-2-1 of a plane, a line and a point, by their names.
+
+    The line leads from its first touch to its last.
+
+    Raises:
+        ValueError: they are not measured, or make no system.
+    """
+    assigned = assigned_points(plan, points)
+    of_arm = Helmert(np.eye(3), np.zeros(3))
+    features = _measured(plan, assigned, "not needed", of_arm).features
+    for name in names:
+        if name not in features.elements:
+            raise ValueError(f"{name}: {features.problems.get(name, 'not measured')}")
+    plane, line, point = (features.elements[name] for name in names)
+    of_line = assigned[names[1]]
+    forwards = np.subtract(of_line[-1].xyz_mm, of_line[0].xyz_mm)
+    return datum_system(plane, line, point, forwards)
 
 
 def assigned_points(plan: Plan, points: Sequence[Point]) -> dict[str, list[Point]]:
@@ -204,7 +254,9 @@ def assigned_points(plan: Plan, points: Sequence[Point]) -> dict[str, list[Point
 
 
 def _errors(
-    points: Sequence[Point], shared_mm: Mapping[str, Floats] | str
+    points: Sequence[Point],
+    shared_mm: Mapping[str, Floats] | str,
+    alignment: Helmert | None,
 ) -> tuple[JointCovariance, Helmert | None, str]:
     """Return the joint covariance, the alignment, and why U is not known."""
     n, unknown = len(points), shared_mm if isinstance(shared_mm, str) else ""
@@ -231,7 +283,7 @@ def _errors(
     errors = JointCovariance(
         places_mm, covariances[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]], factors
     )
-    alignment = _alignment(points, places_mm)
+    alignment = alignment or _alignment(points, places_mm)
     if alignment is None:
         return errors, None, unknown
     turn = alignment.scale * alignment.rotation

@@ -160,7 +160,7 @@ def _figure_rows(features: Iterable[FeatureResult]) -> Iterator[tuple[str, list[
 def _touch_tables(features: Iterable[FeatureResult]) -> Iterator[str]:
     for feature in features:
         if feature.touches:
-            n = counted(len(feature.touches), "touch", "touches")
+            n = counted(len(feature.touches), "touch")
             yield f"<h2>{_text(feature.name)}: {n}</h2>"
             yield _table(
                 ("Point", "Distance in mm", "In doubt"),

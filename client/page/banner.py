@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from html import escape
 
 from nicegui import ui
 
@@ -32,13 +33,21 @@ class Banner:
 
     Args:
         mute: called by the switch of the sound.
+        speak: called by the switch of speech.
+        turn_digits: called by the switch of the view of digits alone.
         turn_light: called by the switch of the colours.
     """
 
     def __init__(
-        self, arm: str, mute: Callable[[], None], turn_light: Callable[[], None]
+        self,
+        arm: str,
+        *,
+        mute: Callable[[], None],
+        speak: Callable[[], None],
+        turn_digits: Callable[[], None],
+        turn_light: Callable[[], None],
     ) -> None:
-        self._is_muted = False
+        self._is_muted = self._speaks = False
         with ui.element("header").classes("panel banner") as self._banner:
             self._icon = ui.html("", sanitize=False).classes("icon")
             with ui.element("div").classes("said"):
@@ -49,9 +58,13 @@ class Banner:
             # Shown by the browser when the server is silent, see watch.js.
             ui.html(SILENT, sanitize=False).classes("silent-banner")
             with ui.element("div").classes("switches"):
-                ui.label(arm).classes("arm")
+                ui.html(f"<h1>{escape(arm)}</h1>", sanitize=False).classes("arm")
                 self._sound = ui.button("Mute", on_click=mute, color=None)
                 self._sound.props('flat dense aria-keyshortcuts="M"')
+                self._speech = ui.button("Speak", on_click=speak, color=None)
+                self._speech.props('flat dense aria-keyshortcuts="V"')
+                digits = ui.button("Digits", on_click=turn_digits, color=None)
+                digits.props('flat dense aria-keyshortcuts="G"')
                 self._light = ui.button(on_click=turn_light, color=None)
                 self._light.props('flat dense aria-keyshortcuts="D"')
         self.name_light(is_dark=True)
@@ -85,6 +98,12 @@ class Banner:
         self._is_muted = not self._is_muted
         self._sound.set_text("Unmute" if self._is_muted else "Mute")
         return self._is_muted
+
+    def turn_speech(self) -> bool:
+        """Update the switch of speech; return whether it is on."""
+        self._speaks = not self._speaks
+        self._speech.set_text("Silent" if self._speaks else "Speak")
+        return self._speaks
 
     def name_light(self, *, is_dark: bool) -> None:
         """Label the switch of the colours by its action."""

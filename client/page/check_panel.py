@@ -12,7 +12,7 @@ from traverse.client.page.controls import Dialogs
 from traverse.client.page.health_tables import coverage_bars
 from traverse.client.page.presses import Presses
 
-CHECKS = (("Single point", "articulation", 10), ("Sphere", "sphere", 9))
+CHECKS = (("Single point", "articulation", 10), ("Test sphere", "sphere", 9))
 ANSWERS = (
     ("Another place: leave it out", GuidedCheck.leave_out),
     ("The others were wrong: begin with it", GuidedCheck.begin_with_it),
@@ -36,7 +36,8 @@ class CheckPanel:
         self._follower = follower
         self._desk = desk
         self._dialogs = dialogs
-        with ui.element("section").classes("panel"):
+        with ui.element("section").classes("panel") as panel:
+            panel.props('tabindex="0" aria-label="Guided checks"')
             with ui.element("div").classes("bar"):
                 ui.html("<h2>Guided checks</h2>", sanitize=False)
                 ui.space()

@@ -137,6 +137,7 @@ class Dialogs:
         """
         inputs: dict[str, ui.input] = {}
         dialog = ui.dialog()
+        dialog.props["aria-label"] = title
         submit = self.presses.guard(dialog.submit)
         with dialog, ui.card().classes("question"):
             ui.label(title).classes("title")

@@ -8,16 +8,19 @@ from nicegui import ui
 
 from traverse.client.display.arm_state import Change
 from traverse.client.display.condition import obstacle, verdict
+from traverse.client.display.figures import place_mm
 from traverse.client.display.follower import Follower
 from traverse.client.display.guided_check import CheckDesk
+from traverse.client.display.inspection_desk import InspectionDesk
 from traverse.client.page.arm_scene import ArmScene
 from traverse.client.page.banner import Banner
 from traverse.client.page.check_panel import CheckPanel
 from traverse.client.page.controls import Act, Controls, Dialogs, Soft
 from traverse.client.page.health_tables import alarm_list, condition_list, health_table
+from traverse.client.page.part_panel import PartPanel
 from traverse.client.page.points_panel import PointsPanel
 from traverse.client.page.presses import Presses
-from traverse.client.page.readout import Choices, Figures
+from traverse.client.page.readout import NAMES, Choices, Figures
 from traverse.client.page.setup_bar import SetupBar
 from traverse.plurals import counted
 from traverse.protocol.messages import Point
@@ -26,6 +29,7 @@ HERE = Path(__file__).parent
 FAST_S = 0.05
 SLOW_S = 0.5
 CLOUD_S = 0.25
+PART_S = 0.25
 VIEWS = (
     ("Probe", "probe", "p"),
     ("All", "iso", "f"),
@@ -41,6 +45,7 @@ class OperatorPage:
 
     Args:
         desk: the guided check.
+        inspection: the part that is measured.
         cloud_url: source of scanned points.
         export: returns the points as a file: name and content.
     """
@@ -49,7 +54,9 @@ class OperatorPage:
         self,
         follower: Follower,
         desk: CheckDesk,
+        inspection: InspectionDesk,
         choices: Choices,
+        *,
         cloud_url: str,
         export: Callable[[str, list[Point]], tuple[str, bytes]],
     ) -> None:
@@ -66,23 +73,32 @@ class OperatorPage:
         self._was_online = self._sight.is_online
         self._is_gone = False
         self._dark = ui.dark_mode(value=True)
-        self._build(desk, cloud_url)
+        self._build(desk, inspection, cloud_url)
         self._sight.listeners.append(self._changed)
         ui.context.client.on_delete(lambda: self._sight.listeners.remove(self._changed))
         ui.timer(FAST_S, self._fast)
         ui.timer(SLOW_S, self._slow)
         ui.timer(CLOUD_S, self._show_cloud)
+        ui.timer(PART_S, self._part.measure)
         self._scene.on("vue:mounted", self._all_anew)
 
     # -- how it is built --------------------------------------------------------
 
-    def _build(self, desk: CheckDesk, cloud_url: str) -> None:
+    def _build(
+        self, desk: CheckDesk, inspection: InspectionDesk, cloud_url: str
+    ) -> None:
         ui.add_css(HERE / "page.css")
         for script in ("sounds.js", "watch.js"):
             text = (HERE / script).read_text("utf-8")
             ui.add_body_html(f"<script>{text}</script>")
-        with ui.element("main").classes("page"):
-            self._banner = Banner(self._follower.name, self._mute, self._turn_light)
+        with ui.element("div").classes("page"):  # within the main of the framework
+            self._banner = Banner(
+                self._follower.name,
+                mute=self._mute,
+                speak=self._turn_speech,
+                turn_digits=self._turn_digits,
+                turn_light=self._turn_light,
+            )
             self._figures = Figures(self._choices)
             self._setup = SetupBar(
                 self._follower,
@@ -103,6 +119,8 @@ class OperatorPage:
             }
             keys |= {
                 "m": self._mute,
+                "v": self._turn_speech,
+                "g": self._turn_digits,
                 "d": self._turn_light,
                 "l": self._setup.change_label,
             }
@@ -118,6 +136,9 @@ class OperatorPage:
                 lambda: self._dialogs.is_open,
                 self._presses,
             )
+            self._part = PartPanel(
+                self._follower, inspection, self._dialogs, self._presses
+            )
             with ui.element("section").classes("lists"):
                 self._points = PointsPanel(
                     self._choices, self._save, self._show_session
@@ -125,7 +146,11 @@ class OperatorPage:
                 self._check = CheckPanel(
                     self._follower, desk, self._dialogs, self._presses
                 )
-                with ui.element("section").classes("panel"):
+                with (
+                    ui.element("section")
+                    .classes("panel")
+                    .props('tabindex="0" aria-label="Health"')
+                ):
                     ui.html("<h2>Health</h2>", sanitize=False)
                     self._conditions = ui.html("", sanitize=False)
                     self._alarms = ui.html("", sanitize=False)
@@ -146,6 +171,8 @@ class OperatorPage:
             self._banner.tell(kind, change.text)
         if kind in ("alarm", "cleared"):
             self._show_verdict()
+        if change.kind == "point" and point is not None:
+            self._speak(point)
         if kind == "stored" or point is None:
             return  # late points, or those of another session: see `_fast`
         self._show_points(point.id)
@@ -269,6 +296,23 @@ class OperatorPage:
     def _mute(self) -> None:
         muted = str(self._banner.turn_sound()).lower()
         self._run(f"traverse_sounds.muted = {muted}")
+
+    def _turn_speech(self) -> None:
+        speaks = str(self._banner.turn_speech()).lower()
+        self._run(f"traverse_sounds.speaks = {speaks}")
+
+    def _turn_digits(self) -> None:
+        self._run("document.body.classList.toggle('digits')")
+
+    def _speak(self, point: Point) -> None:
+        """Speak the coordinates of a new point, where the operator wants that."""
+        unit = self._choices.unit
+        of_system = place_mm(point, self._choices.system(self._sight)) or point.xyz_mm
+        words = ", ".join(
+            f"{axis} {unit.text(value)}"
+            for axis, value in zip(NAMES, of_system, strict=True)
+        )
+        self._run(f"traverse_sounds.speak({words!r})")
 
     def _turn_light(self) -> None:
         self._dark.toggle()

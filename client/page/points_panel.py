@@ -30,6 +30,7 @@ class PointsPanel:
         self._choices = choices
         self._earlier: str | None = None
         with ui.element("section").classes("panel points") as self._panel:
+            self._panel.props('tabindex="0" aria-label="Points"')
             with ui.element("div").classes("bar"):
                 self._title = ui.html("", sanitize=False)
                 ui.space()

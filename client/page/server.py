@@ -6,14 +6,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fastapi import Response
+from fastapi.responses import HTMLResponse
 from nicegui import app, ui
 
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.display.follower import Follower
 from traverse.client.display.guided_check import CheckDesk
+from traverse.client.display.inspection_desk import InspectionDesk
+from traverse.client.inspection.sheet import sheet_html
 from traverse.client.page.access import Guard
 from traverse.client.page.connections import BoundedHttpProtocol
 from traverse.client.page.operator_page import OperatorPage
+from traverse.client.page.part_panel import REPORT_URL
 from traverse.client.page.readout import Choices
 from traverse.protocol.messages import Point
 
@@ -50,6 +54,7 @@ def serve(
     """
     tasks: list[asyncio.Task[None]] = []
     desk, choices = CheckDesk(follower.sight), Choices()
+    inspection_desk = InspectionDesk(follower.sight)
 
     async def begin() -> None:
         tasks.append(asyncio.create_task(follower.run()))
@@ -72,9 +77,22 @@ def serve(
             headers={"x-seen": str(follower.cloud.n_seen)},
         )
 
+    @app.get(REPORT_URL)
+    def report() -> HTMLResponse:
+        if inspection_desk.inspection is None:
+            return HTMLResponse("Nothing is measured yet.", 404)
+        return HTMLResponse(sheet_html(inspection_desk.inspection))
+
     @ui.page("/", title=f"{follower.name} - Traverse", reconnect_timeout=RECONNECT_S)
     def page() -> None:
-        OperatorPage(follower, desk, choices, CLOUD_URL, export)
+        OperatorPage(
+            follower,
+            desk,
+            inspection_desk,
+            choices,
+            cloud_url=CLOUD_URL,
+            export=export,
+        )
 
     ui.run(
         host=host,
@@ -82,6 +100,7 @@ def serve(
         show=show,
         reload=False,
         title="Traverse",
+        language="en-US",
         show_welcome_message=False,
         http=BoundedHttpProtocol,
         ssl_certfile=None if certificate is None else str(certificate),

@@ -1,7 +1,7 @@
 // Short tones, told apart without looking: a good point, one in doubt, a refusal, an
 // alarm, an alarm gone.
 window.traverse_sounds = {
-  context: null, muted: false, played: [],
+  context: null, muted: false, speaks: false, played: [],
   begin() { this.context ??= new AudioContext(); }, // browsers want a touch of the page before
   tones: {
     point: [[880, 0, 0.09]],
@@ -11,6 +11,11 @@ window.traverse_sounds = {
     alarm: [[740, 0, 0.18], [494, 0.2, 0.18], [740, 0.4, 0.18], [494, 0.6, 0.18]],
     silent: [[587, 0, 0.2], [440, 0.22, 0.2], [330, 0.44, 0.3]],
     cleared: [[523, 0, 0.1], [784, 0.11, 0.14]],
+  },
+  speak(text) {
+    if (!this.speaks || !window.speechSynthesis) return;
+    speechSynthesis.cancel(); // the latest value, not all of them
+    speechSynthesis.speak(new SpeechSynthesisUtterance(text));
   },
   play(kind) {
     const tones = this.tones[kind];

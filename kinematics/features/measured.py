@@ -36,6 +36,7 @@ from traverse.kinematics.fits.elements_in_plane import (
 )
 from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
 
+MOST_TOUCHES = 2000  # of a feature: its projector has the square of that
 Side = Literal["auto", "inside", "outside", "centre"]
 _ROUND: dict[Kind, Callable[[Floats, float], Element]] = {
     "sphere": sphere_element,
@@ -120,6 +121,11 @@ def _element(
     definition: Definition, touches: Touches, plane: Element | None
 ) -> Element:
     rows, kind = list(definition.rows), definition.kind
+    if len(rows) > MOST_TOUCHES:
+        raise ValueError(
+            f"{len(rows)} touches, at most {MOST_TOUCHES} of one feature are computed; "
+            "thin them out"
+        )
     points_mm, n = touches.errors.points_mm[rows], len(touches.errors.points_mm)
     tip_mm = 0.0 if definition.side == "centre" else touches.tip_mm
     outwards = -touches.towards[rows].sum(axis=0) if tip_mm else None

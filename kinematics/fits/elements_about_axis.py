@@ -166,36 +166,33 @@ def _axial_with_derivatives(
 
 
 def _axial_starts(cloud: Cloud, *, with_angle: bool) -> list[_Axial]:
-    """Return the best starts, by their algebraic fits with a given axis."""
+    """Return the best starts, by their algebraic fits with a given axis.
+
+    x^2 + y^2 = 2 a x + 2 b y + k_0 + k_1 h + k_2 h^2 is linear for each direction.
+    """
     number = np.arange(_N_DIRECTIONS)
     heights = 1.0 - (number + 0.5) / _N_DIRECTIONS  # a spiral over a hemisphere
     turns = number * np.pi * (3.0 - np.sqrt(5.0))
     flat = np.sqrt(1.0 - heights**2)
     spread = np.column_stack([flat * np.cos(turns), flat * np.sin(turns), heights])
-    rated: list[tuple[float, int, _Axial]] = []
-    for direction in np.concatenate([cloud.axes, spread]):
-        start = _axial_start(cloud.points, direction, with_angle=with_angle)
-        if start is not None:
-            distances, _, _ = start.distances(cloud.points)
-            rated.append((float(distances @ distances), len(rated), start))
-    return [start for _, _, start in sorted(rated)[:_N_STARTS]]
-
-
-def _axial_start(
-    points: Floats, direction: Floats, *, with_angle: bool
-) -> _Axial | None:
-    """Fit x^2 + y^2 = 2 a x + 2 b y + k_0 + k_1 h + k_2 h^2, linear with the axis."""
-    basis = np.stack(across(direction), axis=1)
-    flat, heights = points @ basis, points @ direction
-    columns = [2.0 * flat, np.ones((len(points), 1))]
+    directions = np.concatenate([cloud.axes, spread])
+    bases = np.array([np.stack(across(d), axis=1) for d in directions])
+    xy = cloud.points @ bases  # (n_directions, n_points, 2)
+    along = (cloud.points @ directions.T).T[:, :, np.newaxis]
+    columns = [2.0 * xy, np.ones_like(along)]
     if with_angle:
-        columns += [heights[:, np.newaxis], heights[:, np.newaxis] ** 2]
-    squares = np.sum(flat**2, axis=1)
-    solution = np.linalg.lstsq(np.column_stack(columns), squares, rcond=None)[0]
-    centre, radius2 = solution[:2], solution[2] + solution[:2] @ solution[:2]
-    if not radius2 > 0.0:
-        return None
-    radius, angle = float(np.sqrt(radius2)), 0.0
-    if with_angle:  # (r + h tan psi)^2 = r^2 + 2 r tan psi h + ...
-        angle = float(np.arctan(solution[3] / (2.0 * radius)))
-    return _Axial(basis @ centre, direction, radius, angle)
+        columns += [along, along**2]
+    design, squares = np.concatenate(columns, axis=2), np.sum(xy**2, axis=2)
+    solutions = np.einsum("dqn,dn->dq", np.linalg.pinv(design), squares)
+    rated: list[tuple[float, int, _Axial]] = []
+    for direction, basis, solution in zip(directions, bases, solutions, strict=True):
+        radius2 = float(solution[2] + solution[:2] @ solution[:2])
+        if not radius2 > 0.0:
+            continue
+        radius, angle = float(np.sqrt(radius2)), 0.0
+        if with_angle:  # (r + h tan psi)^2 = r^2 + 2 r tan psi h + ...
+            angle = float(np.arctan(solution[3] / (2.0 * radius)))
+        start = _Axial(basis @ solution[:2], direction, radius, angle)
+        distances, _, _ = start.distances(cloud.points)
+        rated.append((float(distances @ distances), len(rated), start))
+    return [start for _, _, start in sorted(rated)[:_N_STARTS]]

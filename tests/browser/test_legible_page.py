@@ -105,3 +105,30 @@ async def test_on_touch_screens_what_matters_is_first_and_can_be_hit(
             await expect(key).not_to_be_visible()
         script = "document.documentElement.scrollWidth <= innerWidth"
         assert await page.evaluate(script)
+
+
+async def test_digits_can_fill_the_page_and_values_be_spoken(
+    posed: PosedDaemon, address: str, served_page: OpenPage
+) -> None:
+    async with posed.posing(), served_page(posed.arm, address) as page:
+        await expect(page.locator(".word")).to_have_text("Ready")
+        await page.evaluate(
+            "window.spoken = [];"
+            "speechSynthesis.speak = said => window.spoken.push(said.text); 0"
+        )
+        await posed.touch(1.0, 2.0, 3.0)
+        await page.keyboard.press("v")
+        await expect(page.get_by_role("button", name="Silent")).to_be_visible()
+        await posed.touch(4.0, 5.0, -6.5)
+        await page.wait_for_function("window.spoken.length > 0", polling=100)
+        assert await page.evaluate("window.spoken") == ["X 4.000, Y 5.000, Z -6.500"]
+        before = await page.locator(".figures").bounding_box()
+        await page.keyboard.press("g")
+        await expect(page.locator(".lists")).not_to_be_visible()
+        after = await page.locator(".figures").bounding_box()
+        assert before is not None
+        assert after is not None
+        assert after["height"] > 1.3 * before["height"]
+        await expect(page.locator(".controls .take")).to_be_in_viewport(ratio=1.0)
+        await page.keyboard.press("g")
+        await expect(page.locator(".lists")).to_be_visible()

@@ -92,7 +92,7 @@ async def test_a_guided_check_counts_points_until_it_is_closed(scene: Scene) -> 
     rows = page.locator("table.plain tbody tr", has=page.locator("td:nth-child(7)"))
     await expect(rows).to_have_count(3)
     instruction, joints = page.locator(".instruction"), page.get_by_text("joints have")
-    await page.get_by_role("button", name="Sphere").click()
+    await page.get_by_role("button", name="Test sphere").click()
     await expect(instruction).to_contain_text("9 more")
     await expect(joints).not_to_be_visible()
     await page.keyboard.press("Space")
@@ -145,11 +145,14 @@ async def test_the_page_can_be_used_without_a_mouse(scene: Scene) -> None:
     page = scene.page
     await expect(page.locator("header")).to_contain_text("Ready to measure.")
     names = []
-    for _ in range(20):
+    for _ in range(45):
         await page.keyboard.press("Tab")
         script = "document.activeElement.ariaLabel || document.activeElement.innerText"
         names.append(str(await page.evaluate(script)).split("\n")[0].lower())
-    for wanted in ("take point", "undo", "start scan", "top", "save points as csv"):
+    for wanted in (
+        *("take point", "undo", "start scan", "top", "save points as csv"),
+        *("circle", "distance", "open the report sheet"),
+    ):
         assert wanted in names, names
     unnamed = await page.evaluate(
         "[...document.querySelectorAll('button')]"

@@ -20,6 +20,7 @@ from traverse.protocol.encoding import decode, encode, parse_args
 from traverse.protocol.messages import (
     Args,
     Command,
+    CovarianceArgs,
     HomeArgs,
     Message,
     Point,
@@ -52,6 +53,7 @@ class VirtualDaemon:
         commands: what was carried out.
         resends: requested ranges.
         scans: listed as held; none of them is ever sent again.
+        shared_mm: factors of the command `covariance`, by point.
     """
 
     def __init__(self, arm: str, host: str, port: int, **options: Any) -> None:
@@ -72,6 +74,7 @@ class VirtualDaemon:
         self.commands: list[Args] = []
         self.resends: list[tuple[str | None, int, int | None]] = []
         self.scans: tuple[dict[str, Any], ...] = ()
+        self.shared_mm: dict[str, list[list[float]]] = {}
 
     @property
     def points(self) -> list[Point]:
@@ -192,6 +195,21 @@ class VirtualDaemon:
         self.commands.append(args)
         result: dict[str, Any] = {}
         match args:
+            case CovarianceArgs():
+                held = {point.id: point for point in self.points}
+                result = {
+                    "model": held[args.ids[0]].model,
+                    "with_arm": True,
+                    "points": [
+                        {
+                            "id": name,
+                            "xyz_mm": list(held[name].xyz_mm),
+                            "covariance_mm2": list(held[name].covariance_mm2 or ()),
+                            "shared_mm": self.shared_mm[name],
+                        }
+                        for name in args.ids
+                    ],
+                }
             case ResendArgs() if not self.can_resend:
                 error = ReplyError(
                     code="command.not_available", text="cannot", remedy="a new version"

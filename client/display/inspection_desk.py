@@ -1,0 +1,261 @@
+"""The part that is being inspected: features chosen, touches assigned, results."""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from traverse.arrays import Floats
+from traverse.client.display.arm_state import ArmSight, Change
+from traverse.client.inspection.plan import (
+    FeatureEntry,
+    Plan,
+    RelationEntry,
+    RelationKind,
+    ToleranceEntry,
+)
+from traverse.client.inspection.results import (
+    FeatureResult,
+    Inspection,
+    inspected,
+    system_of_datums,
+)
+from traverse.kinematics.features.measured import Side
+from traverse.kinematics.fits.elements import Kind
+from traverse.kinematics.helmert.transformation import Helmert
+from traverse.protocol.messages import Point
+
+GOOD_COUNTS: dict[Kind, int] = {
+    **{"point": 1, "line": 5, "plane": 9, "circle": 7},
+    **{"sphere": 9, "cylinder": 12, "cone": 12},
+}
+"""Touches that also show form, as BS 7172 recommends."""
+WHERE: dict[Kind, str] = {
+    "point": "Touch the point.",
+    "line": "Touch along the edge, from end to end.",
+    "plane": "Touch the plane, as far apart as it allows.",
+    "circle": "Touch around the wall, evenly.",
+    "sphere": "Touch the pole, and around the sphere in two heights.",
+    "cylinder": "Touch around the cylinder, in three heights.",
+    "cone": "Touch around the cone, in three heights.",
+}
+MOST_FEATURES, MOST_TOUCHES = 200, 2000
+
+Share = Callable[[Sequence[str]], Awaitable[Mapping[str, Floats] | str]]
+
+
+@dataclass(slots=True)
+class Draft:
+    """A feature as chosen so far; `points` are ids."""
+
+    kind: Kind
+    side: Side = "auto"
+    plane: str | None = None
+    points: list[str] = field(default_factory=list)
+
+
+class InspectionDesk:
+    """The present part, shared by all pages; it survives their reloads.
+
+    Args:
+        sight: of the arm; its points are taken.
+
+    Attributes:
+        part, serial, operator: for the report.
+        features, relations, tolerances: in the order in which they were made.
+        active: name of the feature that new points belong to; None: to none.
+        alignment: made of features of this part; None: as the points have it.
+        inspection: the latest results; None before the first.
+        version: counts changes.
+    """
+
+    def __init__(self, sight: ArmSight) -> None:
+        self._sight = sight
+        self.part = self.serial = self.operator = ""
+        self.features: dict[str, Draft] = {}
+        self.relations: dict[str, RelationEntry] = {}
+        self.tolerances: dict[tuple[str, str], ToleranceEntry] = {}
+        self.active: str | None = None
+        self.alignment: Helmert | None = None
+        self.inspection: Inspection | None = None
+        self.version = 0
+        self._measured = 0
+        self._is_measuring = False
+        self._begun_ns = 0
+        self._points: dict[str, Point] = {}
+        self._shared: dict[str, Floats] = {}
+        self._refusal = ""
+        sight.listeners.append(self._changed)
+
+    def begin(self, kind: Kind) -> str:
+        """Begin a feature; return its name.
+
+        Raises:
+            ValueError: there are too many.
+        """
+        if len(self.features) >= MOST_FEATURES:
+            raise ValueError(f"a part has at most {MOST_FEATURES} features; begin anew")
+        name = self._free_name(kind)
+        draft = Draft(kind)
+        if kind in ("circle", "line"):
+            planes = [n for n, other in self.features.items() if other.kind == "plane"]
+            draft.plane = planes[-1] if planes else None
+        self.features[name] = draft
+        self.touch(name)
+        return name
+
+    def touch(self, name: str) -> None:
+        """Have new points belong to a feature."""
+        self.active = name
+        self._begun_ns = self._sight.live.time_ns if self._sight.live else 0
+        self.version += 1
+
+    def accept(self) -> None:
+        """End the active feature; one without touches is dropped."""
+        if self.active is not None and not self.features[self.active].points:
+            self.remove(self.active)
+        self.active = None
+        self.version += 1
+
+    def remove(self, name: str) -> None:
+        """Remove a feature or relation, and what is made of it."""
+        self.features.pop(name, None)
+        self.relations.pop(name, None)
+        for draft in self.features.values():
+            draft.plane = None if draft.plane == name else draft.plane
+        for other in [n for n, entry in self.relations.items() if name in entry.of]:
+            self.remove(other)
+        for key in [key for key in self.tolerances if key[0] == name]:
+            del self.tolerances[key]
+        self.active = None if self.active == name else self.active
+        self.version += 1
+
+    def assign(self, point_id: str, name: str | None) -> None:
+        """Move a touch to another feature, or leave it out (None)."""
+        for draft in self.features.values():
+            if point_id in draft.points:
+                draft.points.remove(point_id)
+        if name is not None:
+            self.features[name].points.append(point_id)
+        self.version += 1
+
+    def relate(self, kind: RelationKind, of: Sequence[str]) -> str:
+        """Add a relation; return its name."""
+        name = self._free_name(kind)
+        self.relations[name] = RelationEntry(name=name, kind=kind, of=tuple(of))
+        self.version += 1
+        return name
+
+    def align(self, names: Sequence[str]) -> Helmert:
+        """Make the part's system of a plane, a line and a point; return it.
+
+        Raises:
+            ValueError: they make none.
+        """
+        points = list(self._points.values())
+        self.alignment = system_of_datums(self.plan, points, names)
+        self.version += 1
+        return self.alignment
+
+    def set_tolerance(self, entry: ToleranceEntry | None, key: tuple[str, str]) -> None:
+        """Set the tolerance of a figure, by its feature and name; None: none."""
+        self.tolerances.pop(key, None)
+        if entry is not None:
+            self.tolerances[key] = entry
+        self.version += 1
+
+    def set_about(self, part: str, serial: str, operator: str) -> None:
+        self.part, self.serial, self.operator = part, serial, operator
+        self.version += 1
+
+    def clear(self) -> None:
+        """Begin with another part, by the same operator."""
+        self.features, self.relations, self.tolerances = {}, {}, {}
+        self._points, self._shared, self.active = {}, {}, None
+        self.alignment = None
+        self.part = self.serial = ""
+        self.version += 1
+
+    def result(self, name: str) -> FeatureResult | None:
+        """Return the latest results of a feature or relation."""
+        features = () if self.inspection is None else self.inspection.features
+        return next((feature for feature in features if feature.name == name), None)
+
+    @property
+    def plan(self) -> Plan:
+        entries = [
+            FeatureEntry(
+                name=name,
+                kind=draft.kind,
+                side=draft.side,
+                plane=draft.plane,
+                points=tuple(draft.points),
+            )
+            for name, draft in self.features.items()
+        ]
+        entries.sort(key=lambda entry: entry.kind != "plane")  # stable: planes first
+        return Plan(
+            schema="traverse/features/1",
+            part=self.part,
+            serial=self.serial,
+            operator=self.operator,
+            features=tuple(entries),
+            relations=tuple(self.relations.values()),
+            tolerances=tuple(self.tolerances.values()),
+        )
+
+    async def measure(self, share: Share) -> bool:
+        """Compute all results anew if something has changed.
+
+        Args:
+            share: asks the arm what points share, or says why that is not known.
+
+        Returns:
+            Whether there are new results.
+        """
+        if self._measured == self.version or self._is_measuring:
+            return False
+        self._is_measuring = True
+        try:
+            version, plan = self.version, self.plan
+            used = {i for draft in self.features.values() for i in draft.points}
+            missing = [i for i in used if i not in self._shared]
+            if missing:
+                answer = await share(missing)
+                self._refusal = answer if isinstance(answer, str) else ""
+                if not isinstance(answer, str):
+                    self._shared.update(answer)
+            points = [point for i, point in self._points.items() if i in used]
+            shared = self._refusal or dict(self._shared)
+            # In a thread: a part of many cylinders takes a while.
+            inspection = await asyncio.to_thread(
+                inspected, plan, points, shared, self.alignment
+            )
+            self.inspection, self._measured = inspection, version
+        finally:
+            self._is_measuring = False
+        return True
+
+    def _free_name(self, kind: str) -> str:
+        taken = self.features.keys() | self.relations.keys()
+        number = 1
+        while f"{kind} {number}" in taken:
+            number += 1
+        return f"{kind} {number}"
+
+    def _changed(self, change: Change) -> None:
+        point = change.point
+        if point is None:
+            return
+        if point.retracts is not None:
+            if self._points.pop(point.retracts, None) is not None:
+                self.assign(point.retracts, None)
+        elif self.active is not None and point.time_ns >= self._begun_ns:
+            if len(self._points) >= MOST_TOUCHES:
+                self._sight.refuse(
+                    f"a part has at most {MOST_TOUCHES} touches; this point is in the "
+                    "session only",
+                    "begin a new part",
+                )
+                return
+            self._points[point.id] = point
+            self.assign(point.id, self.active)

@@ -1,0 +1,382 @@
+"""A part measured by touches: features, relations, tolerances, the report."""
+
+from collections.abc import Awaitable, Callable, Sequence
+from functools import partial
+
+from nicegui import ui
+
+from traverse.client.display.follower import Follower
+from traverse.client.display.inspection_desk import GOOD_COUNTS, WHERE, InspectionDesk
+from traverse.client.inspection.plan import RelationKind, ToleranceEntry
+from traverse.client.inspection.results import (
+    FeatureResult,
+    FigureResult,
+    TouchResult,
+)
+from traverse.client.inspection.sheet import csv_text, figure_words, json_text
+from traverse.client.page.controls import Dialogs
+from traverse.client.page.presses import Presses
+from traverse.kinematics.features.measured import Side
+from traverse.kinematics.fits.elements import LEAST_POINTS, Kind
+from traverse.plurals import counted
+
+KINDS: tuple[Kind, ...] = (
+    *("point", "line", "plane", "circle", "sphere", "cylinder", "cone"),
+)
+RELATIONS: tuple[RelationKind, ...] = (
+    *("distance", "angle", "intersection", "projection", "symmetry", "apex"),
+)
+SIDES: dict[Side, str] = {
+    "auto": "Side: as compensated",
+    "inside": "Side: inside (hole)",
+    "outside": "Side: outside (shaft)",
+    "centre": "Side: ball centre",
+}
+LEVELS = {"conforming": "good", "not conforming": "bad"}
+REPORT_URL = "/report"
+
+
+class PartPanel:
+    """Created where it is displayed.
+
+    Args:
+        follower: of the arm; labels points with their feature.
+        desk: the part.
+    """
+
+    def __init__(
+        self,
+        follower: Follower,
+        desk: InspectionDesk,
+        dialogs: Dialogs,
+        presses: Presses,
+    ) -> None:
+        self._follower = follower
+        self._desk = desk
+        self._dialogs = dialogs
+        self._guard = presses.guard
+        self._shown: object = None
+        # Kept, not made anew: a press may be on its way to one.
+        self._row_of: dict[str, tuple[ui.button, ui.label]] = {}
+        self._touch_of: dict[str, ui.button] = {}
+        with ui.element("section").classes("panel part") as panel:
+            panel.props('tabindex="0" aria-label="Part"')
+            with ui.element("div").classes("bar"):
+                self._title = ui.html("<h2>Part</h2>", sanitize=False)
+                ui.space()
+                self._button("About", self._change_about)
+                self._button("New part", self._begin_part)
+                report = self._button(
+                    "Report", partial(ui.navigate.to, REPORT_URL, new_tab=True)
+                )
+                report.props('aria-label="Open the report sheet"')
+                for name, kind in (("CSV", "csv"), ("JSON", "json")):
+                    file = self._button(name, partial(self._save, kind), "flat")
+                    file.props(f'aria-label="Save results as {name}"')
+            with ui.element("div").classes("touching") as self._touching:
+                self._instruction = ui.label().classes("asks")
+                self._instruction.props('aria-live="polite"')
+                self._live = ui.label().classes("result")
+                with ui.element("div").classes("bar"):
+                    self._accept = self._button("Accept", self._end, "unelevated")
+                    self._accept.classes("accept")
+                    self._side = self._button("", self._turn_side)
+                    self._plane = self._button("", self._turn_plane)
+                self._touches = ui.element("div").classes("bar touches")
+            with ui.element("div").classes("bar kinds") as self._kinds:
+                self._kinds.props('role="group" aria-label="Touch a feature"')
+                for of in KINDS:
+                    self._button(of.capitalize(), partial(self._begin, of))
+            with ui.element("div").classes("bar relations") as self._relations:
+                self._relations.props('role="group" aria-label="Relate features"')
+                for relation in RELATIONS:
+                    self._button(relation.capitalize(), partial(self._relate, relation))
+                self._button("Align 3-2-1", self._align)
+            self._rows = ui.element("div").classes("features")
+        self.show()
+
+    def _button(
+        self,
+        name: str,
+        act: Callable[[], Awaitable[None] | None],
+        look: str = "outline",
+    ) -> ui.button:
+        button = ui.button(name, on_click=self._guard(act), color=None)
+        return button.props(f"{look} dense no-caps")
+
+    async def measure(self) -> None:
+        """Compute and show what has changed."""
+        await self._desk.measure(self._follower.shared_errors)
+        self.show()
+
+    def show(self) -> None:
+        desk = self._desk
+        key = (desk.version, desk.inspection)
+        if key == self._shown:
+            return
+        self._shown = key
+        self._show_active()
+        names = (*desk.features, *desk.relations)
+        for gone in self._row_of.keys() - set(names):
+            self._row_of.pop(gone)[0].delete()
+        for name in names:
+            if name not in self._row_of:
+                self._row_of[name] = self._new_row(name)
+            self._show_row(name)
+
+    def _show_active(self) -> None:
+        desk, name = self._desk, self._desk.active
+        self._touching.set_visibility(name is not None)
+        self._kinds.set_visibility(name is None)
+        self._relations.set_visibility(name is None)
+        if name is None:
+            return
+        draft = desk.features[name]
+        result = desk.result(name)
+        least, good = LEAST_POINTS[draft.kind], GOOD_COUNTS[draft.kind]
+        wanted = f"at least {least}" + (f", good are {good}" if good > least else "")
+        so_far = counted(len(draft.points), "touch")
+        self._instruction.set_text(f"{name}: {WHERE[draft.kind]} {so_far}; {wanted}.")
+        self._live.set_text("" if result is None else _words(result))
+        is_round = draft.kind not in ("point", "line", "plane")
+        self._side.set_visibility(is_round)
+        self._side.set_text(SIDES[draft.side])
+        self._plane.set_visibility(draft.kind in ("circle", "line"))
+        self._plane.set_text(f"In: {draft.plane or 'its own touches'}")
+        self._show_touches(() if result is None else result.touches)
+
+    def _show_touches(self, shown: Sequence[TouchResult]) -> None:
+        touches = {touch.id: touch for touch in shown}
+        for gone in self._touch_of.keys() - touches.keys():
+            self._touch_of.pop(gone).delete()
+        for touch in touches.values():
+            off = "" if touch.distance_mm is None else f" {touch.distance_mm:+.3f}"
+            button = self._touch_of.get(touch.id)
+            if button is None:
+                act = partial(self._ask_touch, touch.id, touch.seq)
+                with self._touches:
+                    self._touch_of[touch.id] = button = self._button("", act)
+            button.set_text(f"{touch.seq}:{off}")
+            button.classes("doubt" if touch.doubts else "", remove="doubt")
+            button.props(f'aria-label="Touch {touch.seq}{off}: move or leave out"')
+
+    def _new_row(self, name: str) -> tuple[ui.button, ui.label]:
+        with self._rows:
+            row = self._button("", partial(self._ask_feature, name), "flat")
+        with row.classes("feature"):
+            ui.label(name).classes("name")
+            words = ui.label()
+        return row, words
+
+    def _show_row(self, name: str) -> None:
+        row, words = self._row_of[name]
+        row.set_visibility(name != self._desk.active)
+        result = self._desk.result(name)
+        words.set_text("" if result is None else _words(result))
+        decisions = [] if result is None else [f.conformity for f in result.figures]
+        levels = {LEVELS.get(d, "warning") for d in decisions if d is not None}
+        worst = next(
+            (level for level in ("bad", "warning", "good") if level in levels), ""
+        )
+        look = f"state {worst}" if worst else "figures-of"
+        words.classes(look, remove="state bad warning good figures-of")
+
+    # -- what is done -------------------------------------------------------------
+
+    async def _begin(self, kind: Kind) -> None:
+        self._desk.accept()
+        try:
+            name = self._desk.begin(kind)
+        except ValueError as error:
+            self._follower.sight.refuse(str(error))
+            return
+        await self._label(name)
+
+    async def _label(self, name: str) -> None:
+        self.show()
+        part = self._desk.part or "part"
+        await self._follower.do(lambda arm: arm.label(part, name))
+
+    async def _end(self) -> None:
+        self._desk.accept()
+        self.show()
+        await self._follower.do(lambda arm: arm.label())
+
+    def _turn_side(self) -> None:
+        draft = self._desk.features[self._desk.active or ""]
+        sides = list(SIDES)
+        draft.side = sides[(sides.index(draft.side) + 1) % len(sides)]
+        self._desk.version += 1
+        self.show()
+
+    def _turn_plane(self) -> None:
+        desk = self._desk
+        draft = desk.features[desk.active or ""]
+        planes = [n for n, other in desk.features.items() if other.kind == "plane"]
+        choices = [None, *planes]
+        draft.plane = choices[(choices.index(draft.plane) + 1) % len(choices)]
+        desk.version += 1
+        self.show()
+
+    async def _ask_touch(self, point_id: str, seq: int) -> None:
+        others = [name for name in self._desk.features if name != self._desk.active]
+        answer, _ = await self._dialogs.ask(
+            f"Touch {seq} does not belong here?",
+            ("Leave it out", *(f"Move to {name}" for name in others)),
+        )
+        if answer:
+            to = answer.removeprefix("Move to ") if answer != "Leave it out" else None
+            self._desk.assign(point_id, to)
+            self.show()
+
+    async def _ask_feature(self, name: str) -> None:
+        desk, result = self._desk, self._desk.result(name)
+        is_touched = name in desk.features
+        figures = [] if result is None else [f.name for f in result.figures]
+        answer, _ = await self._dialogs.ask(
+            name,
+            (
+                *(("Touch more",) if is_touched else ()),
+                *(f"Tolerance of {figure}" for figure in figures),
+                "Remove",
+            ),
+            more="" if result is None else _all_words(result),
+        )
+        if answer == "Touch more":
+            desk.accept()
+            desk.touch(name)
+            await self._label(name)
+        elif answer == "Remove":
+            desk.remove(name)
+        elif answer and result is not None:
+            figure = answer.removeprefix("Tolerance of ")
+            chosen = next(f for f in result.figures if f.name == figure)
+            await self._ask_tolerance(name, chosen)
+        self.show()
+
+    async def _ask_tolerance(self, name: str, figure: FigureResult) -> None:
+        unit, key = figure.unit, (name, figure.name)
+        present = self._desk.tolerances.get(key)
+        names = {limit: f"{limit}_{unit}" for limit in ("nominal", "lower", "upper")}
+        values = {
+            limit: "" if present is None else f"{getattr(present, of_entry):g}"
+            for limit, of_entry in names.items()
+        }
+        answer, given = await self._dialogs.ask(
+            f"Tolerance of {figure.name} of {name} in {unit}",
+            ("Set", "Clear"),
+            {limit.capitalize(): value for limit, value in values.items()},
+            "Lower and upper are counted from the nominal value: such as -0.1 and 0.1.",
+        )
+        if answer == "Clear":
+            self._desk.set_tolerance(None, key)
+        if answer != "Set":
+            return
+        try:
+            numbers = {
+                names[limit.lower()]: float(text.replace(",", "."))
+                for limit, text in given.items()
+            }
+            entry = ToleranceEntry.model_validate(
+                {"of": name, "figure": figure.name, **numbers}
+            )
+        except ValueError:
+            self._follower.sight.refuse(
+                "this is no tolerance",
+                "write three numbers, the lower limit below the upper one",
+            )
+            return
+        self._desk.set_tolerance(entry, key)
+
+    async def _relate(self, kind: RelationKind) -> None:
+        names = [*self._desk.features, *self._desk.relations]
+        places = ("Which cone?",) if kind == "apex" else ("First?", "Second?")
+        chosen = await self._choose(kind.capitalize(), places, names)
+        if chosen:
+            self._desk.relate(kind, chosen)
+            self.show()
+
+    async def _align(self) -> None:
+        places = ("The plane?", "The line along it?", "The point or centre?")
+        chosen = await self._choose("Align 3-2-1", places, [*self._desk.features])
+        if not chosen:
+            return
+        try:
+            system = self._desk.align(chosen)
+        except ValueError as error:
+            self._follower.sight.refuse(str(error), "touch a plane, a line and a point")
+            return
+        rows, name = system.rotation.tolist(), (self._desk.part or "part")[:60]
+        shift_mm = system.translation_mm.tolist()
+        await self._follower.do(lambda arm: arm.align(rows, shift_mm, name=name))
+
+    async def _choose(
+        self, title: str, places: Sequence[str], names: Sequence[str]
+    ) -> list[str]:
+        """Ask for a feature for each place; empty where the operator gives up."""
+        chosen: list[str] = []
+        for place in places:
+            rest = [name for name in names if name not in chosen]
+            if not rest:
+                self._follower.sight.refuse(
+                    f"{title} needs {counted(len(places), 'feature')}",
+                    "touch its features first",
+                )
+                return []
+            answer, _ = await self._dialogs.ask(f"{title}: {place}", rest)
+            if not answer:
+                return []
+            chosen.append(answer)
+        return chosen
+
+    async def _change_about(self) -> None:
+        desk = self._desk
+        fields = {
+            "Part": desk.part,
+            "Serial number": desk.serial,
+            "Operator": desk.operator,
+        }
+        answer, values = await self._dialogs.ask(
+            "What is measured, and by whom?", ("Set",), fields, "For the report."
+        )
+        if answer:
+            part, serial, operator = (value[:60] for value in values.values())
+            desk.set_about(part, serial, operator)
+
+    async def _begin_part(self) -> None:
+        answer, _ = await self._dialogs.ask(
+            "Begin with another part? All features go; points stay in their session.",
+            ("New part",),
+        )
+        if answer:
+            self._desk.clear()
+            self.show()
+
+    def _save(self, kind: str) -> None:
+        inspection = self._desk.inspection
+        if inspection is None:
+            self._follower.sight.refuse("nothing is measured yet", "touch a feature")
+            return
+        text = csv_text(inspection) if kind == "csv" else json_text(inspection)
+        ui.download(text.encode(), f"features.{kind}")
+
+
+def _words(result: FeatureResult) -> str:
+    """Return the figure that matters first, with its uncertainty and decision."""
+    if result.problem:
+        return result.problem
+    order = ("diameter", "distance", "angle", "form", "x")
+    figures = {figure.name: figure for figure in result.figures}
+    judged = [f for f in result.figures if f.conformity is not None]
+    shown = judged or [figures[name] for name in order if name in figures][:2]
+    if result.kind in ("point", "intersection", "projection", "symmetry", "apex"):
+        shown = judged or list(result.figures[:3])
+    return "; ".join(f"{f.name} {' '.join(figure_words(f))}".strip() for f in shown)
+
+
+def _all_words(result: FeatureResult) -> str:
+    if result.problem:
+        return result.problem
+    return "; ".join(
+        f"{f.name} {' '.join(figure_words(f))}".strip() for f in result.figures
+    )

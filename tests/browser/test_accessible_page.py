@@ -1,0 +1,73 @@
+"""The page without findings of axe-core, in both themes, also while it measures."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.async_api import Page, expect
+
+from tests.browser.conftest import OpenPage, PosedDaemon
+from tests.client.display.values import health
+from tests.interface.conftest import node_modules
+
+__all__ = ["node_modules"]  # a fixture
+
+pytestmark = [
+    pytest.mark.needs("mosquitto", "chromium"),
+    pytest.mark.asyncio(loop_scope="session"),
+]
+GRAVE = ("critical", "serious", "moderate")
+
+
+async def findings(page: Page, axe: Path, within: str = "html") -> list[Any]:
+    """Findings of axe-core that are grave: rule, impact, and where."""
+    if not await page.evaluate("'axe' in window"):
+        await page.add_script_tag(path=axe)
+    results = await page.evaluate("within => axe.run(within)", within)
+    return [
+        (found["id"], found["impact"], [node["html"][:80] for node in found["nodes"]])
+        for found in results["violations"]
+        if found["impact"] in GRAVE
+    ]
+
+
+@pytest.mark.parametrize("size", [(1600, 900), (820, 1180), (390, 844)])
+async def test_axe_finds_nothing_grave(
+    posed: PosedDaemon,
+    address: str,
+    served_page: OpenPage,
+    node_modules: Path,
+    size: tuple[int, int],
+) -> None:
+    axe = node_modules / "axe-core" / "axe.min.js"
+    viewport = {"width": size[0], "height": size[1]}
+    opened = served_page(posed.arm, address, viewport=viewport)
+    async with posed.posing(), opened as page:
+        await expect(page.locator(".word")).to_have_text("Ready")
+        await posed.publish(health(arm=posed.arm))
+        await posed.take(3)
+        await page.get_by_role("button", name="Plane", exact=True).click()
+        await posed.touch(1.0, 2.0, 3.0)
+        await expect(page.locator(".part .touches button")).to_have_count(1)
+        for _ in range(2):
+            assert not (found := await findings(page, axe)), found
+            await page.keyboard.press("d")
+            await page.wait_for_timeout(500)  # colours move there
+        await page.get_by_role("button", name="About").click()
+        await expect(page.get_by_role("dialog")).to_be_visible()
+        await page.wait_for_timeout(500)
+        assert not (found := await findings(page, axe, "[role=dialog]")), found
+
+
+async def test_the_report_sheet_has_nothing_grave(
+    posed: PosedDaemon, address: str, served_page: OpenPage, node_modules: Path
+) -> None:
+    async with posed.posing(), served_page(posed.arm, address) as page:
+        await page.get_by_role("button", name="Plane", exact=True).click()
+        for x, y in ((0, 0), (50, 0), (0, 50)):
+            await posed.touch(float(x), float(y), 3.0)
+        await expect(page.locator(".part .touches button")).to_have_count(3)
+        await page.goto(page.url + "report")
+        await expect(page.get_by_role("heading", level=1)).to_have_count(1)
+        axe = node_modules / "axe-core" / "axe.min.js"
+        assert not (found := await findings(page, axe)), found

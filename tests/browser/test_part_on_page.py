@@ -1,0 +1,172 @@
+"""A part of known truth is measured on the page, from the first touch to the report."""
+
+import asyncio
+import json
+import os
+
+import numpy as np
+import pytest
+from playwright.async_api import Page, expect
+
+from tests.browser.conftest import OpenPage, PosedDaemon
+from tests.client.inspection.touched import ARM, touched_points
+from traverse.kinematics.arm_file.arm import read_arm
+from traverse.lab.measured_points.reading import shared_by_points
+from traverse.protocol.messages import Point
+
+pytestmark = [
+    pytest.mark.needs("mosquitto", "chromium"),
+    pytest.mark.asyncio(loop_scope="session"),
+]
+SIZES = {"desk": (1600, 900), "tablet": (820, 1180), "phone": (390, 844)}
+
+
+def measured() -> tuple[
+    dict[str, list[Point]], dict[str, np.ndarray], dict[str, float]
+]:
+    """Points of the part by feature, what they share, and the part's truth."""
+    points, truth = touched_points()
+    by_feature: dict[str, list[Point]] = {}
+    for point in points:
+        by_feature.setdefault(point.label.feature or "", []).append(point)
+    factors = shared_by_points(points, ARM, read_arm(ARM))
+    return by_feature, {p.id: f for p, f in zip(points, factors, strict=True)}, truth
+
+
+async def touch_all(posed: PosedDaemon, points: list[Point], shared) -> None:
+    """The arm takes these points, and can say what they share."""
+    for point in points:
+        fields = {
+            name: getattr(point, name)
+            for name in (
+                *("ijk", "surface_mm", "compensation", "covariance_mm2", "angles_rad"),
+                *("counts", "probe_radius_mm", "model", "label"),
+            )
+        }
+        taken = await posed.touch(*point.xyz_mm, **fields)
+        posed.shared_mm[taken.id] = shared[point.id].tolist()
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_a_plate_with_holes_is_measured_by_touches(
+    posed: PosedDaemon, address: str, served_page: OpenPage, size: str
+) -> None:
+    by_feature, shared, truth = measured()
+    width, height = SIZES[size]
+    options = {"viewport": {"width": width, "height": height}}
+    if size != "desk":
+        options |= {"has_touch": True, "is_mobile": True}
+    async with posed.posing(), served_page(posed.arm, address, **options) as page:
+        part = page.locator(".part")
+        for kind, feature in (
+            *(("Plane", "plate"), ("Circle", "hole a"), ("Circle", "hole b")),
+        ):
+            await part.get_by_role("button", name=kind, exact=True).click()
+            await expect(part.locator(".asks")).to_contain_text("0 touches")
+            await touch_all(posed, by_feature[feature], shared)
+            n = len(by_feature[feature])
+            await expect(part.locator(".touches button")).to_have_count(n)
+            await expect(part.locator(".result")).to_contain_text("±")
+            if size != "desk":
+                await expect(page.locator(".controls .take")).to_be_in_viewport()
+                await expect(part.locator(".asks")).to_be_in_viewport()
+            await picture(page, f"touching-{size}")
+            await part.get_by_role("button", name="Accept").click()
+        await expect(part.locator(".feature:visible")).to_have_count(3)
+        await relate(page, "Distance", "circle 1", "circle 2")
+        await tolerance(page, "distance 1", "distance", (50.0, -1.0, 1.0))
+        row = part.locator(".feature", has_text="distance 1")
+        await expect(row).to_contain_text("conforming")
+        await picture(page, f"part-{size}")
+
+        answer = await page.request.get(page.url + "report")
+        sheet = await answer.text()
+        assert "conforming" in sheet
+        assert by_feature["plate"][0].model in sheet
+        async with page.expect_download() as download:
+            await part.get_by_role("button", name="Save results as JSON").click()
+        path = await (await download.value).path()
+        report = json.loads(path.read_text())
+        named = {
+            f"{feature['name']} {figure['name']}": figure
+            for feature in report["features"]
+            for figure in feature["figures"]
+        }
+        for name, of in (
+            ("circle 1 diameter", "hole a diameter"),
+            ("circle 2 diameter", "hole b diameter"),
+            ("distance 1 distance", "hole a to hole b"),
+        ):
+            off = abs(named[name]["value"] - truth[of])
+            assert off <= named[name]["expanded"] < 0.1
+
+
+async def test_touches_can_be_left_out_moved_and_undone(
+    posed: PosedDaemon, address: str, served_page: OpenPage
+) -> None:
+    by_feature, shared, _ = measured()
+    async with posed.posing(), served_page(posed.arm, address) as page:
+        part = page.locator(".part")
+        touches = part.locator(".touches button")
+        await part.get_by_role("button", name="Plane", exact=True).click()
+        await touch_all(posed, by_feature["plate"], shared)
+        await expect(touches).to_have_count(6)
+        dialog = page.get_by_role("dialog")
+        await touches.nth(2).click()
+        await dialog.get_by_role("button", name="Leave it out").click()
+        await expect(touches).to_have_count(5)
+        await part.get_by_role("button", name="Accept").click()
+        await part.get_by_role("button", name="Cylinder", exact=True).click()
+        await touch_all(posed, by_feature["plate"][:1], shared)
+        await expect(touches).to_have_count(1)
+        await touches.first.click()
+        await dialog.get_by_role("button", name="Move to plane 1").click()
+        await expect(touches).to_have_count(0)
+        await part.get_by_role("button", name="Accept").click()
+        await expect(part.locator(".feature:visible")).to_have_count(
+            1
+        )  # the empty one is gone
+        await part.locator(".feature").click()
+        await dialog.get_by_role("button", name="Touch more").click()
+        await expect(touches).to_have_count(6)
+        last = posed.points[-1]
+        await posed.publish(
+            last.retraction(
+                seq=99, point_id="back", trigger="command", time_ns=last.time_ns + 1
+            )
+        )
+        await expect(touches).to_have_count(5)
+
+
+async def relate(page: Page, kind: str, *names: str) -> None:
+    """Relate two features by the buttons."""
+    button = page.locator(".relations").get_by_role("button", name=kind)
+    await button.click()
+    dialog = page.get_by_role("dialog")
+    for which, name in zip(("First", "Second"), names, strict=True):
+        await expect(dialog).to_contain_text(which)
+        await dialog.get_by_role("button", name=name, exact=True).click()
+        await expect(dialog.get_by_text(f"{kind}: {which}")).to_have_count(0)
+
+
+async def tolerance(
+    page: Page, name: str, figure: str, limits: tuple[float, float, float]
+) -> None:
+    """Give a figure a tolerance."""
+    row = page.locator(".part .feature", has_text=name)
+    await expect(row).to_contain_text("±")
+    await row.click()
+    dialog = page.get_by_role("dialog")
+    await dialog.get_by_role("button", name=f"Tolerance of {figure}").click()
+    for field, value in zip(("Nominal", "Lower", "Upper"), limits, strict=True):
+        await dialog.get_by_label(field).fill(str(value))
+    await dialog.get_by_role("button", name="Set").click()
+    await expect(dialog).to_have_count(0)
+
+
+async def picture(page: Page, name: str) -> None:
+    """Keep a picture where TRAVERSE_PICTURES names a folder."""
+    folder = os.environ.get("TRAVERSE_PICTURES")
+    if folder:
+        await asyncio.sleep(0.3)
+        await page.screenshot(path=f"{folder}/{name}.png")

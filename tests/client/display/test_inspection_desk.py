@@ -1,0 +1,128 @@
+"""The part on the page: what belongs to it, and what the arm says of its points."""
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from tests.client.display.values import live
+from tests.client.inspection.touched import ARM, touched_points
+from traverse.client.display.arm_state import ArmSight, Change
+from traverse.client.display.inspection_desk import MOST_FEATURES, InspectionDesk
+from traverse.kinematics.arm_file.arm import read_arm
+from traverse.lab.measured_points.reading import shared_by_points
+
+
+@pytest.fixture
+def desk():
+    sight = ArmSight(lambda: 0.0)
+    sight.live = live(time_ns="1000")
+    return InspectionDesk(sight)
+
+
+def touch(desk, feature):
+    """Touch what the demonstration's arm has touched of a feature."""
+    points = [p for p in touched_points()[0] if p.label.feature == feature]
+    for point in points:
+        desk._changed(Change("point", point=point))
+    return points
+
+
+def shares(asked):
+    """Answer what points share; record which were asked for."""
+    points, _ = touched_points()
+    factors = shared_by_points(points, ARM, read_arm(ARM))
+    known = {point.id: f for point, f in zip(points, factors, strict=True)}
+
+    async def answer(ids):
+        asked.append(set(ids))
+        return {i: known[i] for i in ids}
+
+    return answer
+
+
+def test_points_are_asked_for_once_and_results_follow(desk):
+    asked = []
+    share = shares(asked)
+    desk.begin("plane")
+    plate = touch(desk, "plate")
+    assert asyncio.run(desk.measure(share))
+    assert not asyncio.run(desk.measure(share))
+    desk.accept()
+    name = desk.begin("circle")
+    assert desk.features[name].plane == "plane 1"
+    bore = touch(desk, "hole a")
+    asyncio.run(desk.measure(share))
+    assert asked == [{p.id for p in plate}, {p.id for p in bore}]
+    figures = {figure.name: figure for figure in desk.result(name).figures}
+    assert figures["diameter"].expanded < 0.05
+
+
+def test_what_the_arm_refuses_is_the_reason_for_no_uncertainty(desk):
+    async def refused(_):
+        return "it was never identified"
+
+    desk.begin("plane")
+    touch(desk, "plate")
+    asyncio.run(desk.measure(refused))
+    assert desk.inspection.uncertainty_unknown == "it was never identified"
+    assert desk.result("plane 1").figures[0].expanded is None
+
+
+def test_what_rests_on_a_removed_feature_goes_with_it(desk):
+    for feature in ("hole a", "hole b"):
+        desk.begin("circle")
+        touch(desk, feature)
+    desk.accept()
+    middle = desk.relate("symmetry", ("circle 1", "circle 2"))
+    height = desk.relate("distance", (middle, "circle 1"))
+    assert [*desk.relations] == [middle, height]
+    desk.remove("circle 2")
+    assert desk.relations == {}
+    assert [*desk.features] == ["circle 1"]
+
+
+def test_retracted_points_and_those_of_before_do_not_count(desk):
+    desk._sight.live = live(time_ns=str(touched_points()[0][0].time_ns + 1))
+    desk.begin("plane")
+    touch(desk, "plate")
+    assert desk.features["plane 1"].points == []
+    desk._begun_ns = 0
+    first, *_ = touch(desk, "plate")
+    back = first.retraction(
+        seq=99, point_id="back", trigger="button", time_ns=first.time_ns + 1
+    )
+    desk._changed(Change("retraction", point=back))
+    assert first.id not in desk.features["plane 1"].points
+    assert len(desk.features["plane 1"].points) == 5
+
+
+def test_a_part_has_a_bound(desk):
+    for _ in range(MOST_FEATURES):
+        desk.begin("plane")
+    with pytest.raises(ValueError, match="at most 200 features"):
+        desk.begin("plane")
+
+
+def test_a_plane_an_edge_and_a_bore_make_the_parts_system(desk):
+    for kind, feature in (
+        *(("plane", "plate"), ("line", "edge"), ("circle", "hole a")),
+        ("circle", "hole b"),
+    ):
+        desk.begin(kind)
+        touch(desk, feature)
+    system = desk.align(("plane 1", "line 1", "circle 1"))
+    assert np.linalg.det(system.rotation) == pytest.approx(1.0)
+    asyncio.run(desk.measure(shares([])))
+    assert desk.inspection.system == "part"
+    places = {
+        name: [figure.value for figure in desk.result(name).figures[:3]]
+        for name in ("circle 1", "circle 2")
+    }
+    np.testing.assert_allclose(places["circle 1"], [0.0, 20.0, 0.0], atol=0.05)
+    _, truth = touched_points()
+    apart_mm = np.subtract(places["circle 2"], places["circle 1"])
+    length_mm = np.linalg.norm(apart_mm)
+    assert length_mm == pytest.approx(truth["hole a to hole b"], abs=0.05)
+    with pytest.raises(ValueError, match="3-2-1 needs a plane"):
+        desk.align(("line 1", "line 1", "circle 1"))
