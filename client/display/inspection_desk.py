@@ -25,8 +25,13 @@ from traverse.kinematics.helmert.transformation import Helmert
 from traverse.protocol.messages import Point
 
 GOOD_COUNTS: dict[Kind, int] = {
-    **{"point": 1, "line": 5, "plane": 9, "circle": 7},
-    **{"sphere": 9, "cylinder": 12, "cone": 12},
+    "point": 1,
+    "line": 5,
+    "plane": 9,
+    "circle": 7,
+    "sphere": 9,
+    "cylinder": 12,
+    "cone": 12,
 }
 """Touches that also show form, as BS 7172 recommends."""
 WHERE: dict[Kind, str] = {

@@ -97,9 +97,9 @@ def figure_words(figure: FigureResult) -> tuple[str, str, str]:
     return value, expanded, f"{limits} {figure.conformity}"
 
 
-def sheet_html(inspection: Inspection, made: datetime | None = None) -> str:
+def sheet_html(inspection: Inspection) -> str:
     """Write the report sheet as a page that prints on A4."""
-    when = made or datetime.now(UTC)
+    now = datetime.now(UTC)
     verdict = inspection.conformity or "no tolerances"
     title = f"Inspection of {inspection.part or 'a part'}"
     measured = datetime.fromtimestamp(inspection.last_ns / 1e9, UTC)
@@ -129,7 +129,7 @@ def sheet_html(inspection: Inspection, made: datetime | None = None) -> str:
         *_touch_tables(inspection.features),
         "<h2>Definitions</h2>",
         *(f'<p class="note">{escape(text)}</p>' for text in DEFINITIONS),
-        f'<p class="note">Made {when:%Y-%m-%d %H:%M} UTC by Traverse.</p>',
+        f'<p class="note">Made {now:%Y-%m-%d %H:%M} UTC by Traverse.</p>',
         "</main></body></html>",
     ]
     return "\n".join(parts) + "\n"

@@ -240,7 +240,7 @@ class PartPanel:
                 *(f"Tolerance of {figure}" for figure in figures),
                 "Remove",
             ),
-            more="" if result is None else _all_words(result),
+            more="" if result is None else _listed(result, result.figures),
         )
         if answer == "Touch more":
             desk.accept()
@@ -362,21 +362,17 @@ class PartPanel:
 
 
 def _words(result: FeatureResult) -> str:
-    """Return the figure that matters first, with its uncertainty and decision."""
-    if result.problem:
-        return result.problem
-    order = ("diameter", "distance", "angle", "form", "x")
+    """Return the figures that matter first: those with limits, else by kind."""
     figures = {figure.name: figure for figure in result.figures}
-    judged = [f for f in result.figures if f.conformity is not None]
-    shown = judged or [figures[name] for name in order if name in figures][:2]
-    if result.kind in ("point", "intersection", "projection", "symmetry", "apex"):
-        shown = judged or list(result.figures[:3])
-    return "; ".join(f"{f.name} {' '.join(figure_words(f))}".strip() for f in shown)
+    shown = [figure for figure in result.figures if figure.conformity is not None]
+    if not shown:
+        is_point = "x" in figures and "diameter" not in figures
+        order = "xyz" if is_point else ("diameter", "distance", "angle", "form")
+        shown = [figures[name] for name in order if name in figures]
+    return _listed(result, shown)
 
 
-def _all_words(result: FeatureResult) -> str:
+def _listed(result: FeatureResult, figures: Sequence[FigureResult]) -> str:
     if result.problem:
         return result.problem
-    return "; ".join(
-        f"{f.name} {' '.join(figure_words(f))}".strip() for f in result.figures
-    )
+    return "; ".join(f"{f.name} {' '.join(figure_words(f))}".strip() for f in figures)

@@ -28,8 +28,12 @@ Numbers = NDArray[Any]  # real, or complex with a step
 _STEP = 1e-30
 _PARALLEL = 1e-3  # sine of the angle between what should intersect
 SHAPES: dict[Kind, Shape] = {
-    **{"point": "point", "circle": "point", "sphere": "point"},
-    **{"line": "line", "cylinder": "line", "cone": "line"},
+    "point": "point",
+    "circle": "point",
+    "sphere": "point",
+    "line": "line",
+    "cylinder": "line",
+    "cone": "line",
     "plane": "plane",
 }
 """What an element is in relations: its centre, its axis, or itself."""

@@ -32,9 +32,13 @@ Kind = Literal["point", "line", "plane", "circle", "sphere", "cylinder", "cone"]
 PLACE, DIRECTION, RADIUS, ANGLE = slice(0, 3), slice(3, 6), 6, 7
 N_VALUES = 8
 LEAST_POINTS: dict[Kind, int] = {
-    **{"point": 1, "line": 2, "plane": 3, "circle": 3, "sphere": 4},
-    # Five points lie on up to six cylinders, and six on several cones.
-    **{"cylinder": 6, "cone": 7},
+    "point": 1,
+    "line": 2,
+    "plane": 3,
+    "circle": 3,
+    "sphere": 4,
+    "cylinder": 6,  # five lie on up to six cylinders
+    "cone": 7,  # six lie on several cones
 }
 
 

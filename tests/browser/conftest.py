@@ -144,7 +144,7 @@ async def _page_and_server(
 ) -> AsyncIterator[tuple[Page, Program]]:
     errors: list[str] = []
     port = free_port()
-    where = ["--arm", arm, "--broker", broker, "--port", str(port)]
+    where = ["--arm-name", arm, "--broker", broker, "--port", str(port)]
     with Program(folder, f"page-{port}", "page", *where) as server:
         await server.says(f"http://{HOST}:{port}")
         await until(partial(_listens, port), "the page's server listens")

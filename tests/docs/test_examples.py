@@ -27,6 +27,7 @@ from tests.lab.simulated import (
 from tests.mosquitto import Mosquitto
 from tests.protocol.message_examples import GOLDEN
 from tests.running import run_program
+from traverse.client.inspection.plan import Plan, plan_problems
 from traverse.daemon.config.schema import read_configuration
 from traverse.kinematics.arm_file.arm import parse_arm
 from traverse.lab.campaign.campaign import read_campaign
@@ -102,6 +103,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "joint": read_in_the_arm_shown,
     "daemon": read_configuration,
     "device": read_beside_arm_and_broker,
+    "features": lambda path: read_strict(path, Plan, plan_problems),
     "simulator": read_simulator,
     "campaign": read_with_the_poses_shown,
     "artefact": read_and_identified,
