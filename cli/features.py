@@ -18,7 +18,7 @@ from traverse.cli.common.refusals import (
 
 if TYPE_CHECKING:
     from traverse.arrays import Floats
-    from traverse.client.inspection.results import Inspection
+    from traverse.client.inspection.values import Inspection
     from traverse.protocol.messages import Point
 
 

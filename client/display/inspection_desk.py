@@ -13,12 +13,8 @@ from traverse.client.inspection.plan import (
     RelationKind,
     ToleranceEntry,
 )
-from traverse.client.inspection.results import (
-    FeatureResult,
-    Inspection,
-    inspected,
-    system_of_datums,
-)
+from traverse.client.inspection.results import inspected, system_of_datums
+from traverse.client.inspection.values import FeatureResult, Inspection
 from traverse.kinematics.features.measured import Side
 from traverse.kinematics.fits.elements import Kind
 from traverse.kinematics.helmert.transformation import Helmert

@@ -12,6 +12,12 @@ from traverse.client.inspection.plan import (
     RelationEntry,
     ToleranceEntry,
 )
+from traverse.client.inspection.values import (
+    FeatureResult,
+    FigureResult,
+    Inspection,
+    TouchResult,
+)
 from traverse.kinematics.features.datum import datum_system
 from traverse.kinematics.features.figures import (
     Conformity,
@@ -38,100 +44,6 @@ MEASURED_SIDES = {"pretouch", "pulled", "inside", "outside"}
 """Compensations that know the direction to the material."""
 _ALIGNED_MM = 1e-6  # part coordinates are those of one alignment
 _BETWEEN = {"distance": distance, "angle": angle}
-
-
-@dataclass(frozen=True, slots=True)
-class FigureResult:
-    """A figure of a feature or relation.
-
-    Attributes:
-        value: in `unit`, mm or deg.
-        expanded: U (k = 2); None where it is not known.
-        nominal, lower, upper: of its tolerance, or None.
-        conformity: by ISO 14253-1; None without a tolerance.
-    """
-
-    name: str
-    unit: str
-    value: float
-    expanded: float | None
-    nominal: float | None = None
-    lower: float | None = None
-    upper: float | None = None
-    conformity: Conformity | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class TouchResult:
-    """A touch of a feature.
-
-    Attributes:
-        distance_mm: from the fitted element; None of elements without a fit.
-    """
-
-    id: str
-    seq: int
-    distance_mm: float | None
-    doubts: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class FeatureResult:
-    """A feature or relation.
-
-    Attributes:
-        kind: of the element or relation.
-        of: the names that a relation is made of.
-        problem: why there are no figures; empty where there are.
-        direction: unit vector of axis or normal; None without one.
-    """
-
-    name: str
-    kind: str
-    side: str = ""
-    of: tuple[str, ...] = ()
-    problem: str = ""
-    figures: tuple[FigureResult, ...] = ()
-    touches: tuple[TouchResult, ...] = ()
-    place_mm: tuple[float, ...] | None = None
-    direction: tuple[float, ...] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Inspection:
-    """Results of a part.
-
-    Attributes:
-        arm, model: of the points: name, and digest of the arm file.
-        system: "part" where all points have coordinates of one alignment, else "arm".
-        last_ns: time of the last point [UTC]; 0 without points.
-        uncertainty_unknown: why there is no U; empty where there is.
-    """
-
-    part: str
-    serial: str
-    operator: str
-    arm: str
-    model: str
-    system: str
-    tip_mm: float
-    last_ns: int
-    uncertainty_unknown: str
-    features: tuple[FeatureResult, ...]
-
-    @property
-    def conformity(self) -> Conformity | None:
-        """Of the part: the worst of its figures; None without tolerances."""
-        decisions = {
-            figure.conformity
-            for feature in self.features
-            for figure in feature.figures
-            if figure.conformity is not None
-        }
-        order: tuple[Conformity, ...] = (
-            *("not conforming", "not judged", "undecided", "conforming"),
-        )
-        return next((decision for decision in order if decision in decisions), None)
 
 
 def inspected(

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
 
-from traverse.client.inspection.results import (
+from traverse.client.inspection.values import (
     FeatureResult,
     FigureResult,
     Inspection,

@@ -8,12 +8,12 @@ from nicegui import ui
 from traverse.client.display.follower import Follower
 from traverse.client.display.inspection_desk import GOOD_COUNTS, WHERE, InspectionDesk
 from traverse.client.inspection.plan import RelationKind, ToleranceEntry
-from traverse.client.inspection.results import (
+from traverse.client.inspection.sheet import csv_text, figure_words, json_text
+from traverse.client.inspection.values import (
     FeatureResult,
     FigureResult,
     TouchResult,
 )
-from traverse.client.inspection.sheet import csv_text, figure_words, json_text
 from traverse.client.page.controls import Dialogs
 from traverse.client.page.presses import Presses
 from traverse.kinematics.features.measured import Side
