@@ -80,8 +80,8 @@ class PartPanel:
                 with ui.element("div").classes("bar"):
                     self._accept = self._button("Accept", self._end, "unelevated")
                     self._accept.classes("accept")
-                    self._side = self._button("", self._turn_side)
-                    self._plane = self._button("", self._turn_plane)
+                    self._side = self._button("Side", self._turn_side)
+                    self._plane = self._button("Plane of it", self._turn_plane)
                 self._touches = ui.element("div").classes("bar touches")
             with ui.element("div").classes("bar kinds") as self._kinds:
                 self._kinds.props('role="group" aria-label="Touch a feature"')
