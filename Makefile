@@ -203,9 +203,11 @@ bench-client: venv system  ## the Python client: points over cut connections, be
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.clients.client
 
 install: venv  ## into DESTDIR: /usr/lib/traverse, unit, rules; nothing is started
+	@sh deploy/debian-packages.sh elfutils
 	sh deploy/package/install.sh '$(DESTDIR)'
 
 deb: venv  ## Debian packages of the daemon and of the lab, in build/
+	@sh deploy/debian-packages.sh elfutils
 	BUILD=$(abspath $(BUILD)) sh deploy/package/build-deb.sh
 
 wheels: venv  ## wheels for x86_64 and aarch64, and the source distribution, in dist/

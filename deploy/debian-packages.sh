@@ -29,6 +29,7 @@ aarch64|aarch64-linux-gnu-gcc qemu-aarch64|gcc-aarch64-linux-gnu libc6-dev-arm64
 prometheus|promtool|prometheus
 systemd|systemd-analyze systemd-sysusers systemd-tmpfiles|systemd
 groff|groff|groff
+elfutils|eu-strip|elfutils
 xvfb|Xvfb xterm|xvfb xterm
 TABLE
 }

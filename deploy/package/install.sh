@@ -41,8 +41,9 @@ add() {
     find "$destdir$home/bin" ! -type d ! -name 'python*' ! -name traverse -delete
     find "$destdir$home" -mindepth 1 -maxdepth 1 ! -name bin ! -name 'lib*' ! -name pyvenv.cfg -exec rm -r {} +
     find "$site" -type d -name tests -prune -exec rm -r {} +
-    # Symbols of wheels are half of their size; libraries are loaded, not run.
-    find "$site" -name '*.so*' -type f -exec strip --strip-unneeded {} + -exec chmod 644 {} +
+    # Libraries are loaded, not run. binutils' strip breaks those that were patched for a
+    # wheel; elfutils' leaves their segments where they are.
+    find "$site" -name '*.so*' -type f -exec eu-strip {} \; -exec chmod 644 {} \;
     "$system_python" -m compileall -q -j 2 --invalidation-mode unchecked-hash -s "$destdir" -p / "$site"
 }
 files() { (cd "$destdir$home" && find . ! -type d | sort); }
@@ -80,6 +81,9 @@ install -m 644 "$checkout/cli/demo_data/arm.toml" "$destdir/usr/share/doc/traver
 (cd "$checkout" && find docs -name '*.md' -exec install -D -m 644 {} "$destdir/usr/share/doc/traverse/{}" \;)
 install -D -m 644 -t "$destdir/usr/share/doc/traverse/file-schemas" "$checkout"/docs/reference/file-schemas/*.json
 install -m 644 "$checkout/LICENSE" "$checkout/CHANGELOG.md" "$destdir/usr/share/doc/traverse/"
+
+# Compiled parts can be loaded.
+"$destdir$home/bin/python3" -c 'import numpy, msgpack, pydantic, traverse.kinematics.kernel.compiled'
 
 # What the command line says of itself.
 as_installed() { env -u PYTHONPATH HOME=/nonexistent COLUMNS=400 "$@"; }
