@@ -54,7 +54,8 @@ def export(
             )
             said = labelled.campaign_words(report, flagged)
         else:
-            path = out or source.with_suffix(f".{'txt' if to == 'text' else to}")
+            ending = {"text": "txt", "ros2": "ros2.mcap"}.get(to, to)
+            path = out or source.with_suffix(f".{ending}")
             if path.exists() and source.exists() and path.samefile(source):
                 refuse(f"{path} is the source; name another with --out")
             check_target(path, force=force)

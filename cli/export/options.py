@@ -12,7 +12,7 @@ class ExportOptions:
     r"""The options, in the order of `--help`.
 
     Attributes:
-        to: csv, dxf, jsonl, npz, parquet, ply, qif, text, xyz or campaign; or a
+        to: csv, dxf, jsonl, npz, parquet, ply, qif, ros2, text, xyz or campaign; or a
             format of another package (traverse extensions).
         kind: Part of a recording.
         coordinates: Of the ball, of the touched surface, or in the part.

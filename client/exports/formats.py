@@ -7,6 +7,7 @@ from traverse.client.exports.binary import Numpy, Parquet, Ply
 from traverse.client.exports.dxf import Dxf
 from traverse.client.exports.point_table import Coordinates, Sink, standing
 from traverse.client.exports.qif import Qif
+from traverse.client.exports.ros import Ros2
 from traverse.client.exports.text import Csv, JsonLines, Template, Xyz
 from traverse.extensions import (
     EXPORT_GROUP,
@@ -23,6 +24,7 @@ FORMATS: dict[str, type[Sink]] = {
     "parquet": Parquet,
     "ply": Ply,
     "qif": Qif,
+    "ros2": Ros2,
     "text": Template,
     "xyz": Xyz,
 }

@@ -209,6 +209,7 @@ def test_a_damaged_line_is_named(lines: Path, tmp_path: Path) -> None:
         ("xyz", "what is in doubt is not marked"),
         ("ply", "ids and times"),
         ("dxf", "times, and numbers"),
+        ("ros2", "ids, labels"),
         ("npz", ""),
         ("parquet", ""),
         ("qif", ""),
