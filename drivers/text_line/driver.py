@@ -447,7 +447,7 @@ class TextLineDriver(Driver):
             return DeviceError(
                 f"the board on {self.options.port} prints no line that fits: "
                 f"{self._reason}",
-                "correct pattern, unit or baud_rate",
+                "correct pattern, unit, baud_rate, or the encoder that is named",
             )
         return DeviceError(
             f"the board on {self.options.port} prints nothing",

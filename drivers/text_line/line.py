@@ -15,13 +15,15 @@ from operator import xor
 MAX_LINE = 512  # bytes; the longest of seven joints with names has a third of it
 MAX_VALUE = 1e9
 FIELDS = {
-    "joint": r"[ \t]*([+-]?[0-9]{1,12}(?:\.[0-9]{0,9})?)",
+    "joint": r"[ \t]*([+-]?[0-9]{1,12}(?:\.[0-9]{0,9})?|[xm])",
     "time": r"[ \t]*([0-9]{1,12}(?:\.[0-9]{0,9})?)",
     "seq": r"[ \t]*([0-9]{1,10})",
     "buttons": r"[ \t]*([0-9]{1,3})",
     "button": r"[ \t]*([01])",
     "checksum": r"([0-9A-Fa-f]{2})",
 }
+WITHOUT_COUNT = {"x": "does not answer", "m": "has no magnet"}
+"""What a board prints in place of the count of an encoder that has none."""
 SINGLE = ("time", "seq", "buttons", "checksum")
 KNOWN = ", ".join(f"{{{name}}}" for name in (*FIELDS, "skip"))
 
@@ -170,6 +172,8 @@ class LinePattern:
             return OddLine(str(error))
 
     def _count(self, word: str, joint: int) -> int:
+        if word in WITHOUT_COUNT:
+            raise _OddError(f"says that joint {joint + 1} {WITHOUT_COUNT[word]}")
         value, modulus = float(word), self._counts_per_turn[joint]
         _, point, digits = word.partition(".")
         whole = not self._per_turn

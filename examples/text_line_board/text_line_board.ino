@@ -5,15 +5,21 @@
 const int JOINTS = 6, BUTTONS[2] = {2, 3}, PERIOD_MS = 10;
 unsigned long number = 0, due = 0;
 
-long readJoint(int joint) {  // 0 to 4095; -1: no answer, and the line is not printed
+long readSensor(int first, int bytes) {  // a register of two bytes, or of one; -1: no answer
+  Wire.beginTransmission(0x36);
+  Wire.write(first);
+  if (Wire.endTransmission(false) != 0 || Wire.requestFrom(0x36, bytes) != bytes) return -1;
+  long value = Wire.read();  // high byte first
+  return bytes == 1 ? value : value << 8 | Wire.read();
+}
+
+long readJoint(int joint) {  // 0 to 4095; -1: no answer; -2: no magnet
   Wire.beginTransmission(0x70);
   Wire.write(1 << joint);
   if (Wire.endTransmission() != 0) return -1;
-  Wire.beginTransmission(0x36);
-  Wire.write(0x0C);  // raw angle, high byte first
-  if (Wire.endTransmission(false) != 0 || Wire.requestFrom(0x36, 2) != 2) return -1;
-  long high = Wire.read();
-  return (high << 8 | Wire.read()) & 0x0FFF;
+  long status = readSensor(0x0B, 1), angle = readSensor(0x0C, 2);  // STATUS, RAW ANGLE
+  if (status < 0 || angle < 0) return -1;
+  return status & 0x20 ? angle & 0x0FFF : -2;  // bit MD: magnet detected
 }
 
 void setup() {
@@ -30,8 +36,8 @@ void loop() {
   int n = sprintf(line, "$TRV,%lu,%lu", number++, millis()), pressed = 0;
   for (int joint = 0; joint < JOINTS; joint++) {
     long count = readJoint(joint);
-    if (count < 0) return;  // its number is missing: Traverse counts it as lost
-    n += sprintf(line + n, ",%ld", count);
+    if (count >= 0) n += sprintf(line + n, ",%ld", count);
+    else n += sprintf(line + n, count == -1 ? ",x" : ",m");  // Traverse names the joint
   }
   for (int k = 0; k < 2; k++) pressed |= (digitalRead(BUTTONS[k]) == LOW) << k;
   n += sprintf(line + n, ",%d", pressed);
