@@ -157,7 +157,7 @@ class Ros2(Sink):
 
     def end(self) -> None:
         """Write the index."""
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]  # its library has few types
 
     def _write(
         self,
