@@ -160,3 +160,26 @@ async def test_a_minute_of_emulated_time_passes_the_wrap_of_an_idle_board(tmp_pa
             await taken.until(lambda: taken.of(LatchedCounts), "the press")
     (latch,) = taken.of(LatchedCounts)
     assert latch.token == token == 0
+
+
+async def test_the_index_shows_that_counts_were_lost_and_puts_them_right(tmp_path):
+    per_turn = "{512,512,512,512,512,512,512}"
+    firmware = mega_firmware("INDEX_WIRED=1", f"COUNTS_PER_TURN={per_turn}")
+    with mega_at(tmp_path / "port", firmware, "--counts-per-turn", "512") as board:
+        rig = MegaRig(board, debounce_us=5000)
+        board.do("turn 0 0", "turn 3 2000")
+        with rig.driver:
+            taken = await up(rig, 100.0)
+            await taken.until(lambda: len(taken.seqs()) > 100, "turns with its index")
+            assert taken.of(DeviceAlarm) == []
+            board.do("turn 3 90000")  # two counts while interrupts are locked
+            await taken.until(lambda: taken.of(DeviceAlarm), "the alarm")
+            board.do("turn 3 2000")
+            await taken.until(lambda: not taken.of(DeviceAlarm)[-1].raised, "its end")
+            board.do("bounce 0 1 3")
+            press = board.last_press()
+            await taken.until(lambda: taken.of(LatchedCounts), "a press")
+    assert {(alarm.channel, alarm.code) for alarm in taken.of(DeviceAlarm)} == {(3, 3)}
+    (latch,) = taken.of(LatchedCounts)
+    assert abs(latch.counts[3] - press.counts[3]) <= 1
+    assert latch.status[3] & STATUS_ERROR == 0

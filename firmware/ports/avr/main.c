@@ -12,17 +12,14 @@
 #include "settings.h"
 #include "uart.h"
 
-#define BITS_PER_BYTE_SENT 10U
-#define SAMPLE_BYTES (16U + (5U * CHANNELS)) /* on the wire */
-/* A tenth of the line is left to edges, heartbeats and answers. */
-#define LINE_RATE_HZ ((BAUD_RATE * 9U / 10U) / (BITS_PER_BYTE_SENT * SAMPLE_BYTES))
 /* What this processor latches, frames and sends with a third of its time to spare. */
 #if FRONT_END == AS5600 && I2C_MULTIPLEXER
 #define PROCESSOR_RATE_HZ 250U
 #else
 #define PROCESSOR_RATE_HZ 500U
 #endif
-#define MAX_RATE_HZ (LINE_RATE_HZ < PROCESSOR_RATE_HZ ? LINE_RATE_HZ : PROCESSOR_RATE_HZ)
+#define MAX_RATE_HZ \
+    (UART_SAMPLE_RATE_HZ < PROCESSOR_RATE_HZ ? UART_SAMPLE_RATE_HZ : PROCESSOR_RATE_HZ)
 /* The way from an edge to its latch, with another latch or interrupt in between. */
 #define LATE_TICKS (CLOCK_HZ / 20000U) /* 50 us */
 

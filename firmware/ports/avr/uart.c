@@ -1,3 +1,4 @@
+/* USART 0, which the Mega's USB converter is wired to. */
 #include "uart.h"
 
 #include <avr/interrupt.h>

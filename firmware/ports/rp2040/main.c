@@ -7,10 +7,6 @@
 #include "start.h"
 #include "uart.h"
 
-#define BITS_PER_BYTE_SENT 10U
-#define SAMPLE_BYTES (16U + (5U * CHANNELS)) /* on the wire */
-/* A tenth of the line is left to edges, heartbeats and answers. */
-#define LINE_RATE_HZ ((BAUD_RATE * 9U / 10U) / (BITS_PER_BYTE_SENT * SAMPLE_BYTES))
 #if FRONT_END == AS5600 && I2C_MULTIPLEXER
 #define PROCESSOR_RATE_HZ 500U
 #elif FRONT_END == AS5600
@@ -18,7 +14,8 @@
 #else
 #define PROCESSOR_RATE_HZ 5000U
 #endif
-#define MAX_RATE_HZ (LINE_RATE_HZ < PROCESSOR_RATE_HZ ? LINE_RATE_HZ : PROCESSOR_RATE_HZ)
+#define MAX_RATE_HZ \
+    (UART_SAMPLE_RATE_HZ < PROCESSOR_RATE_HZ ? UART_SAMPLE_RATE_HZ : PROCESSOR_RATE_HZ)
 /* The way from an edge to its latch, another latch in between not included. */
 #define LATE_TICKS 10U
 #define N_TEMPERATURES 1U

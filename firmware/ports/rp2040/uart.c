@@ -1,3 +1,4 @@
+/* UART 0, at GPIO 0 and 1. */
 #include "uart.h"
 
 #include "pins.h"
