@@ -48,7 +48,7 @@ async def browser(
 ) -> AsyncIterator[tuple[Page, "subprocess.Popen[bytes]"]]:
     """The page of the arm on a broker, in Chromium, and its server."""
     http = rig.free_port()
-    command = [sys.executable, "-m", "traverse", "page", "--arm", ARM]
+    command = [sys.executable, "-m", "traverse", "page", "--arm-name", ARM]
     where = ["--broker", f"127.0.0.1:{port}", "--port", str(http)]
     with rig.program(folder / "page.log", *command, *where) as server:
         rig.wait_for(lambda: rig.listens(http), "the page's server")

@@ -44,8 +44,8 @@ def folder(tmp_path: Path) -> Path:
 REFUSED = [
     ("watch --lines --broker localhost:abc", "'localhost:abc': its port is no"),
     ("run --config arm.toml", "this is a file 'traverse/arm/1'; expected a dae"),
-    ("simulate --config arm.toml", "'traverse/arm/1'; expected 'traverse/simul"),
-    ("simulate --config campaign", "Is a directory; expected a file"),
+    ("simulate devices arm.toml", "'traverse/arm/1'; expected 'traverse/simul"),
+    ("simulate devices campaign", "Is a directory; expected a file"),
     ("check campaign", "no poses yet: `traverse collect campaign` writes"),
     ("collect wire.toml --arm arm.toml", "'seat' reads a length at every pose"),
     ("check empty", "empty: 1 problem\n  is empty"),
@@ -72,13 +72,13 @@ REFUSED = [
     ("arm from-dh there.csv --out arm.toml", "arm.toml exists; name another, or"),
     ("arm from-urdf empty --out no/arm.toml", "there is no folder no; make it"),
     ("arm to-dh arm.toml --out campaign", "campaign is a folder; name a file"),
-    ("confirm --at nan,1,2 --arm a", "expected x,y,z in mm, such as 120.5,-30"),
+    ("confirm --at nan,1,2 --arm-name a", "expected x,y,z in mm, such as 120.5,-30"),
     ("scan start --rate-hz 9 --spacing-mm 1", "--rate-hz or --spacing-mm, not b"),
     ("scan go", "'go' is not one of 'start', 'stop'"),
     ("point --seconds 2s", "'2s' is not a number; expected one, without its un"),
 ]
 UNREACHABLE = [
-    ("point --arm a --broker localhost:9", "nothing listens there; start it"),
+    ("point --arm-name a --broker localhost:9", "nothing listens there; start it"),
     ("amt21 scan --port there.csv", "ioctl for device; check that this is a ser"),
     ("can scan --channel x --interface no", "python-can has no interface 'no'"),
 ]
