@@ -6,8 +6,6 @@ import tty
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 from tests.firmware.built import CHECKOUT, FIRMWARE
 from tests.firmware.mega import EmulatedProcessor
 from tests.running import run_program
@@ -58,9 +56,3 @@ def pico_at(link: Path, firmware: Path, *options: str) -> Iterator[PicoBoard]:
         yield board
     finally:
         board.close()
-
-
-def need_packages() -> None:
-    """Skip, or fail where node's packages are required: `make node` brings them."""
-    if not (PACKAGES / "rp2040js").is_dir():
-        pytest.skip("needs `make node` once")

@@ -183,3 +183,18 @@ async def test_the_index_shows_that_counts_were_lost_and_puts_them_right(tmp_pat
     (latch,) = taken.of(LatchedCounts)
     assert abs(latch.counts[3] - press.counts[3]) <= 1
     assert latch.status[3] & STATUS_ERROR == 0
+
+
+async def test_a_button_that_is_held_at_power_up_makes_its_first_edge_when_released(
+    tmp_path,
+):
+    with mega_at(tmp_path / "port", mega_firmware(), *QUADRATURE) as board:
+        board.do("input 0 1", "power")
+        rig = MegaRig(board, debounce_us=5000)
+        with rig.driver:
+            taken = await up(rig)
+            board.do("input 0 0")
+            await taken.until(lambda: taken.of(LatchedCounts), "the release")
+            board.do("input 0 1")
+            await taken.until(lambda: len(taken.of(LatchedCounts)) == 2, "a press")
+    assert [latch.active for latch in taken.of(LatchedCounts)] == [False, True]

@@ -130,17 +130,19 @@ void clock_init(struct lb_board *board)
 {
     timer.board = board;
     PORTL |= (uint8_t)(_BV(PL1) | _BV(PL0)); /* pulled up */
+    pins_wait_us(10);                        /* until they are */
+    timer.levels = clock_inputs();
     /* Both timers begin together: their common prescaler stands still meanwhile. */
     GTCCR = _BV(TSM) | _BV(PSRSYNC);
     TCNT4 = 0U;
     TCNT5 = 0U;
     OCR5B = WAKE_TICKS;
-    /* Normal mode; ICNC: an edge counts once it has held for four cycles; ICES 0: falling
-     * first; CS 010: F_CPU / 8. */
+    /* Normal mode; ICNC: an edge counts once it has held for four cycles; ICES: the rising
+     * one, where a button is held already; CS 010: F_CPU / 8. */
     TCCR4A = 0U;
     TCCR5A = 0U;
-    TCCR4B = _BV(ICNC4) | _BV(CS41);
-    TCCR5B = _BV(ICNC5) | _BV(CS51);
+    TCCR4B = (uint8_t)(_BV(ICNC4) | _BV(CS41) | ((timer.levels & 2U) != 0U ? _BV(ICES4) : 0));
+    TCCR5B = (uint8_t)(_BV(ICNC5) | _BV(CS51) | ((timer.levels & 1U) != 0U ? _BV(ICES5) : 0));
     GTCCR = 0U;
     enable();
 }

@@ -65,12 +65,17 @@ void clock_release(void)
     }
 }
 
-void clock_init(struct lb_board *board)
+void clock_init_inputs(void)
 {
-    timer.board = board;
     for (uint32_t i = 0U; i < INPUTS; i++) {
         pins_init_pin(PIN_FIRST_INPUT + i);
     }
+    pins_wait_us(10U); /* until they are pulled up */
+}
+
+void clock_init(struct lb_board *board)
+{
+    timer.board = board;
     timer.levels = clock_inputs();
     IO_PROC0_INTE(2U) = INPUTS > 1 ? 0xCCU : 0xCU; /* both edges of pins 16 and 17 */
     TIMER_INTE = 3U;

@@ -8,6 +8,9 @@
 
 #define CLOCK_HZ 1000000U
 
+/* Make the inputs readable. */
+void clock_init_inputs(void);
+
 /* Interrupts call this board from now on. */
 void clock_init(struct lb_board *board);
 

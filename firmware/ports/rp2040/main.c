@@ -87,6 +87,7 @@ _Noreturn void main_program(void)
     identity.boot_id = draw_boot_id();
     encoders_init(&identity);
     uart_init();
+    clock_init_inputs();
     lb_init(&board, &identity, &port);
     clock_init(&board);
     for (;;) {
