@@ -84,12 +84,12 @@ def decimated(
 ) -> tuple[Campaign, Decimation]:
     """Determine which samples to keep, and where surfaces were touched.
 
-    The whole campaign, with directions where artefacts define them, and which of its
-    poses to keep.
+    The campaign, with directions where artefacts define them and without samples whose
+    delays reach beyond their stretch, and which of its poses to keep.
     """
     usual_s = _usual_s(campaign)
+    campaign, fit = first_fit_with_delays(campaign, arm, usual_s)
     stretches = touching_stretches(campaign, 1.5 * usual_s)
-    campaign, fit = first_fit_with_delays(campaign, arm, stretches, usual_s)
     every = undecimated(fit.adjustment, campaign)
     network, state = every.network, every.state
     lasting = np.ones(len(campaign.artefacts), dtype=np.int64)

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline  # type: ignore[import-untyped] # no t
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm, effect_from_table
 from traverse.kinematics.effects.readings.rates import EncoderLatency
-from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.campaign import Campaign, touching_stretches
 from traverse.lab.campaign.poses import evenly
 from traverse.lab.diagnosis.model.fit import Fit, fitted, with_effects
 from traverse.lab.first_moments import own_effects
@@ -22,24 +22,23 @@ _FIRST_POSES = 800
 _LATE = EncoderLatency.kind
 _ROUNDS = 3
 _LEAST_SAMPLES = 4
-# Of a latency: nearer to the end of a stretch the speed stays as it was.
-_PART = 0.5
 
 
 def first_fit_with_delays(
-    campaign: Campaign, arm: Arm, stretches: Integers, usual_s: float
+    campaign: Campaign, arm: Arm, usual_s: float
 ) -> tuple[Campaign, Fit]:
     """Fit some samples, with the speeds of late joints since the instants they show.
 
-    The campaign with these speeds where they fit better, and the fit.
+    The campaign with these speeds where they fit better, without the samples whose
+    speeds are not known, and the fit.
 
     Args:
         campaign: Of a stream.
         arm: Whatever latencies it has are estimated, too.
-        stretches: Of samples without a gap, (n_poses,).
         usual_s: From sample to sample; shorter latencies need no other speeds.
     """
     fit, measured = _first_fit(campaign, arm), campaign
+    stretches = touching_stretches(campaign, 1.5 * usual_s)
     for _ in range(_ROUNDS):
         known = _latencies_s(fit.arm)
         late_s = np.array([known.get(name, 0.0) for name in campaign.joint_names])
@@ -49,6 +48,8 @@ def first_fit_with_delays(
         if not np.any(late_s):
             break
         delayed = with_speeds_since(measured, stretches, late_s)
+        if 2 * len(delayed.poses) < len(measured.poses):
+            break  # no latency of a reading is as long as a stretch
         again = _first_fit(delayed, fit.arm)
         if again.adjustment.sigma0 > fit.adjustment.sigma0:
             break
@@ -60,6 +61,8 @@ def with_speeds_since(
     campaign: Campaign, stretches: Integers, late_s: Floats
 ) -> Campaign:
     """Take the mean speed of late joints since the instant of their readings.
+
+    Samples that are nearer to the end of their stretch are left out.
 
     Strategy: a reading that is late by T shows its true angle T later, so that its
     error is T times the mean speed until then. The speed that it shows itself is late
@@ -75,17 +78,21 @@ def with_speeds_since(
     if poses.speeds_rad_s is None:
         return campaign
     speeds = poses.speeds_rad_s.copy()
+    known = np.ones(len(poses), dtype=np.bool_)
     for stretch in np.unique(stretches):
         there = np.flatnonzero(stretches == stretch)
         time_s = poses.time_s[there]
-        for joint in np.flatnonzero(late_s) if len(there) > _LEAST_SAMPLES else ():
-            shown_s = np.clip(time_s + late_s[joint], time_s[0], time_s[-1])
+        if len(there) < _LEAST_SAMPLES:
+            known[there] = not np.any(late_s)
+            continue
+        for joint in np.flatnonzero(late_s):
+            shown_s = time_s + late_s[joint]
+            known[there] &= (shown_s >= time_s[0]) & (shown_s <= time_s[-1])
             readings_rad = CubicSpline(time_s, poses.angles_rad[there, joint])
-            since_s = shown_s - time_s
-            known = np.abs(since_s) > _PART * abs(late_s[joint])
             rises_rad = readings_rad(shown_s) - readings_rad(time_s)
-            speeds[there[known], joint] = rises_rad[known] / since_s[known]
-    return replace(campaign, poses=replace(poses, speeds_rad_s=speeds))
+            speeds[there, joint] = rises_rad / late_s[joint]
+    led = replace(campaign, poses=replace(poses, speeds_rad_s=speeds))
+    return led.part(np.flatnonzero(known))
 
 
 def _first_fit(campaign: Campaign, arm: Arm) -> Fit:

@@ -83,9 +83,9 @@ def diagnose_stream(
     first = diagnose(campaign.part(thinning.poses), arm, options, progress)
     if first.terms:
         # What is missing lasts longer than noise does: without it more can be kept.
-        _, again = decimated(campaign, first.adapted)
+        finer, again = decimated(campaign, first.adapted)
         if len(again.poses) > _WORTH_WHILE * len(thinning.poses):
-            thinning = again
+            campaign, thinning = finer, again
             first = diagnose(campaign.part(again.poses), arm, options, progress)
     poses, diagnosis = campaign.part(thinning.poses), first
     added: list[tuple[HarmonicFinding, ...]] = []

@@ -16,6 +16,7 @@ from traverse.lab.campaign.stream_table import senses_of, speeds_of, stretches_o
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import judge, project
 from traverse.lab.diagnosis.candidates.waves import harmonic_bank
+from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
@@ -230,21 +231,56 @@ def test_a_small_high_harmonic_shows_in_all_samples(tmp_path):
     assert first_significant(diagnosis.harmonics, 1e-3) is None
 
 
+def with_late_joint(campaign, joint, n_samples):
+    """Shift a joint's readings, and the speeds that they show, to later samples."""
+    poses = campaign.poses
+    lines = poses.lines[n_samples:] - n_samples
+    kept = np.flatnonzero(lines == poses.lines[:-n_samples])
+    angles_rad, speeds = poses.angles_rad.copy(), poses.speeds_rad_s.copy()
+    for column in (angles_rad, speeds):
+        column[n_samples:, joint] = column[:-n_samples, joint].copy()
+    late = replace(poses, angles_rad=angles_rad, speeds_rad_s=speeds)
+    return replace(campaign, poses=late).part(n_samples + kept)
+
+
+def test_a_reading_that_is_late_by_samples_is_that_joints_latency_alone(folders):
+    arm, campaign = read(folders())
+    late = with_late_joint(campaign, joint=3, n_samples=3)
+    whole, thinning = decimated(late, arm, most_poses=600)
+    poses = whole.part(thinning.poses)
+    diagnosis = diagnose(poses, arm, OPTIONS)
+    (term,) = diagnosis.terms
+    assert term.candidate.name == "encoder_latency J4"
+    assert diagnosis.verdict == "named"
+    assert term.estimates["latency_s"].value == pytest.approx(0.015, abs=2e-5)
+    assert not diagnosis.after.network.holds_scale
+
+
+def test_an_arm_that_would_shrink_to_a_point_keeps_its_scale(folders):
+    """A point is on every cone and on a sphere; with a joint turned round no arm is."""
+    arm, campaign = read(folders())
+    few = campaign.part(np.arange(0, len(campaign.poses), 60))
+    angles_rad = few.poses.angles_rad * np.array([1, 1, 1, -1, 1, -1, 1])
+    wrong = replace(few, poses=replace(few.poses, angles_rad=angles_rad))
+    fit = fitted(wrong, arm, np.ones(len(few.poses), dtype=bool))
+    assert fit.adjustment.network.holds_scale
+    assert fit.size > 0.8
+
+
 def test_speeds_since_the_instant_of_a_reading_turn_it_into_the_angle():
     """Of motions in sines, whose angles are known at every instant."""
-    arm, campaign = seven_joint_arm(), stream_of_sines(late_s=0.013)
+    campaign = stream_of_sines(late_s=0.013)
     stretches = np.zeros(len(campaign.poses), dtype=np.int64)
-    late_s = np.array([0.0, 0.013, *np.zeros(len(arm.joints) - 2)])
+    late_s = np.array([0.0, 0.013, 0.0, 0.0, 0.0, 0.0, 0.0])
     led = with_speeds_since(campaign, stretches, late_s)
-    true_rad = 0.8 * np.sin(3.0 * campaign.poses.time_s)
-    corrected_rad = led.poses.angles_rad[:, 1] + 0.013 * led.poses.speeds_rad_s[:, 1]
-    assert np.max(np.abs(corrected_rad - true_rad)[:-3]) < 1e-7
-    as_shown_rad = campaign.poses.speeds_rad_s[:, 1] * 0.013
-    as_shown_rad += campaign.poses.angles_rad[:, 1]
-    assert np.max(np.abs(as_shown_rad - true_rad)) > 5e-4
-    assert np.array_equal(
-        led.poses.speeds_rad_s[:, 0], campaign.poses.speeds_rad_s[:, 0]
-    )
+    assert len(led.poses) == len(campaign.poses) - 3
+    for poses, is_exact in ((led.poses, True), (campaign.poses, False)):
+        corrected_rad = poses.angles_rad[:, 1] + 0.013 * poses.speeds_rad_s[:, 1]
+        errors_rad = corrected_rad - 0.8 * np.sin(3.0 * poses.time_s)
+        assert (np.max(np.abs(errors_rad)) < 1e-6) == is_exact
+        assert np.max(np.abs(errors_rad)) < 1e-3
+    before, after = campaign.poses.speeds_rad_s, led.poses.speeds_rad_s
+    assert np.array_equal(after[:, 0], before[:-3, 0])
 
 
 def stream_of_sines(late_s):
