@@ -273,10 +273,8 @@ def _named(evidence: DiagnosisEvidence) -> Finding:
 
 def _within_noise(evidence: DiagnosisEvidence) -> Finding:
     figures = evidence.figures
-    gap, exceeded = (
-        figures.gap.without_blunders or figures.gap,
-        (figures.times_stated_noise),
-    )
+    gap, exceeded = figures.gap, figures.times_stated_noise
+    gap = gap.without_blunders or gap
     chi2, rms_mm = gap.held_out_chi2.after, gap.held_out_rms_mm.after
     values = {"held_out_chi2": chi2, "held_out_rms_mm": rms_mm}
     if exceeded is not None:
