@@ -36,12 +36,13 @@ Depends: python3 (>= $this), python3 (<< $next), libc6 (>= 2.28), procps
 Recommends: systemd, udev
 Suggests: traverse-lab (= $version), mosquitto (>= 2.0), iproute2, bash-completion
 Description: measurement daemon of an articulated-arm coordinate measuring machine
- Reads the encoders of a measuring arm, computes where the centre of the probe's ball
- is, and publishes points over MQTT. One service an arm: traverse@ARM.service. The
- operator's page in a browser is another: traverse-page@ARM.service.
+ Reads the encoders of a measuring arm, computes where the centre of the
+ probe's ball is, and publishes points over MQTT. One service an arm:
+ traverse@ARM.service. The operator's page in a browser is another:
+ traverse-page@ARM.service.
  .
- The package brings a Python environment of its own in /usr/lib/traverse, with drivers
- for serial lines, CAN, Modbus and GPIO lines.
+ The package brings a Python environment of its own in /usr/lib/traverse, with
+ drivers for serial lines, CAN, Modbus and GPIO lines.
 CONTROL
 cat >"$lab/DEBIAN/control" <<CONTROL
 Package: traverse-lab
@@ -53,8 +54,9 @@ Priority: optional
 Installed-Size: $(du -sk --exclude=DEBIAN "$lab" | cut -f 1)
 Depends: traverse (= $version)
 Description: daily check, identification and acceptance of a measuring arm
- Libraries (scipy, matplotlib) for the commands daily-check, identify, predict, diagnose,
- verify, align and probe of traverse. Works on the arm's computer or on any other.
+ Libraries (scipy, matplotlib) for the commands daily-check, identify, predict,
+ diagnose, verify, align and probe of traverse. Works on the arm's computer or
+ on any other.
 CONTROL
 # Licences of everything in a package, and its changelog, where Debian looks for them.
 "$python" "$here/copyright.py" "$checkout/LICENSE" traverse "$root"

@@ -6,10 +6,16 @@ Each distribution below ROOT states its licence in its metadata; its texts are c
 Ends with status 1 if one states none.
 """
 
+import re
 import sys
 from email.parser import HeaderParser
 from pathlib import Path
 
+# Texts that every Debian has, as they begin and end.
+COMMON = {
+    "Apache-2.0": r"Apache License\s+Version 2\.0, .*?END OF TERMS AND CONDITIONS",
+    "GPL-3": r"GNU GENERAL PUBLIC LICENSE\s+Version 3, .*?why-not-lgpl\.html>\.?",
+}
 TEXTS = ("LICENSE*", "LICENCE*", "COPYING*", "NOTICE*", "AUTHORS*")
 
 
@@ -40,14 +46,23 @@ def texts_of(info: Path) -> list[Path]:
     )
 
 
+def text_of(file: Path) -> str:
+    """Return the text of licences, without those that every Debian has."""
+    text = file.read_text("utf-8", "replace")
+    for name, form in COMMON.items():
+        place = f"(see /usr/share/common-licenses/{name})"
+        text = re.sub(form, place, text, flags=re.DOTALL)
+    return text
+
+
 def main(licence: Path, package: str, root: Path) -> None:
     """Write ROOT/usr/share/doc/PACKAGE/copyright."""
-    parts = ["Traverse is licensed as follows.", licence.read_text("utf-8")]
+    parts = ["Traverse is licensed as follows.", text_of(licence)]
     for metadata in sorted(root.rglob("*.dist-info/METADATA")):
         name, stated = licence_of(metadata)
         parts.append(f"{name}: {stated}")
         parts += [
-            f"{name}, {file.name}:\n\n{file.read_text('utf-8', 'replace')}"
+            f"{name}, {file.name}:\n\n{text_of(file)}"
             for file in texts_of(metadata.parent)
         ]
     target = root / "usr" / "share" / "doc" / package / "copyright"

@@ -41,6 +41,7 @@ add() {
     find "$destdir$home/bin" ! -type d ! -name 'python*' ! -name traverse -delete
     find "$destdir$home" -mindepth 1 -maxdepth 1 ! -name bin ! -name 'lib*' ! -name pyvenv.cfg -exec rm -r {} +
     find "$site" -type d -name tests -prune -exec rm -r {} +
+    find "$site" -name "*.py" -type f -exec chmod 644 {} +
     # Libraries are loaded, not run. binutils' strip breaks those that were patched for a
     # wheel; elfutils' leaves their segments where they are.
     find "$site" -name '*.so*' -type f -exec eu-strip {} \; -exec chmod 644 {} \;
