@@ -59,7 +59,7 @@ def line(bench: Workbench) -> Workbench:
     bench.change("arm.toml", "8388608", "16384")
     bench.change("arm.toml", "4194304", "16384")
     bench.write_daemon(
-        capture="tracking_rate_hz = 30.0",
+        capture="tracking_rate_hz = 50.0",
         read_by=READ_BY.format(pty=bench.pty),
         source="handle",
         devices=HANDLE.format(folder=bench.folder),
