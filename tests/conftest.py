@@ -153,8 +153,12 @@ def no_task_is_left(
 
 
 @pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadFileScheduling:
+def pytest_xdist_make_scheduler(
+    config: pytest.Config, log: Any
+) -> LoadFileScheduling | None:
     """Give each worker a file at a time; those of the browser, which starts once."""
+    if config.getoption("dist") != "loadfile":
+        return None
     return FileScheduling(config, log)
 
 
