@@ -100,22 +100,22 @@ async def _converse(
                     break
                 await devices.settled()
                 expected = joint.encoder.counts_per_turn if joint.encoder else None
-                found = turned_joint(
+                outcome = turned_joint(
                     devices.tracks, noise_counts, angle_deg / 360.0, expected
                 )
-                if not isinstance(found, str):
-                    found = _checked(found, turned)
-                if isinstance(found, str):
+                if not isinstance(outcome, str):
+                    outcome = _checked(outcome, turned)
+                if isinstance(outcome, str):
                     _print(
-                        {"event": "again", "joint": joint.name, "reason": found},
-                        f"{joint.name}: {found}; once more",
+                        {"event": "again", "joint": joint.name, "reason": outcome},
+                        f"{joint.name}: {outcome}; once more",
                         as_json,
                     )
                     continue
-                turned[joint.name] = found
+                turned[joint.name] = outcome
                 _print(
-                    {"event": "found", "joint": joint.name, **asdict(found)},
-                    _sentence(joint, found),
+                    {"event": "found", "joint": joint.name, **asdict(outcome)},
+                    _sentence(joint, outcome),
                     as_json,
                 )
                 break
@@ -124,18 +124,18 @@ async def _converse(
     return turned
 
 
-def _checked(found: "Turned", turned: Mapping[str, "Turned"]) -> "Turned | str":
+def _checked(outcome: "Turned", turned: Mapping[str, "Turned"]) -> "Turned | str":
     """Refuse a channel that another joint has, and counts that fit no turn."""
     for name, other in turned.items():
-        if other.source == found.source:
-            return f"{found.source} is {name}'s encoder already"
-    if found.counts_per_turn is None:
+        if other.source == outcome.source:
+            return f"{outcome.source} is {name}'s encoder already"
+    if outcome.counts_per_turn is None:
         return (
-            f"{found.source} moved by {found.moved_counts} counts, which fits no counts"
-            " per turn of the device; turn it by the angle, or write counts_per_turn "
-            "into the arm file first"
+            f"{outcome.source} moved by {outcome.moved_counts} counts, which fits no "
+            "counts per turn of the device; turn it by the angle, or write "
+            "counts_per_turn into the arm file first"
         )
-    return found
+    return outcome
 
 
 def _print_rest(devices: "TurningDevices", as_json: bool) -> dict[str, int]:
@@ -179,18 +179,18 @@ def _prompt(joint: "Joint", angle_deg: float) -> str:
     )
 
 
-def _sentence(joint: "Joint", found: "Turned") -> str:
+def _sentence(joint: "Joint", outcome: "Turned") -> str:
     """What was found, beside what the arm file says."""
-    degrees = 360.0 * (found.angle_turns or 0.0)
+    degrees = 360.0 * (outcome.angle_turns or 0.0)
     text = (
-        f"{joint.name}: {found.source}, sign {found.sign:+d}, {found.counts_per_turn} "
-        f"counts per turn; it turned by {degrees:.1f} degrees"
+        f"{joint.name}: {outcome.source}, sign {outcome.sign:+d}, "
+        f"{outcome.counts_per_turn} counts per turn; it turned by {degrees:.1f} degrees"
     )
     before = joint.encoder
     if before is None:
         return text
     values = (before.source, before.sign, before.counts_per_turn)
-    if values == (found.source, found.sign, found.counts_per_turn):
+    if values == (outcome.source, outcome.sign, outcome.counts_per_turn):
         return f"{text}: as in the arm file"
     return f"{text}; the arm file had {before.source}, {before.sign:+d}, {values[2]}"
 
@@ -201,23 +201,22 @@ def _arm_with(arm: "Arm", turned: Mapping[str, "Turned"]) -> "Arm":
 
     made = []
     for joint in arm.joints:
-        found = turned.get(joint.name)
-        if found is None:
+        outcome = turned.get(joint.name)
+        if outcome is None:
             made.append(joint)
             continue
         values = {
-            "source": found.source,
-            "sign": found.sign,
-            "counts_per_turn": found.counts_per_turn,
+            "source": outcome.source,
+            "sign": outcome.sign,
+            "counts_per_turn": outcome.counts_per_turn,
         }
         encoder = (
             Encoder.model_validate(values)
             if joint.encoder is None
             else joint.encoder.model_copy(update=values)
         )
-        if encoder != joint.encoder:
-            joint = joint.model_copy(update={"encoder": encoder})  # noqa: PLW2901
-        made.append(joint)
+        is_same = encoder == joint.encoder
+        made.append(joint if is_same else joint.model_copy(update={"encoder": encoder}))
     return arm.model_copy(update={"joints": tuple(made)})
 
 
