@@ -26,6 +26,8 @@ CONTROL = (
     *("point", "undo", "scan", "label", "session", "reload", "confirm", "home"),
     "send",
 )
+FORMER_NAMES = {"interim": "daily-check"}
+"""Names that commands had, in people's scripts; they are not shown."""
 COMMANDS = (
     *("demo", "run", "watch", "page", "check", "joints", "artefact", "collect"),
     *("identify", "predict", "diagnose", "verify", "certify", "trace"),
@@ -39,7 +41,7 @@ COMMANDS = (
         "store",
         "extensions",
     ),
-    *CONTROL,
+    *(*CONTROL, *FORMER_NAMES),
     *(
         "simulate",
         "arm",
@@ -124,9 +126,11 @@ def command_line(names: Iterable[str]) -> CommandGroup:
     )
     made.callback()(_options)
     for name in names:
-        command = _command(name.replace("-", "_"))
+        command = _command(FORMER_NAMES.get(name, name).replace("-", "_"))
         if isinstance(command, CommandGroup):
             made.add_typer(command, cls=Commands)
+        elif name in FORMER_NAMES:
+            made.command(name, hidden=True)(command)
         elif name == "run":
             made.command(cls=ConfigCommand)(command)
         else:

@@ -2,6 +2,7 @@
 
 import json
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -115,3 +116,17 @@ def test_a_history_that_is_a_folder_is_refused_with_what_is_expected(tmp_path):
     words = ["daily-check", "--arm", str(ARM), "--history", str(tmp_path), "--show"]
     done = invoke(*words, status=2)
     assert f"{tmp_path}: is not a file; expected the SQLite file" in done.stderr
+
+
+def test_its_former_name_does_the_same(tmp_path: Path) -> None:
+    words = (
+        "--arm",
+        tmp_path / "no-arm.toml",
+        "--history",
+        tmp_path / "h.db",
+        "--show",
+    )
+    answers = [
+        invoke(name, *words, status=2).output for name in ("daily-check", "interim")
+    ]
+    assert answers[0].replace("daily-check", "interim") == answers[1]
