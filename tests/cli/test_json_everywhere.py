@@ -67,6 +67,7 @@ ELSEWHERE = {
     "joints": "tests/cli/test_joints.py",
     "board test": "tests/cli/devices/test_board.py",
     "extensions": "tests/test_extensions.py",
+    "features": "tests/cli/test_features.py",
     **dict.fromkeys(
         ("amt21 scan", "amt21 zero", "amt21 reset"),
         "tests/cli/devices/test_amt21.py",
