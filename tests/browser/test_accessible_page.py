@@ -23,7 +23,9 @@ async def findings(page: Page, axe: Path, within: str = "html") -> list[Any]:
     """Findings of axe-core that are grave: rule, impact, and where."""
     if not await page.evaluate("'axe' in window"):
         await page.add_script_tag(path=axe)
-    results = await page.evaluate("within => axe.run(within)", within)
+    # The framework's bar of a running request, which is there for a moment.
+    context = {"include": [within], "exclude": ["#q-loading-bar"]}
+    results = await page.evaluate("context => axe.run(context)", context)
     return [
         (found["id"], found["impact"], [node["html"][:80] for node in found["nodes"]])
         for found in results["violations"]
