@@ -5,8 +5,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.ready
 # Other libraries to be compared with, never in the environment that Traverse runs in.
 PEERS := .venv-peers
-# Tests that run at once: many wait for real time, so two more than there are cores.
-WORKERS ?= $(shell expr $$(nproc) + 2)
+# Tests that run at once: many wait for real time, so three more than there are cores.
+WORKERS ?= $(shell expr $$(nproc) + 3)
 TEST = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder \
     --required="$(TEST_GROUPS)"
 # What failed beside others may have been late only: once more, alone. Both are printed.

@@ -6,6 +6,7 @@ acknowledges it, and requests missing ones. `faults` compares that with the outb
 the end, which it reads with sqlite3 alone.
 """
 
+import argparse
 import hashlib
 import json
 import sqlite3
@@ -23,8 +24,6 @@ from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
-
-from benchmarks.tools.command_line import run_main
 
 POINT_S, LOOK_S = 0.5, 2.0
 PATIENCE_S = 60.0  # of a reader with a witness that begins anew, and recovers its store
@@ -197,4 +196,9 @@ def main(arm: str, host: str, port: int, store: Path, quiet: str = "") -> None:
 
 
 if __name__ == "__main__":
-    run_main(main)
+    # It shares no code with what it judges, nor with what judges by it.
+    parser = argparse.ArgumentParser(description=__doc__)
+    for name, kind in (("arm", str), ("host", str), ("port", int), ("store", Path)):
+        parser.add_argument(name, type=kind)
+    parser.add_argument("quiet", nargs="?", default="")
+    main(**vars(parser.parse_args()))

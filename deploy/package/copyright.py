@@ -1,11 +1,10 @@
 """Write a Debian package's copyright file: licences of Traverse and of what it brings.
 
-Usage: copyright.py LICENSE PACKAGE ROOT
-
-Each distribution below ROOT states its licence in its metadata; its texts are copied.
+Each distribution below its root states its licence in its metadata; texts are copied.
 Ends with status 1 if one states none.
 """
 
+import argparse
 import re
 import sys
 from email.parser import HeaderParser
@@ -73,7 +72,11 @@ def main(licence: Path, package: str, root: Path) -> None:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("licence", type=Path)
+    parser.add_argument("package")
+    parser.add_argument("root", type=Path)
     try:
-        main(Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3]))
+        main(**vars(parser.parse_args()))
     except ValueError as error:
         sys.exit(str(error))

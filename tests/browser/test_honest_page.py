@@ -51,6 +51,7 @@ def block(n: int, seq: int, **changes: object) -> Scan:
         "angles_rad": np.zeros((n, joints)),
         "counts": None,
         "part_xyz_mm": None,
+        "covariance_mm2": None,
         "quality": np.zeros(n, np.uint32),
         "dropped": 0,
         "in_doubt": 0,

@@ -83,6 +83,7 @@ def test_a_scan_with_a_gap_tells_its_rate_and_what_is_missing() -> None:
             "angles_rad": np.zeros((n, 2)),
             "counts": None,
             "part_xyz_mm": None,
+            "covariance_mm2": None,
             "quality": np.zeros(n, np.uint32),
             "last": False,
             "total": None,

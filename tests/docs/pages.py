@@ -27,10 +27,11 @@ _HEADING = re.compile(r"^(?P<level>#+) (?P<text>.*)$", re.MULTILINE)
 
 
 def _subcommands(command: Any, name: str) -> dict[str, Any]:
-    """A command and all below it by their full names, groups first."""
+    """A command and all below it that are shown, by full names, groups first."""
     by_words = {name: command}
     for word, inner in getattr(command, "commands", {}).items():
-        by_words |= _subcommands(inner, f"{name} {word}")
+        if not inner.hidden:
+            by_words |= _subcommands(inner, f"{name} {word}")
     return by_words
 
 

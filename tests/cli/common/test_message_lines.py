@@ -55,7 +55,7 @@ def test_a_line_says_what_the_message_says(message: Message, expected: str) -> N
 
 def test_a_block_without_points_says_so() -> None:
     arrays = ("dtime_ns", "xyz_mm", "ijk", "angles_rad", "counts", "quality")
-    fields = {**dict(examples.SCAN), "part_xyz_mm": None}
+    fields = {**dict(examples.SCAN), "part_xyz_mm": None, "covariance_mm2": None}
     fields |= {name: fields[name][:0] for name in arrays if fields[name] is not None}
     fields.pop("schema_")
     assert "scan scan-3 no points, lost 1" in line("bench-7", Scan(**fields))

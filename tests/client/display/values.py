@@ -33,7 +33,7 @@ def status(**changes: Any) -> Status:
     drivers = [
         {"id": "base", "driver": "x", "port": "y", "state": "ready", "identity": {}}
     ]
-    usual = {"state": "ready", "drivers": drivers, "alarms": None, "conditions": []}
+    usual = {"state": "ready", "drivers": drivers, "alarms": [], "conditions": []}
     return golden(Status, "status", **{**usual, **changes})
 
 

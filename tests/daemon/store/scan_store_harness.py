@@ -21,7 +21,10 @@ def block(number, *, scan="scan", last=False, points=POINTS):
     """The block with this number of a scan of equal blocks."""
     rows_of = {
         name: np.resize(value, (points, *value.shape[1:]))
-        for name in ("xyz_mm", "ijk", "angles_rad", "counts", "part_xyz_mm", "quality")
+        for name in (
+            *("xyz_mm", "ijk", "angles_rad", "counts", "part_xyz_mm", "quality"),
+            "covariance_mm2",
+        )
         if (value := getattr(SCAN, name)) is not None
     }
     seq = number * POINTS
