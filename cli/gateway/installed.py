@@ -48,9 +48,9 @@ def _runs_gateway(ctx: typer.Context) -> None:
         gateway = load_gateway(name)
     except BrokenExtensionError as error:
         refuse(str(error))
-    alone = CommandGroup(name)
-    alone.command(name)(_command(name, gateway))
-    command = typer.main.get_command(alone)
+    single = CommandGroup(name)
+    single.command(name)(_command(name, gateway))
+    command = typer.main.get_command(single)
     with command.make_context(name, list(ctx.args), parent=ctx.parent) as context:
         command.invoke(context)
 

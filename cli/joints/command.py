@@ -2,10 +2,10 @@
 
 import asyncio
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,6 +14,7 @@ from traverse.cli.common.refusals import FAILED, refuse
 
 if TYPE_CHECKING:
     from traverse.cli.joints.devices import TurningDevices
+    from traverse.daemon.config.devices import DeviceSection
     from traverse.drivers.turning import Turned
     from traverse.kinematics.arm_file.arm import Arm, Joint
 
@@ -67,7 +68,7 @@ def joints(
 
 
 async def _converse(
-    sections: Any,  # noqa: ANN401 - sections of all drivers
+    sections: "Sequence[DeviceSection]",
     arm: "Arm",
     angle_deg: float,
     as_json: bool,

@@ -40,7 +40,7 @@ def format_class(name: str) -> type[Sink]:
     built_in = FORMATS.get(name)
     if built_in is not None:
         return built_in
-    return load_extension_class(EXPORT_GROUP, name, Sink)  # type: ignore[type-abstract]  # a child is wanted
+    return load_extension_class(EXPORT_GROUP, name, Sink)  # type: ignore[type-abstract]  # it loads a child
 
 
 def format_names() -> tuple[str, ...]:

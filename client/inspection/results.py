@@ -321,7 +321,7 @@ def _relation(entry: RelationEntry, features: Features, judge: _Judge) -> Featur
             first, second = elements
             figures = [_BETWEEN[entry.kind](first, second, features.errors)]
             return replace(result, figures=judge.results(entry.name, figures))
-        element = related(entry.kind, *elements)  # type: ignore[arg-type]
+        element = related(entry.kind, *elements)  # type: ignore[arg-type]  # the plan has checked the kind
     except ValueError as error:
         return replace(result, problem=str(error))
     features.elements[entry.name] = element

@@ -45,7 +45,7 @@ def driver_class(name: str) -> type[Driver]:
         BrokenExtensionError: another package offers it, and it cannot be used.
     """
     if name not in DRIVERS:
-        return load_extension_class(DRIVER_GROUP, name, Driver)  # type: ignore[type-abstract]  # a child is wanted
+        return load_extension_class(DRIVER_GROUP, name, Driver)  # type: ignore[type-abstract]  # it loads a child
     module, _, attribute = DRIVERS[name].partition(":")
     try:
         cls: type[Driver] = getattr(import_module(module), attribute)

@@ -27,6 +27,7 @@ from traverse.kinematics.fits.elements import (
     PLACE,
     RADIUS,
     Element,
+    Fit,
 )
 from traverse.kinematics.model.geometry import across
 from traverse.kinematics.uncertainty.joint_covariance import (
@@ -94,7 +95,7 @@ def figures_of(element: Element, errors: JointCovariance) -> list[Figure]:
         angle, by_points = 2.0 * element.values[ANGLE], 2.0 * element.by_points[ANGLE]
         figures.append(_linear("angle", angle, by_points, errors, is_angle=True))
     if element.fit is not None and element.fit.redundancy > 0:
-        figures.append(_form(element, errors))
+        figures.append(_form(element.fit, errors))
     return figures
 
 
@@ -174,17 +175,17 @@ def _linear(
     return Figure(name, float(value), std, is_angle)
 
 
-def _form(element: Element, errors: JointCovariance) -> Figure:
-    fit = element.fit
-    assert fit is not None  # noqa: S101 - as the caller knows
+def _form(fit: Fit, errors: JointCovariance) -> Figure:
     n = errors.points_mm.shape[0]
     weights = fit.form @ fit.residual_projector
     by_points = np.zeros((n, 3))
     np.add.at(by_points, fit.rows, weights[:, np.newaxis] * fit.normals)
     form_mm = float(fit.form @ fit.distances_mm)
     figure = _linear("form", form_mm, by_points, errors)
-    own = np.einsum("ia,iab,ib->i", fit.normals, errors.own_mm2[fit.rows], fit.normals)
-    noise_mm = float(np.sqrt(max(float(own.mean()), 0.0)))
+    variances_mm2 = np.einsum(
+        "ia,iab,ib->i", fit.normals, errors.own_mm2[fit.rows], fit.normals
+    )
+    noise_mm = float(np.sqrt(max(float(variances_mm2.mean()), 0.0)))
     grown_mm = min(2.0 * np.sqrt(2.0 * np.log(len(fit.rows))) * noise_mm, form_mm)
     return Figure("form", form_mm, float(np.hypot(figure.std, grown_mm / 2.0)))
 

@@ -97,7 +97,7 @@ class Features:
 
 
 def measured_features(definitions: Iterable[Definition], touches: Touches) -> Features:
-    """Compute features; a plane comes before what lies in it."""
+    """Compute features; planes first, as others are measured in them."""
     elements: dict[str, Element] = {}
     problems: dict[str, str] = {}
     for definition in definitions:

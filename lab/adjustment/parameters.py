@@ -92,7 +92,7 @@ _NAMED = 0.1
 
 @lru_cache(maxsize=8)
 def _basis(geometry: Geometry, smallest: tuple[int, ...]) -> Floats:
-    """Build a basis; a geometry is asked for it many times in an iteration."""
+    """Build a basis; an iteration needs that of a geometry many times."""
     unit = np.eye(3)[list(smallest)]
     along = np.einsum("ki,ki->k", unit, geometry.axes)[:, np.newaxis]
     v = unit_vectors(unit - along * geometry.axes)

@@ -13,7 +13,7 @@ __all__ = ["ARTEFACT_KINDS", "Artefact", "ArtefactTable", "artefact_from_table"]
 
 
 class _Kinds(Mapping[str, type[Artefact]]):
-    """Classes by kind; a module is imported when its class is first asked for."""
+    """Classes by kind; a module is imported when its class is first used."""
 
     _CLASSES: Mapping[str, str] = {
         "cone": "Cone",

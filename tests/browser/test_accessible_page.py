@@ -27,9 +27,9 @@ async def findings(page: Page, axe: Path, within: str = "html") -> list[Any]:
     context = {"include": [within], "exclude": ["#q-loading-bar"]}
     results = await page.evaluate("context => axe.run(context)", context)
     return [
-        (found["id"], found["impact"], [node["html"][:80] for node in found["nodes"]])
-        for found in results["violations"]
-        if found["impact"] in GRAVE
+        (rule["id"], rule["impact"], [node["html"][:80] for node in rule["nodes"]])
+        for rule in results["violations"]
+        if rule["impact"] in GRAVE
     ]
 
 
@@ -52,13 +52,13 @@ async def test_axe_finds_nothing_grave(
         await posed.touch(1.0, 2.0, 3.0)
         await expect(page.locator(".part .touches button")).to_have_count(1)
         for _ in range(2):
-            assert not (found := await findings(page, axe)), found
+            assert not (grave := await findings(page, axe)), grave
             await page.keyboard.press("d")
             await page.wait_for_timeout(500)  # colours move there
         await page.get_by_role("button", name="About").click()
         await expect(page.get_by_role("dialog")).to_be_visible()
         await page.wait_for_timeout(500)
-        assert not (found := await findings(page, axe, "[role=dialog]")), found
+        assert not (grave := await findings(page, axe, "[role=dialog]")), grave
 
 
 async def test_the_report_sheet_has_nothing_grave(
@@ -72,4 +72,4 @@ async def test_the_report_sheet_has_nothing_grave(
         await page.goto(page.url + "report")
         await expect(page.get_by_role("heading", level=1)).to_have_count(1)
         axe = node_modules / "axe-core" / "axe.min.js"
-        assert not (found := await findings(page, axe)), found
+        assert not (grave := await findings(page, axe)), grave

@@ -106,21 +106,21 @@ def test_each_joint_is_found_by_turning_it_and_written(board, tmp_path):
     assert [c["n_invalid"] == c["n_samples"] for c in channels] == [False] * 3 + [True]
     assert [c["n_weak"] > 0 for c in channels] == [False, True, False, False]
 
-    # Backwards over its wrap, by a little less than is asked for.
-    found = turn(conversation, board, {2: 2**BITS - quarter + 50_000})
-    assert (found["source"], found["sign"]) == ("board/2", -1)
+    # Backwards over its wrap, by a little less than requested.
+    finding = turn(conversation, board, {2: 2**BITS - quarter + 50_000})
+    assert (finding["source"], finding["sign"]) == ("board/2", -1)
     both = turn(conversation, board, {0: quarter, 1: quarter})
     assert "more than one joint was turned: board/0, board/1" in both["reason"]
-    found = turn(conversation, board, {1: quarter + quarter})
-    assert (found["source"], found["sign"], found["counts_per_turn"]) == (
+    finding = turn(conversation, board, {1: quarter + quarter})
+    assert (finding["source"], finding["sign"], finding["counts_per_turn"]) == (
         "board/1",
         1,
         2**BITS,
     )
     again = turn(conversation, board, {2: 0})
     assert "board/2 is J1's encoder already" in again["reason"]
-    found = turn(conversation, board, {0: 0})
-    assert (found["source"], found["sign"]) == ("board/0", -1)
+    finding = turn(conversation, board, {0: 0})
+    assert (finding["source"], finding["sign"]) == ("board/0", -1)
     status, events = conversation.end()
     assert status == 0
     assert events[-1]["event"] == "end"

@@ -29,7 +29,7 @@ def touch(desk, feature):
 
 
 def shares(asked):
-    """Answer what points share; record which were asked for."""
+    """Answer what points share; record which were requested."""
     points, _ = touched_points()
     factors = shared_by_points(points, ARM, read_arm(ARM))
     known = {point.id: f for point, f in zip(points, factors, strict=True)}

@@ -68,9 +68,9 @@ def test_speeds_of_a_block_are_those_of_its_instants(maker, size, invalid):
         speeds_rad_s = path.block_speeds_rad_s(readings_of(block))
         for row, speeds in enumerate(speeds_rad_s):
             at = int(block.sample_time_ns[row]), block.angles_rad[row]
-            alone = path.speeds_rad_s(*at)
-            assert np.array_equal(speeds, alone) or (
-                alone is None and np.isnan(speeds).all()
+            single = path.speeds_rad_s(*at)
+            assert np.array_equal(speeds, single) or (
+                single is None and np.isnan(speeds).all()
             )
 
 

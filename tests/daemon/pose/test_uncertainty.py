@@ -108,12 +108,12 @@ def test_a_block_has_the_covariances_of_its_samples(tmp_path):
 
     covariances_mm2 = evaluator.covariances_mm2(model, reading(slice(None)))
     for row in range(4):
-        alone = evaluator.covariance(model, reading([row])).own_mm2
-        if alone is None:
+        expected_mm2 = evaluator.covariance(model, reading([row])).own_mm2
+        if expected_mm2 is None:
             assert row == 2
             assert np.isnan(covariances_mm2[row]).all()
         else:
-            assert covariances_mm2[row] == pytest.approx(alone, rel=1e-12)
+            assert covariances_mm2[row] == pytest.approx(expected_mm2, rel=1e-12)
 
 
 @pytest.fixture

@@ -184,7 +184,7 @@ async def test_lines_without_a_time_are_uncertain_where_some_may_have_waited(tmp
 
             await taken.until(lambda: uncertain()[-1:] == [False], "steady lines")
             steady = len(uncertain())
-            rig.lose(20)  # as when a computer stands still, and its buffer is full
+            rig.lose(20)  # as of a computer that stalls until its buffer is full
             await taken.until(lambda: any(uncertain()[steady:]), "a bunch")
             await taken.until(lambda: not uncertain()[-1], "steady lines again")
 

@@ -124,8 +124,8 @@ def test_the_ledger_tells_every_step():
 
 
 def test_what_could_have_been_seen_is_reported_of_every_kind():
-    told = {size.candidate.kind for size in eccentric().detectable}
-    assert {"encoder_eccentricity", "base_drift", "thermal_expansion"} <= told
+    kinds = {size.candidate.kind for size in eccentric().detectable}
+    assert {"encoder_eccentricity", "base_drift", "thermal_expansion"} <= kinds
     for size in eccentric().detectable:
         assert size.minimum is None or 0.0 < size.best <= size.minimum
         assert (size.minimum is None) == bool(size.why)
@@ -338,11 +338,11 @@ def test_the_gap_is_that_of_the_arm_that_is_written(wished):
 
 
 def test_progress_rises():
-    told = []
+    progress = []
     given = measured()
-    diagnose(given.campaign, given.arm, DECISION, lambda _, part: told.append(part))
-    assert told == sorted(told)
-    assert 0.0 < told[0] < told[-1] < 1.0
+    diagnose(given.campaign, given.arm, DECISION, lambda _, part: progress.append(part))
+    assert progress == sorted(progress)
+    assert 0.0 < progress[0] < progress[-1] < 1.0
 
 
 @pytest.mark.slow
