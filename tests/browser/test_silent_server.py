@@ -14,6 +14,11 @@ pytestmark = [
     pytest.mark.asyncio(loop_scope="session"),
 ]
 
+BOTH_ARE_LOST = (
+    "[...window.traverse_watch.pending.values()].filter(press => press.is_lost)"
+    ".length === 2"
+)
+
 
 def n_points(posed: PosedDaemon) -> int:
     return sum(isinstance(args, PointArgs) for args in posed.commands)
@@ -56,6 +61,7 @@ async def test_a_stopped_server_is_noticed_and_its_presses_are_not_executed_late
         assert await page.evaluate(bright) != colour
         lost = page.locator(".press-outcome")
         await expect(lost).to_have_text(re.compile(r"^Lost: what was pressed at \d\d:"))
+        await page.wait_for_function(BOTH_ARE_LOST)  # each says so once, in its time
         await take.click(force=True)
         await expect(lost).to_have_text(re.compile(r"^Not sent at \d\d:\d\d:\d\d: "))
         await page.keyboard.press("Space")
