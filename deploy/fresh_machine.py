@@ -1,7 +1,7 @@
 """Run the README's commands in a pristine Debian, as a stranger's machine would.
 
 Usage: python3 deploy/fresh_machine.py [SUITE] [--python PACKAGE] [--or-in-place]
-           [--then COMMAND]
+           [--then COMMAND]...
 
 The tree holds Debian's minimal base, git, make, Python and certificates, and nothing of
 this machine but where it gets packages from: its Debian mirror, its settings of pip and
@@ -52,9 +52,15 @@ def main() -> int:
         action="store_true",
         help="where no tree can be made, run the commands in this checkout",
     )
-    parser.add_argument("--then", help="a command after those of the README")
+    parser.add_argument(
+        "--then",
+        action="append",
+        default=[],
+        metavar="COMMAND",
+        help="a command after those of the README; repeatable",
+    )
     asked = parser.parse_args()
-    commands = readme_commands() + ([asked.then] if asked.then else [])
+    commands = readme_commands() + asked.then
     if asked.python != "python3":
         commands = [f"{command} PYTHON={asked.python}" for command in commands]
     try:
