@@ -104,6 +104,13 @@ async def streaming(rig: Rig, rate_hz: float = 500.0) -> Taken:
     return taken
 
 
+async def unplugged(rig: Rig, taken: Taken) -> None:
+    """Remove the port until that is noticed; it may have been lost once before."""
+    n_lost = len(taken.of(DeviceLost))
+    rig.unplug()
+    await taken.until(lambda: len(taken.of(DeviceLost)) > n_lost, "the loss")
+
+
 def missing_samples(blocks: Sequence[CountSamples]) -> int:
     """How many samples the numbers say were lost, or the status lacks something."""
     seqs = [int(seq) for block in blocks for seq in block.seq]
@@ -122,12 +129,12 @@ class DriverContract:
     ) -> None:
         with rig.driver:
             taken = await up(rig)
-            rig.unplug()
-            await taken.until(lambda: taken.of(DeviceLost), "the loss")
+            await unplugged(rig, taken)
+            n_up = len(taken.of(DeviceUp))
             rig.plug()
-            await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is back")
-        assert taken.of(DeviceLost)[0].remedy
-        assert [up.restarted for up in taken.of(DeviceUp)] == [False, False]
+            await taken.until(lambda: len(taken.of(DeviceUp)) > n_up, "it is back")
+        assert all(lost.remedy for lost in taken.of(DeviceLost))
+        assert not any(up.restarted for up in taken.of(DeviceUp))
 
     async def test_closing_ends_the_thread_and_may_be_repeated(self, rig: Rig) -> None:
         rig.driver.start()
@@ -238,11 +245,13 @@ class StreamContract:
     async def test_the_stream_continues_after_an_outage(self, rig: StreamRig) -> None:
         with rig.driver:
             taken = await streaming(rig, self.rate_hz)
-            rig.unplug()
-            await taken.until(lambda: taken.of(DeviceLost), "the loss")
+            await unplugged(rig, taken)
+            first, n_started = taken.of(StreamStarted)[0], len(taken.of(StreamStarted))
             rig.plug()
-            await taken.until(lambda: len(taken.of(StreamStarted)) == 2, "its stream")
-            first, second = taken.of(StreamStarted)
+            await taken.until(
+                lambda: len(taken.of(StreamStarted)) > n_started, "its stream"
+            )
+            second = taken.of(StreamStarted)[-1]
             rig.emit(3)
             await taken.until(
                 lambda: (
@@ -327,8 +336,7 @@ class KeptEdgeContract(EdgeContract):
     ) -> None:
         with rig.driver:
             taken = await up(rig)
-            rig.unplug()
-            await taken.until(lambda: taken.of(DeviceLost), "the loss")
+            await unplugged(rig, taken)
             token = rig.press()
             rig.plug()
             await taken.until(lambda: taken.of(LatchedCounts), "the edge")

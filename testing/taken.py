@@ -10,7 +10,7 @@ from traverse.testing.waiting import until
 
 __all__ = ["Taken", "until"]
 
-LIMIT_S = 8.0
+LIMIT_S = 20.0
 
 Kind = TypeVar("Kind")
 

@@ -99,10 +99,10 @@ class Listener:
         )
         return self.replies[command.request]
 
-    async def ready(self, state: str = "ready") -> None:
+    async def ready(self, state: str | None = "ready") -> None:
         """Wait until numbers of the arm are ok, and confirm for that as an operator.
 
-        Without an identified geometry they stay in ``state`` "doubt".
+        Without an identified geometry they stay in ``state`` "doubt"; None: in either.
         """
 
         def waits_for_the_operator() -> bool:
@@ -121,7 +121,8 @@ class Listener:
         if self.statuses[-1].state != "ready":
             confirmed = await self.command(ReferenceArgs(action="confirm"))
             assert confirmed.ok, confirmed
-        await until(lambda: self.statuses[-1].state == state, f"a status {state}")
+        if state is not None:
+            await until(lambda: self.statuses[-1].state == state, f"a status {state}")
 
     async def n_points(self, n: int, timeout_s: float = PATIENCE_S) -> None:
         """Wait for so many points."""

@@ -10,7 +10,7 @@ from tests.end_to_end.workbench import Workbench
 
 @contextlib.asynccontextmanager
 async def measuring(
-    bench: Workbench, state: str = "ready"
+    bench: Workbench, state: str | None = "ready"
 ) -> AsyncIterator[tuple[Listener, Program, Program]]:
     """Simulator and daemon as configured, and a listener.
 

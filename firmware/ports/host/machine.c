@@ -14,6 +14,8 @@
 #define MAX_RATE_MILLIHZ 10000000U /* 10 kHz, the largest of the protocol */
 #define LATE_TICKS 1U
 #define N_TEMPERATURES 2U
+#define ROOM_BYTES 4096U /* for the frames of one instant, with all edges that wait */
+#define LONGEST_LAG_US (5U * MICROSECONDS)
 
 struct encoder {
     uint32_t count;       /* when it was set in motion or set */
@@ -154,10 +156,23 @@ void machine_power_up(const struct machine_options *options)
     lb_init(&machine.board, identity, &port);
 }
 
+/* A host that reads late, as on a busy computer, holds the machine's time up, not its
+ * samples; one that does not read at all loses them. */
+static bool is_held_up(uint64_t now_us)
+{
+    return line_room() < ROOM_BYTES && now_us < machine.now_us + LONGEST_LAG_US;
+}
+
 void machine_live(void)
 {
     const uint64_t until_us = computer_us();
     while (machine.timer_is_set && machine.timer_us <= until_us) {
+        if (line_room() < ROOM_BYTES) {
+            line_flush();
+        }
+        if (is_held_up(until_us)) {
+            return;
+        }
         machine.now_us = machine.timer_us;
         machine.timer_is_set = false;
         lb_timer_due(&machine.board);
@@ -170,7 +185,7 @@ void machine_live(void)
 uint32_t machine_idle_us(uint32_t longest_us)
 {
     const uint64_t now_us = computer_us();
-    if (!machine.timer_is_set || machine.timer_us >= now_us + longest_us) {
+    if (!machine.timer_is_set || machine.timer_us >= now_us + longest_us || is_held_up(now_us)) {
         return longest_us;
     }
     return machine.timer_us > now_us ? (uint32_t)(machine.timer_us - now_us) : 0U;

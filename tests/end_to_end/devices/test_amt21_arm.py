@@ -4,9 +4,11 @@ import os
 import struct
 import time
 
+import numpy as np
 import pytest
 
 from tests.end_to_end.agreement import assert_where_the_ball_was
+from tests.end_to_end.listener import Listener
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import REST, SPHERE, Workbench, rest
 from traverse.testing.waiting import until
@@ -83,29 +85,46 @@ async def test_points_of_amt21_encoders_are_where_the_ball_was(line: Workbench) 
     line.write_simulator(*motions, board=ENCODERS, faults=SILENT)
     # A pipe replaces the pedal's device file; the writer holds it open.
     pedal = os.open(line.folder / "pedal", os.O_RDWR)
-    async with measuring(line) as (listener, _, _):
-        await listener.n_points(4)
+    # On a busy machine answers are late again and again: its numbers stay in doubt.
+    async with measuring(line, state=None) as (listener, _, _):
+        await until(lambda: n_settled(listener) >= 4, "4 points or refusals")
 
-        def alarms() -> list[bool | None]:
-            alarms_of_encoder = (
-                e for e in listener.events if e.code == "alarm.encoder_missing"
-            )
-            return [event.active for event in alarms_of_encoder]
+        def alarms_of_encoder_2() -> list[bool | None]:
+            return [
+                event.active
+                for event in listener.events
+                if event.code == "alarm.encoder_missing" and "0x5c" in event.text
+            ]
 
-        await until(lambda: alarms() == [True, False], "encoder 2 is lost and back")
+        await until(lambda: alarms_of_encoder_2()[-1:] == [False], "it is back")
+        assert alarms_of_encoder_2()[0]
+        n_probed = len(listener.points)
         step_on(pedal)
-        await listener.n_points(5)
+        await until(lambda: n_settled(listener) >= 5, "a point or refusal by the pedal")
         health = listener.healths[-1]
     os.close(pedal)
-    truth, points = line.presses(), listener.points[:4]
-    assert_where_the_ball_was(line, points, truth, by_several_clocks=True)
+    points, truth_mm = (
+        listener.points,
+        np.array([e["centre_mm"] for e in line.presses()]),
+    )
+    probed = points[:n_probed]
+    assert probed
+    # Which of the presses each of them is of, where others were refused.
+    truth = [
+        line.presses()[np.abs(truth_mm - point.xyz_mm).max(axis=1).argmin()]
+        for point in probed
+    ]
+    assert_where_the_ball_was(line, probed, truth, by_several_clocks=True)
+    assert {point.trigger for point in points} == {"button"}
     assert all("interpolated" in point.quality.flags for point in points)
     assert health.skew_mm is not None
     counters = next(d.counters for d in health.devices if d.id == "base")
     assert counters["echoed"] == 1
     assert counters["missed_2"] >= 3
-    stepped = listener.points[4]
-    assert stepped.trigger == "button"
-    assert "interpolated" in stepped.quality.flags
     codes = {event.code for event in listener.events}
     assert "device.times_estimated" in codes  # a pipe has no clock of its own
+
+
+def n_settled(listener: Listener) -> int:
+    """Presses that have become a point or a refusal."""
+    return len(listener.points) + len(listener.events_of("capture.refused"))

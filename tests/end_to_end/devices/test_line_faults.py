@@ -57,6 +57,8 @@ async def test_a_healthy_line_loses_and_reports_nothing(bench: Workbench) -> Non
         counters["edges_lost"] == outcome["tx_dropped"] == outcome["rx_rejected"] == 0
     )
     expected = {"button.pressed", "button.released", "device.lost", "broker.lost"}
+    # A busy machine reads late, and says that it does not know the board's clock.
+    expected.add("condition.device_clock")
     assert {e.code for e in listener.events} <= expected
 
 

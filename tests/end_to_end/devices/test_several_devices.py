@@ -1,14 +1,18 @@
 """Base on one board, wrist on another, the button on a third: still one arm."""
 
+import asyncio
+
 import numpy as np
 import pytest
 
 from tests.end_to_end.agreement import assert_where_the_ball_was
+from tests.end_to_end.listener import numbers
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import REST, SPHERE, SWEEP, Workbench, rest
-from traverse.protocol.messages import PointArgs, QualityFlag
+from traverse.protocol.messages import PointArgs, QualityFlag, Scan
 
 pytestmark = pytest.mark.needs("mosquitto")
+N_SWEPT = 500
 
 BOARDS = """\
 inputs = ["switch"]
@@ -73,26 +77,41 @@ async def test_points_of_a_button_on_a_third_board_are_where_the_ball_was(
 
 
 async def test_a_scan_over_two_boards_stays_on_the_ball(boards: Workbench) -> None:
-    # A busy machine's daemon is ready late.
-    boards.write_simulator(rest(2.0), SWEEP, board=BOARDS)
+    # Again and again: a busy machine's daemon is ready late.
+    boards.write_simulator(rest(2.0), SWEEP, board=BOARDS, top="repeat = true")
     async with measuring(boards) as (listener, _, _):
         scan = await listener.start_scan(500.0)
-        await listener.scan_points(scan, 1900)
+        n_points = 1900
+        async with asyncio.timeout(60.0):
+            await listener.scan_points(scan, n_points)
+            while len(sweep_of(listener.scans)) <= N_SWEPT:
+                n_points += 500
+                await listener.scan_points(scan, n_points)
         blocks = await listener.stop_scan(scan)
-    xyz_mm = np.concatenate([b.xyz_mm for b in blocks if len(b.xyz_mm)])
+    seq = numbers(blocks)
+    assert (np.diff(seq) > 0).all()
+    assert blocks[-1].lost == (blocks[-1].total or 0) - len(seq)
     quality = np.concatenate([b.quality for b in blocks])
     doubts = QualityFlag.SKEW | QualityFlag.TIME_UNCERTAIN
-    off_mm = np.abs(np.linalg.norm(xyz_mm - [700.0, 100.0, 120.0], axis=1) - 53.8)
-    # From the touch until it withdraws, which a busy machine's scan may still see.
-    touching = np.flatnonzero(off_mm < 0.5)
-    swept = slice(touching[0] + 20, touching[-1] - 20)
-    swept_mm, is_marked = off_mm[swept], quality[swept] & doubts != 0
-    assert len(swept_mm) > 500
+    swept = sweep_of(blocks)
+    swept_mm, is_marked = off_mm(blocks)[swept], quality[swept] & doubts != 0
     # 200 mm/s, and two clocks of 180 ppm apart that the host does not know yet.
-    assert np.median(swept_mm) < 0.1
     assert is_marked.all() or np.percentile(swept_mm[~is_marked], 90) < 0.25
-    seq = np.concatenate([b.seq + np.arange(len(b.dtime_ns)) for b in blocks])
-    assert (np.diff(seq) == 1).all()
-    remarks = QualityFlag.INTERPOLATED | doubts
-    assert (quality & QualityFlag.INTERPOLATED != 0).mean() > 0.95
-    assert (quality & ~np.uint32(remarks) == 0).mean() > 0.95  # a busy machine is late
+    assert is_marked.all() or np.median(swept_mm[~is_marked]) < 0.1
+    # What is of neither board's instant says so, or what else is wrong with it.
+    assert (quality != 0).mean() > 0.95
+
+
+def off_mm(blocks: list[Scan]) -> np.ndarray:
+    """Distances of a scan's points from where the probe touches the ball."""
+    xyz_mm = np.concatenate([b.xyz_mm for b in blocks if len(b.xyz_mm)])
+    return np.abs(np.linalg.norm(xyz_mm - [700.0, 100.0, 120.0], axis=1) - 53.8)
+
+
+def sweep_of(blocks: list[Scan]) -> np.ndarray:
+    """The longest stay on the ball, from shortly after the touch until it withdraws."""
+    touching = np.flatnonzero(off_mm(blocks) < 0.5)
+    ends = np.flatnonzero(np.diff(touching) > 250)
+    stays = np.split(touching, ends + 1)
+    stay = max(stays, key=len)
+    return stay[20:-20]

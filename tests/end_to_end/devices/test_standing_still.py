@@ -31,7 +31,6 @@ pytestmark = [pytest.mark.needs("mosquitto"), pytest.mark.slow]
 line, arm = amt21.line, two_makes.arm  # fixtures
 LONGEST_S = pytest.mark.parametrize("longest_s", [0.06, 0.5, 1.8])
 TRIED_S = 12.0
-ENDS_S = 5.0  # after the last standstill edges that waited are points or refused
 # At rest until all is established, which a motion would put off.
 SCENE = (rest(3.0), SPHERE.format(points=6), REST)
 
@@ -65,7 +64,6 @@ async def all_are_right_or_marked(bench: Workbench, longest_s: float) -> None:
                 and len(listener.events_of("button.pressed")) >= n_kept(bench)
             ),
             "a point or a refusal of each press after the last standstill",
-            ENDS_S,
         )
     rounding_mm = MatrixArm(bench.arm_file).resolution_mm()
     truth_mm = np.array([edge["centre_mm"] for edge in bench.presses()])
