@@ -18,6 +18,8 @@ from pathlib import Path
 from pip._vendor.packaging.requirements import InvalidRequirement, Requirement
 
 PIP = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install"]
+# Python compiles what it imports, once; most modules of most packages never are.
+PIP += ["--no-compile"]
 FAILED = 1
 
 
