@@ -264,6 +264,12 @@ class LatchBoardSession:
                 f"the board on {self._path} counts its edges anew",
                 "check its power: it has probably been restarted",
             )
+        # It was sent once it had held, a delay that the clock is not to learn from.
+        held_ns = received_ns - self._debounce_ns
+        ticks = self.clock.unwrap_one(edge.ticks)
+        if self.clock.is_unusual(ticks, held_ns):
+            self.clock.update(ticks, held_ns)
+            return  # the board sends it again; by then the clock has been read anew
         # Noted before it is passed on: its acknowledgement may arrive at once.
         self._edges.mark_delivered(edge.seq)
         if self._deliver_latch(edge, edge.input, edge.seq, received_ns):
@@ -350,7 +356,7 @@ class LatchBoardSession:
         received_ns: int,
     ) -> bool:
         ticks = self.clock.unwrap_one(latch.ticks)
-        if self.clock.is_newer(ticks):  # not of an edge that was sent again
+        if isinstance(latch, wire.Latched) and self.clock.is_newer(ticks):
             self.clock.update(ticks, received_ns)
         time_status = int(self._time_status)
         return self._put(

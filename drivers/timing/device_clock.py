@@ -160,10 +160,16 @@ class DeviceClock:
         """Whether, by the last read, the counter may have stood still."""
         if not self._run:
             return False
-        usual = self._usual
-        return self._run > usual.run_limit or (
-            self._lates_ns[-1] > usual.limit_ns + self._line_bound_ns
-        )
+        run_limit = self._usual.run_limit
+        return self._run > run_limit or self._is_unusual(self._lates_ns[-1])
+
+    def is_unusual(self, ticks: int, received_ns: int) -> bool:
+        """Return whether a newer latch was read so late that the counter may stand."""
+        late_ns = received_ns - self.to_ns(ticks)
+        return self.is_newer(ticks) and self._is_unusual(late_ns)
+
+    def _is_unusual(self, late_ns: float) -> bool:
+        return late_ns > self._usual.limit_ns + self._line_bound_ns
 
     @property
     def error_bound_ns(self) -> int:

@@ -5,7 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from traverse.drivers.base.values import DeviceError, LatchedCounts
+from traverse.drivers.base.values import (
+    STATUS_TIME_UNCERTAIN,
+    DeviceError,
+    LatchedCounts,
+)
 from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
 from traverse.drivers.latch_board.session import (
     MAX_EARLY,
@@ -108,6 +112,57 @@ def test_presses_that_wait_long_for_the_boards_clock_are_reported_once(
     session.take(press, RECEIVED_NS + 13_000_000_000)
     assert [latch.token for latch in delivered] == [0]
     assert faults == ["edges_waiting"]
+
+
+@pytest.fixture
+def known(session) -> int:
+    """Read the clock for 10 s, in time; return the ticks of the last read."""
+    session.take(heartbeat(0), RECEIVED_NS)
+    for number in range(1, 501):
+        beat_at(session, UP_TICKS + 20_000 * number)
+    return UP_TICKS + 20_000 * 500
+
+
+def beat_at(session, ticks, late_ns=200_000, n_edges=0):
+    beat = replace(heartbeat(n_edges, back=n_edges), ticks=ticks)
+    session.take(beat, received_at_ns(ticks) + late_ns)
+
+
+def received_at_ns(ticks):
+    return RECEIVED_NS + (ticks - UP_TICKS) * 1000
+
+
+def test_debouncing_is_no_doubt_about_the_time_of_a_press(session, delivered, known):
+    """The first press after a long time may be read before any later sample."""
+    ticks = known + 1000
+    session.take(edge(0, ticks), received_at_ns(ticks + DEBOUNCE_TICKS) + 200_000)
+    (latch,) = delivered
+    assert set(latch.status) == {0}
+    assert latch.sample_time_ns == pytest.approx(
+        received_at_ns(ticks) + 200_000, abs=50_000
+    )
+
+
+@pytest.mark.parametrize("has_stood", [False, True])
+def test_a_press_that_is_read_late_waits_for_the_clock(
+    session, delivered, known, has_stood
+):
+    ticks = known + 1000
+    late_ns = 100_000_000
+    press, read_ns = edge(0, ticks), received_at_ns(ticks) + late_ns
+    session.take(press, read_ns)
+    assert delivered == []  # the frame was late, or the counter has stood still
+    for number in range(1, 250):
+        next_ticks = ticks + 110_000 + 20_000 * number
+        beat_at(session, next_ticks, late_ns if has_stood else 200_000, n_edges=1)
+        session.take(press, received_at_ns(next_ticks) + late_ns)
+        if delivered:
+            break
+    (latch,) = delivered
+    assert set(latch.status) == {STATUS_TIME_UNCERTAIN if has_stood else 0}
+    true_ns = received_at_ns(ticks) + (late_ns if has_stood else 200_000)
+    assert latch.sample_time_ns == pytest.approx(true_ns, abs=latch.time_bound_ns)
+    assert session.clock.steps == has_stood
 
 
 def test_after_a_broken_frame_only_edges_until_its_repetition_are_late(
