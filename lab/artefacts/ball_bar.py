@@ -144,6 +144,6 @@ class BallBar(Artefact):
         unit = along_mm / max(distance_mm, 1e-9)
         by_unknowns = np.concatenate([-unit, unit, np.zeros(2)])
         distance = Length("distance_mm", distance_mm, by_unknowns, 0)
-        if "radius_mm" in self.certified_lengths:
+        if self.radius_std_mm != float("inf"):
             return (distance,)
         return (distance, Length("radius_mm", float(state[6]), np.eye(8)[6], None))

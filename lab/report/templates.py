@@ -5,12 +5,14 @@ plain text that a page escapes like any other value.
 """
 
 import base64
+import functools
 import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, UndefinedError
+from jinja2.environment import TemplateModule
 
 from traverse.lab.report import quantities
 from traverse.plurals import counted
@@ -43,12 +45,17 @@ class Words:
     """
 
     def __init__(self, template: str, **filters: Callable[..., Any]) -> None:
-        """Read a template.
+        """Name a template, which is read when it is first used.
 
         The path is below `lab/`; filters are besides those of all reports.
         """
-        environment = _environment(filters, is_html=False)
-        self._macros = environment.get_template(template).module
+        self._template, self._filters = template, filters
+
+    @functools.cached_property
+    def _macros(self) -> TemplateModule:
+        """The compiled template; most programs print few reports."""
+        environment = _environment(self._filters, is_html=False)
+        return environment.get_template(self._template).module
 
     def __getattr__(self, macro: str) -> Callable[..., str]:
         return lambda *values: " ".join(self.lines(macro, *values))

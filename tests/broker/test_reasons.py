@@ -130,20 +130,20 @@ REFUSING = [
 ]
 
 
-@pytest.mark.parametrize("code", [1, 2, 3, 4, 5, *REFUSING])
 @pytest.mark.parametrize("kind", [ConnectRefusedError, DisconnectedError, RefusedError])
-def test_every_reason_code_has_a_sentence_and_a_remedy(code, kind):
-    text = reason(kind(code))
-    assert "reason code" not in text
-    assert "{" not in text
-    assert len(text.split()) >= 3
+def test_every_reason_code_has_a_sentence_and_a_remedy(kind):
+    for code in (1, 2, 3, 4, 5, *REFUSING):
+        text = reason(kind(code))
+        assert "reason code" not in text
+        assert "{" not in text
+        assert len(text.split()) >= 3
 
 
-@pytest.mark.parametrize("code", REFUSING)
-def test_so_has_every_code_of_an_acknowledgement(code):
-    text = sentence(code, WORDING)
-    assert "reason code" not in text
-    assert "{" not in text
+def test_so_has_every_code_of_an_acknowledgement():
+    for code in REFUSING:
+        text = sentence(code, WORDING)
+        assert "reason code" not in text
+        assert "{" not in text
 
 
 def test_what_the_broker_says_itself_is_quoted():

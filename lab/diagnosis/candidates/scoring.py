@@ -28,6 +28,8 @@ _FACTOR_PRIOR = 0.5 * (np.log10(_FACTORS) / 0.7) ** 2
 LEAST_SINGULAR_VALUE = 0.016
 # Part of what a compliance explains that expected moments have to explain.
 _USUAL = 0.5
+# Below this logarithm a p-value is summed by its series.
+_FAR_TAIL = -600.0
 # Of the squared singular values: what rounding leaves of a direction that vanishes.
 _ROUNDING = 1e-12
 
@@ -199,24 +201,27 @@ def log_p_values(parts: Floats, degrees: Integers, redundancy: int) -> Floats:
     parts = np.clip(parts, 0.0, 1.0 - 1e-15)
     shown = np.maximum(degrees, 1)
     a, b = 0.5 * np.maximum(redundancy - shown, 1), 0.5 * shown
-    rest = 1.0 - parts
     with np.errstate(divide="ignore"):
-        plain = np.log(special.betainc(a, b, rest))
-        # I_x(a, b) = x^a (1-x)^b / (a B(a, b)) * 2F1(a + b, 1; a + 1; x), of which
-        # the series stops where terms no longer count: x is small in the far tail.
-        front = a * np.log(rest) + b * np.log(parts) - np.log(a) - special.betaln(a, b)
-    series = np.log(_series(a, b, rest))
-    logarithms: Floats = np.where(plain > -600.0, plain, front + series)
+        logarithms = np.log(special.betainc(a, b, 1.0 - parts))
+    far = logarithms <= _FAR_TAIL
+    if np.any(far):
+        logarithms[far] = _log_of_far_tail(a[far], b[far], parts[far])
     return np.where((degrees > 0) & (degrees < redundancy), logarithms, 0.0)
 
 
-def _series(a: Floats, b: Floats, x: Floats) -> Floats:
-    """Sum 2F1(a + b, 1; a + 1; x) = sum of x^n (a+b)_n / (a+1)_n."""
+def _log_of_far_tail(a: Floats, b: Floats, parts: Floats) -> Floats:
+    """Compute log I_x(a, b) for x = 1 - parts, where I_x itself underflows.
+
+    I_x(a, b) = x^a (1-x)^b / (a B(a, b)) * 2F1(a + b, 1; a + 1; x), and 2F1 is the sum
+    of x^n (a+b)_n / (a+1)_n: its terms vanish, x is small in the far tail.
+    """
+    x = 1.0 - parts
     total, term = np.ones_like(x), np.ones_like(x)
     for n in range(200):
         term = term * x * (a + b + n) / (a + 1.0 + n)
         total = total + term
-    return total
+    front = a * np.log(x) + b * np.log(parts) - np.log(a) - special.betaln(a, b)
+    return np.asarray(front + np.log(total))
 
 
 # Two blocks that explain a finding equally well to this part are one.

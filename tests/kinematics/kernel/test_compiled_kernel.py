@@ -5,6 +5,7 @@ What the kernel in C refuses: everything behind these checks trusts the shapes.
 """
 
 from decimal import Decimal
+from itertools import product
 
 import numpy as np
 import pytest
@@ -59,8 +60,8 @@ def test_agrees_with_numpy(variant, n_joints):
     assert bits(chain.positions(angles)) == bits(positions)
 
 
-@pytest.mark.parametrize("n_joints", range(1, 10))
-@pytest.mark.parametrize("largest_rad", [3.0, 300.0, 9.9e3, 1e7])
+@pytest.mark.parametrize("n_joints", [1, 2, 5, 7, 9])
+@pytest.mark.parametrize("largest_rad", [3.0, 9.9e3, 1e7])
 def test_is_within_four_units_in_the_last_place_of_the_reach(n_joints, largest_rad):
     geometry = random_geometry(50 + n_joints, n_joints)
     angles = readings(geometry, 3, 12, largest_rad)
@@ -76,15 +77,18 @@ def test_is_within_four_units_in_the_last_place_of_the_reach(n_joints, largest_r
             )
 
 
-@pytest.mark.parametrize("turns", [0, 1, 2, 3, -5, 4096, -6300])
-def test_multiples_of_a_quarter_turn_are_as_exact_as_any_angle(variant, turns):
+def test_multiples_of_a_quarter_turn_are_as_exact_as_any_angle(variant):
     geometry = random_geometry(7, 3)
-    near = np.nextafter(turns * np.pi / 2, np.inf)
-    angles = geometry.zeros_rad + np.array([[near, -near, turns * np.pi / 2]])
-    centre = compiled.Chain(geometry, variant).centres(angles)[0]
-    for computed, exact in zip(centre, exact_pose(geometry, angles[0])[0], strict=True):
-        unit = Decimal(float(np.spacing(size_mm(geometry))))
-        assert abs(Decimal(float(computed)) - exact) <= 4 * unit
+    turns = np.array([0, 1, 2, 3, -5, 4096, -6300]) * np.pi / 2
+    near = np.nextafter(turns, np.inf)
+    angles = geometry.zeros_rad + np.stack([near, -near, turns], axis=1)
+    unit = Decimal(float(np.spacing(size_mm(geometry))))
+    centres = compiled.Chain(geometry, variant).centres(angles)
+    for sample, centre in zip(angles, centres, strict=True):
+        for computed, exact in zip(
+            centre, exact_pose(geometry, sample)[0], strict=True
+        ):
+            assert abs(Decimal(float(computed)) - exact) <= 4 * unit
 
 
 @pytest.mark.parametrize("n_joints", N_JOINTS)
@@ -100,16 +104,16 @@ def test_all_variants_give_the_same_bits(n_joints):
     assert {bits(*arrays) for arrays in by_variant} == {bits(*by_variant[0])}
 
 
-@pytest.mark.parametrize("n_samples", [1, 2, 7, 8, 9, 31, 32, 33, 64, 100])
 @pytest.mark.parametrize("largest_rad", [8.0, 2e4])
-def test_block_and_place_in_it_leave_every_bit(variant, n_samples, largest_rad):
+def test_block_and_place_in_it_leave_every_bit(variant, largest_rad):
     geometry = random_geometry(5, 7)
     chain = compiled.Chain(geometry, variant)
     angles = readings(geometry, 6, 200, largest_rad)
     centres, directions = chain.poses(angles)
     positions, rotations = chain.joint_poses(angles)
-    for first in (0, 1, 13, 100):
-        part = slice(first, first + n_samples)
+    n_samples = (1, 2, 7, 8, 9, 31, 32, 33, 64, 100)
+    for first, n in product((0, 1, 13, 100), n_samples):
+        part = slice(first, first + n)
         block = chain.poses(angles[part])
         assert bits(*block) == bits(centres[part], directions[part])
         block = chain.joint_poses(angles[part])
@@ -276,15 +280,13 @@ def test_centres_and_rotations_have_the_bits_of_the_forward_kinematics(variant):
     assert np.array_equal(computed.by_links.transpose(0, 2, 1, 3), rotations)
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("n_samples", [1, 7, 8, 31, 33])
-def test_block_and_place_in_it_leave_every_bit_of_derivatives(variant, n_samples):
+def test_block_and_place_in_it_leave_every_bit_of_derivatives(variant):
     geometry = random_geometry(3, 7)
     angles = np.random.default_rng(2).uniform(-7, 7, (77, 7))
     chain = compiled.Chain(geometry, variant)
     whole = chain.derivatives(angles)
-    for first in (0, 5, 40):
-        part = slice(first, first + n_samples)
+    for first, n in product((0, 5, 40), (1, 7, 8, 31, 33)):
+        part = slice(first, first + n)
         for array, expected in zip(chain.derivatives(angles[part]), whole, strict=True):
             assert array.tobytes() == expected[part].tobytes()
 
@@ -305,16 +307,15 @@ CHAIN = compiled.Chain(GEOMETRY, compiled.runnable_variants()[-1])
 ANGLES = np.zeros((5, 3))
 
 
-@pytest.mark.parametrize("shape", [(3,), (2, 2), (2, 4), (1, 2, 3)])
 @pytest.mark.parametrize(
     "of",
     [CHAIN.poses, CHAIN.centres, CHAIN.positions, CHAIN.joint_poses, CHAIN.derivatives],
 )
-def test_readings_of_another_shape_are_refused(of, shape):
-    with pytest.raises(
-        ValueError, match=rf"angles_rad has shape .*expected \({shape[0]}, 3\)"
-    ):
-        of(np.zeros(shape))
+def test_readings_of_another_shape_are_refused(of):
+    for shape in [(3,), (2, 2), (2, 4), (1, 2, 3)]:
+        said = rf"angles_rad has shape .*expected \({shape[0]}, 3\)"
+        with pytest.raises(ValueError, match=said):
+            of(np.zeros(shape))
 
 
 @pytest.mark.parametrize("shape", [(4, 3), (15,)])

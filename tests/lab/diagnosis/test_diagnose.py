@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from tests.lab.diagnosis import diagnosed
 from tests.lab.diagnosis.diagnosed import (
     ECCENTRIC,
     clean,
@@ -35,8 +36,8 @@ def decided(campaign, options=DECISION):
     return diagnose(campaign, poses().arm, options)
 
 
-def names(found):
-    return [(term.candidate.kind, term.candidate.joint) for term in found.terms]
+def names(diagnosis):
+    return [(term.candidate.kind, term.candidate.joint) for term in diagnosis.terms]
 
 
 def bump():
@@ -85,11 +86,11 @@ def test_an_eccentricity_is_named_with_its_size():
     (term,) = diagnosis.terms
     assert names(diagnosis) == [("encoder_eccentricity", "J3")]
     for key in ("cos_rad", "sin_rad"):
-        one = term.estimates[key]
-        assert abs(one.value - ECCENTRIC[key]) < 3.0 * one.std
-        assert 0.0 < one.std < 3e-6
-        assert one.unit == "rad"
-        assert term.effect.values[key] == one.value
+        estimate = term.estimates[key]
+        assert abs(estimate.value - ECCENTRIC[key]) < 3.0 * estimate.std
+        assert 0.0 < estimate.std < 3e-6
+        assert estimate.unit == "rad"
+        assert term.effect.values[key] == estimate.value
     assert term.accepted
     assert diagnosis.adapted.effects == (term.effect,)
     assert term.log_bayes_factor > 20.0
@@ -131,28 +132,17 @@ def test_what_could_have_been_seen_is_reported_of_every_kind():
         assert (size.minimum is None) == bool(size.why)
 
 
-@pytest.mark.slow
-def test_a_decision_alone_says_the_same_terms():
-    quick = decided(measured_with(bump()))
-    assert names(quick) == names(bumpy())
-    assert [t.status for t in quick.terms] == [t.status for t in bumpy().terms]
-    assert quick.detectable == ()
-    assert all(term.separate_by == "" for term in quick.terms)
-    assert clean().detectable == ()
-
-
-@pytest.mark.slow
 def test_a_bump_is_unknown_at_its_joint_and_becomes_a_curve():
-    found, wrong = bumpy(), bump()
-    assert found.verdict == "unknown"
-    unknown = [term for term in found.terms if term.status == "unknown"]
-    assert {one.candidate.joint for one in unknown} == {wrong.joint}
+    diagnosis, wrong = bumpy(), bump()
+    assert diagnosis.verdict == "unknown"
+    unknown = [term for term in diagnosis.terms if term.status == "unknown"]
+    assert {term.candidate.joint for term in unknown} == {wrong.joint}
     term = unknown[0]
     assert term.candidate.kind == term.effect.kind == "empirical"
     assert term.candidate.covariate == f"{wrong.joint}_rad"
     assert term.accepted
-    assert term.effect in found.adapted.effects
-    assert found.gap.closed > 0.75
+    assert term.effect in diagnosis.adapted.effects
+    assert diagnosis.gap.closed > 0.75
 
 
 def test_the_curve_of_a_bump_is_where_the_bump_is():
@@ -237,14 +227,6 @@ def test_an_effect_that_the_arm_has_already_is_no_finding():
         assert abs(kept.values[key] - entry.values[key]) < 3.0 * std
 
 
-@pytest.mark.slow
-def test_equal_seeds_decide_equally():
-    given = measured()
-    one, other = (diagnose(given.campaign, given.arm, DECISION) for _ in range(2))
-    assert one.leftovers == other.leftovers
-    assert np.array_equal(one.held_out, other.held_out)
-
-
 def two_wrong():
     return hidden("encoder_eccentricity", 20.0), hidden("backlash", 20.0)
 
@@ -262,8 +244,12 @@ def test_two_effects_are_found_one_after_the_other():
     assert {name[0] for name in names(diagnosis)} == {one.kind for one in two_wrong()}
     s = [step.held_out.chi2 for step in diagnosis.ledger]
     assert s[0] > s[1] > s[2]
-    # A decision alone says the ends only.
+    # A decision alone says the same terms, of the ledger the ends only.
     quick = decided(measured_with(*two_wrong()))
+    assert names(quick) == names(diagnosis)
+    assert [t.status for t in quick.terms] == [t.status for t in diagnosis.terms]
+    assert quick.detectable == ()
+    assert all(term.separate_by == "" for term in quick.terms)
     first, last = quick.ledger
     assert first.held_out.chi2 == pytest.approx(s[0])
     assert last.held_out.chi2 == pytest.approx(s[2])
@@ -337,10 +323,17 @@ def test_the_gap_is_that_of_the_arm_that_is_written(wished):
         assert "that is not written included" in words
 
 
-def test_progress_rises():
+def test_progress_rises_and_equal_seeds_decide_equally():
     progress = []
     given = measured()
-    diagnose(given.campaign, given.arm, DECISION, lambda _, part: progress.append(part))
+    again = diagnose(
+        given.campaign,
+        given.arm,
+        diagnosed.DECISION,
+        lambda _, part: progress.append(part),
+    )
+    assert again.leftovers == clean().leftovers
+    assert np.array_equal(again.held_out, clean().held_out)
     assert progress == sorted(progress)
     assert 0.0 < progress[0] < progress[-1] < 1.0
 

@@ -40,7 +40,6 @@ def kinds(arm):
     ("kind", "joint"),
     [
         ("joint_compliance", "J2"),
-        pytest.param("joint_compliance", "J3", marks=pytest.mark.slow),
         pytest.param("bearing_compliance", "J3", marks=pytest.mark.slow),
         pytest.param("mount_compliance", None, marks=pytest.mark.slow),
     ],

@@ -55,8 +55,10 @@ def test_blunders_of_fifteen_sigma_at_cones_are_all_removed(part):
     assert result.global_test.passed
     spread = np.sqrt(np.diag(reference.covariance))
     change = [
-        one.value - other.value
-        for one, other in zip(result.parameters, reference.parameters, strict=True)
+        spoilt.value - undisturbed.value
+        for spoilt, undisturbed in zip(
+            result.parameters, reference.parameters, strict=True
+        )
     ]
     assert np.max(np.abs(change) / spread) < 1.5
 
@@ -113,23 +115,11 @@ def test_noise_may_differ_between_joints():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_design_far_off_is_no_obstacle(seed):
-    far = built(50 + seed, 10.0, np.radians(2.0))
-    campaign = simulate(far, TABLES, 50, seed)
-    result = identify(campaign, DESIGN_ARM)
-    assert result.converged
-    assert result.global_test.passed
-    assert result.rms_before_mm > 20.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [2, 3])
-def test_zeros_wrong_by_a_radian_are_found(seed):
-    offsets = np.random.default_rng(seed).uniform(-1, 1, 7)
-    true = built(60 + seed)
+def test_zeros_wrong_by_a_radian_are_found():
+    offsets = np.random.default_rng(2).uniform(-1, 1, 7)
+    true = built(62)
     true = replace(true, zeros_rad=true.zeros_rad + offsets)
-    campaign = simulate(true, TABLES, 50, seed)
+    campaign = simulate(true, TABLES, 50, 2)
     result = identify(campaign, DESIGN_ARM)
     assert result.converged
     assert result.global_test.passed
@@ -144,15 +134,19 @@ def test_a_far_start_survives_blunders():
     result = identify(campaign, DESIGN_ARM)
     excluded = {entry.line - 2 for entry in result.excluded}
     assert len(excluded ^ bad) <= 3
+    assert result.converged
+    assert result.rms_before_mm > 20.0
     assert result.sigma0 < 1.2
 
 
-@pytest.mark.parametrize("artefact", [0, pytest.param(3, marks=pytest.mark.slow)])
-def test_a_joint_read_one_radian_off_costs_its_pose_alone(artefact):
-    """Decimetres off, at a seat or at one of the few touches of a bar's sphere."""
+@pytest.mark.parametrize(
+    ("artefact", "n_spoilt"), [(0, 1), pytest.param(3, 2, marks=pytest.mark.slow)]
+)
+def test_a_joint_read_one_radian_off_costs_its_pose_alone(artefact, n_spoilt):
+    """Decimetres off, at a seat or at one of the few touches of either sphere."""
     clean = simulate(built(1), TABLES, 27, 8)
     of_artefact = np.flatnonzero(clean.poses.artefacts == artefact)
-    for bad in of_artefact[:2]:
+    for bad in of_artefact[:n_spoilt]:
         angles_rad = clean.poses.angles_rad.copy()
         angles_rad[bad, 2] += 1.0
         poses = replace(clean.poses, angles_rad=angles_rad)

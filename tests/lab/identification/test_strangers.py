@@ -84,7 +84,6 @@ def test_a_campaign_that_determines_little_converges(seed, free):
         ([*cones(3), BALL], "ball.radius_mm", 254.0, 25.4, False),
         ([*cones(2), BALL, SHORT], "ball.radius_mm", 254.0, 25.4, True),
         ([*cones(2), SHORT, LONG], "short.distance_mm", 404.0, 400, True),
-        ([*cones(2), SHORT, LONGEST], "longest.distance_mm", 808.0, 800, True),
         ([*cones(2), SHORT, LONGEST], "longest.distance_mm", 80.0, 800, False),
         ([*cones(2), SHORT, LONG], "short.radius_mm", 13.7, 12.7, False),
         ([*cones(2), LONG, GAUGE], "gauge.distance_mm", 101.0, 100, True),
@@ -97,10 +96,10 @@ def test_a_wrong_certificate_is_named_with_its_value(
     noise = {} if noise_known else {"encoder_rad": None, "contact_mm": None}
     lies = {artefact: {key: wrong_mm}}
     result, words = identified(tables, 72, lies=lies, **noise)
-    (found,) = result.contradictions
-    assert (found.artefact, found.name) == (artefact, key)
-    assert found.certified_mm == wrong_mm
-    estimate = result.length_of(artefact, found.name)
+    (contradiction,) = result.contradictions
+    assert (contradiction.artefact, contradiction.name) == (artefact, key)
+    assert contradiction.certified_mm == wrong_mm
+    estimate = result.length_of(artefact, contradiction.name)
     # Without another length the arm keeps the design's scale.
     close = 5.0 * estimate.std_mm if tables[-1] is not BALL else 0.01 * value_mm
     assert estimate.value_mm == pytest.approx(value_mm, abs=close)
@@ -158,5 +157,6 @@ def test_zeros_that_are_held_by_wish_are_never_moved():
     held, _ = identified(tables, options=options, arm=true)
     assert not np.any(held.zero_offsets_rad)
     assert [joint.zero_rad for joint in held.arm.joints] == DESIGN.zeros_rad.tolist()
-    one, _ = identified(tables, options=replace(QUICK, hold=("J2.zero",)), arm=true)
-    assert one.zero_offsets_rad[1] == 0.0
+    options = replace(QUICK, hold=("J2.zero",))
+    held_at_j2, _ = identified(tables, options=options, arm=true)
+    assert held_at_j2.zero_offsets_rad[1] == 0.0
