@@ -19,6 +19,7 @@ from traverse.strict_toml.files import bytes_of
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
     from traverse.lab.acceptance.certificate.values import SealedCertificate
+    from traverse.lab.acceptance.conformity import Limits
 
 
 def verify(
@@ -39,7 +40,7 @@ def verify(
     """Decide on conformity by the figures of a standard.
 
     Writes certificate.json, .html and .pdf with the raw data into --out.
-    Exit status 1: something is missing, or not everything is accepted.
+    Exit status 1: something is missing, a statement too, or not everything is accepted.
 
     Args:
         data: Folder with campaign.toml, or a recording (.mcap).
@@ -84,7 +85,7 @@ def verify(
     wrote = f"wrote {out}: certificate.json, .html, .pdf, data"
     lines = [*WORDS.lines("summary", values), *([] if out is None else [wrote])]
     print_report(values, lines, as_json=as_json)
-    if not certificate.verification.is_good:
+    if values["verdict"] != "accept":
         raise typer.Exit(FAILED)
 
 
@@ -104,11 +105,9 @@ def _certificate(
     limits_file: Path | None,
     computed_by: str | None,
 ) -> "SealedCertificate":
+    from traverse.lab.acceptance.administration import administration_of
     from traverse.lab.acceptance.certificate.check import ARM, LIMITS
-    from traverse.lab.acceptance.certificate.values import (
-        SealedCertificate,
-        administration_of,
-    )
+    from traverse.lab.acceptance.certificate.values import SealedCertificate
     from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
     from traverse.lab.acceptance.standards import verified
     from traverse.lab.measured_points.reading import files_read, read_by_tool
@@ -117,6 +116,7 @@ def _certificate(
 
     arm, text = _arm(data, arm_file)
     permitted = NO_LIMITS if limits_file is None else read_strict(limits_file, Limits)
+    _ask_before(data, standard, arm, permitted)
     covariance = _covariance_beside(arm, arm_file)
     measured = read_by_tool(data, arm, None if covariance is None else arm_file)
     files = {path.name: bytes_of(path) for path in files_read(data)}
@@ -135,9 +135,23 @@ def _certificate(
         arm,
         permitted,
         files,
-        administration_of(measured, arm),
+        administration_of(measured, arm, permitted),
         sources.report_provenance(source, computed_by),
     )
+
+
+def _ask_before(data: Path, standard: str, arm: "Arm", limits: "Limits") -> None:
+    """Name what a verdict lacks while nothing has been measured."""
+    from traverse.lab.acceptance.statements import absent_before
+    from traverse.lab.campaign.campaign_file import read_campaign_file
+
+    if data.suffix == ".mcap":
+        return
+    file = read_campaign_file(data / "campaign.toml")
+    if not (data / file.poses).exists():
+        for statement in absent_before(standard, file, arm, limits):
+            text = f"a verdict lacks {statement.subject}: give {statement.where}"
+            typer.echo(text, err=True)
 
 
 def _covariance_beside(arm: "Arm", file: Path | None) -> Path | None:
@@ -196,10 +210,6 @@ def _checked(
     else:
         problems = certificate_problems(path)
         notes = []
-        if not (folder / "SHA256SUMS").is_file():
-            notes.append(
-                "no SHA256SUMS: the pages certificate.html and .pdf are not checked"
-            )
     if not problems:
         notes.insert(0, "digests agree, and the figures follow from the data")
     lines = [f"{path}: {line}" for line in (*problems, *notes)]

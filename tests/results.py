@@ -6,6 +6,7 @@ Nobody writes into these folders: a test that alters something makes a copy.
 import shutil
 from pathlib import Path
 
+from tests.lab.acceptance.stated import limits_text, state_all, write_numbered
 from tests.running import run_traverse
 from tests.shared import new_folder, shared
 from traverse.kinematics.arm_file.arm import read_arm
@@ -21,11 +22,6 @@ from traverse.simulator.campaigns.acceptance.poses import (
 )
 
 ARM = Path(__file__).parents[1] / "cli" / "demo_data" / "arm.toml"
-LIMITS = """\
-schema = "traverse/acceptance-limits/1"
-[mpe]
-interim_length_mm = 0.050
-"""
 WHEN = 'operator = "M. Curie"\nplace = "Room 2"\nstart_utc = 2026-11-20T09:00:00Z\n'
 
 
@@ -65,13 +61,13 @@ def identified() -> Path:
 
 @shared
 def verified() -> Path:
-    """A dated acceptance `campaign`, `limits.toml`, and what verify wrote in `out`."""
+    """A stated acceptance `campaign`, `limits.toml`, and what verify wrote in `out`."""
     folder, arm = new_folder(), read_arm(ARM)
     poses = drawn_acceptance(acceptance_poses(arm, "vdi2617-9", 3), 3)
     write_campaign(folder / "campaign", poses, arm)
-    _date(folder / "campaign")
-    (folder / "limits.toml").write_text(LIMITS)
-    words = ("--standard", "vdi2617-9", "--arm", ARM, "--limits", "limits.toml")
-    given = [str(word) for word in words]
-    run_traverse(folder, "verify", "campaign", *given, "--out", "out")
+    state_all(folder / "campaign")
+    write_numbered(ARM, folder / "arm.toml")
+    (folder / "limits.toml").write_text(limits_text(interim_length_mm=0.05))
+    words = ("--standard", "vdi2617-9", "--arm", "arm.toml", "--limits", "limits.toml")
+    run_traverse(folder, "verify", "campaign", *words, "--out", "out")
     return folder

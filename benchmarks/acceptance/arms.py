@@ -225,6 +225,7 @@ def _measured(
                 "kind": entry.kind,
                 **entry.table,
                 "expansion_per_c": EXPANSION_PER_C,
+                "expansion_std_per_c": 0.0,
             }
         )
         for entry in artefacts

@@ -10,11 +10,9 @@ from matplotlib.figure import Figure
 
 from benchmarks.acceptance import arms, rates
 from traverse.kinematics.arm_file.arm import read_arm
+from traverse.lab.acceptance.administration import administration_of
 from traverse.lab.acceptance.certificate.pictures import paintings
-from traverse.lab.acceptance.certificate.values import (
-    SealedCertificate,
-    administration_of,
-)
+from traverse.lab.acceptance.certificate.values import SealedCertificate
 from traverse.lab.acceptance.conformity import Limits
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.measured_points.reading import read_measured
@@ -65,7 +63,7 @@ def example() -> dict[str, Any]:
             arm,
             limits,
             {},
-            administration_of([measured], arm),
+            administration_of([measured], arm, limits),
             report_provenance(ReportSource("example", "")),
         ).values
 

@@ -54,6 +54,8 @@ def qif_of_arm(arm: Arm, verification: Path | None) -> tuple[bytes, dict[str, An
             "arm_digest": summary["digest"],
             "joints": " ".join(joint["name"] for joint in joints),
             "link_mm": " ".join(repr(joint["link_mm"]) for joint in joints),
+            "verification": values.get("conclusion"),
+            "statements_missing": _absent(values),
         },
     )
     text_element(device, "NumberOfJoints", str(len(joints)))
@@ -74,6 +76,12 @@ def qif_of_arm(arm: Arm, verification: Path | None) -> tuple[bytes, dict[str, An
         "tests": [{"test": test.tag, "of": title} for title, test in tests.items()],
     }
     return document.content(), report
+
+
+def _absent(values: Mapping[str, Any]) -> str | None:
+    """Name the statements that a verdict lacks; None without any."""
+    absent = values.get("statements", {}).get("absent", ())
+    return "; ".join(f"{each['text']} ({each['where']})" for each in absent) or None
 
 
 def _checked(verification: Path, digest: str) -> dict[str, Any]:
@@ -146,7 +154,8 @@ def _add_accuracy(
     accuracy.append(test)
     digest = values["digest"]["digest"]
     source = SubElement(accuracy, "AccuracySource")
-    text_element(source, "OtherAccuracySource", f"{title}; digest {digest}")
+    withheld = f"{values['conclusion']}: " if values["statements"]["absent"] else ""
+    text_element(source, "OtherAccuracySource", f"{withheld}{title}; digest {digest}")
 
 
 def _length(parent: Element, name: str, value_mm: float) -> None:

@@ -9,7 +9,7 @@ the limit:
 
 Between the guard bands neither conformity nor its opposite is proved: who has to prove
 loses (the supplier cannot prove conformity, nor the customer the opposite). Where u is
-not stated ISO 14253-1 decides nothing: "undecided".
+not stated nothing is decided: "undecided".
 
 The uncertainty of a test value is what the standard adds, not what the arm does: the
 arm's own errors, its repeatability included, are what is tested. What remains are the
@@ -24,6 +24,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, PlainValidator
 
+from traverse.lab.artefacts.materials import Expansion
 from traverse.strict_toml.reader import StrictModel
 
 # ISO 14253-1:2017: 95 % for one limit needs 1.65 standard uncertainties.
@@ -88,14 +89,12 @@ class Standards(StrictModel):
 
     Attributes:
         temperature_std_c: Standard uncertainty of a standard's temperature.
-        expansion_std_per_c: Of its coefficient of expansion.
         form_mm: Form error of the test sphere by its certificate.
         form_std_mm: Standard uncertainty of that.
         fixture_std_mm: How far a standard moves in its fixture while it is measured.
     """
 
     temperature_std_c: float = Field(default=0.0, ge=0.0)
-    expansion_std_per_c: float = Field(default=0.0, ge=0.0)
     form_mm: float = Field(default=0.0, ge=0.0)
     form_std_mm: float = Field(default=0.0, ge=0.0)
     fixture_std_mm: float = Field(default=0.0, ge=0.0)
@@ -165,9 +164,9 @@ def decision_of(
 
 def guard_of(standard_mm: float | None, limits: Limits) -> float | None:
     """Return how wide the guard band is; None where its uncertainty is not stated."""
-    if limits.decision == "simple":
-        return 0.0
-    return None if standard_mm is None else limits.guard_factor * standard_mm
+    if standard_mm is None:
+        return None
+    return 0.0 if limits.decision == "simple" else limits.guard_factor * standard_mm
 
 
 def rule_text(limits: Limits) -> str:
@@ -247,7 +246,7 @@ def length_budget(
     length_mm: float,
     calibration_mm: float,
     standards: Standards,
-    per_c: float,
+    expansion: Expansion,
     warmer_c: float,
 ) -> Budget:
     """Draw up the budget of a certified length, which may be a diameter.
@@ -255,8 +254,7 @@ def length_budget(
     The calibration is its standard uncertainty, the temperature is less that of the
     certificate.
     """
-    expansion_mm = length_mm * standards.expansion_std_per_c * abs(warmer_c)
-    temperature_mm = length_mm * abs(per_c) * standards.temperature_std_c
+    per_c, std_per_c = expansion.per_c, expansion.std_per_c
     return Budget(
         (
             required(
@@ -267,16 +265,22 @@ def length_budget(
             ),
             Contribution(
                 "expansion coefficient",
-                f"{length_mm:g} mm x {standards.expansion_std_per_c:g} /C x "
-                f"{abs(warmer_c):.2f} C",
-                expansion_mm,
+                "give material, or expansion_per_c and expansion_std_per_c, in "
+                "campaign.toml",
+                None,
+            )
+            if per_c is None or std_per_c is None
+            else Contribution(
+                "expansion coefficient",
+                f"{length_mm:g} mm x {std_per_c:g} /C x {abs(warmer_c):.2f} C",
+                length_mm * std_per_c * abs(warmer_c),
             ),
             Contribution("temperature", "the standard does not expand", 0.0)
-            if per_c == 0.0
+            if not per_c
             else required(
                 "temperature",
                 f"{length_mm:g} mm x {per_c:g} /C x {standards.temperature_std_c:g} C",
-                temperature_mm,
+                length_mm * abs(per_c) * standards.temperature_std_c,
                 f"temperature_std_c {IN_LIMITS}",
             ),
             Contribution("fixture", "as stated", standards.fixture_std_mm),
@@ -465,14 +469,3 @@ class Verification:
     scatters: tuple[Scatter, ...]
     remarks: tuple[str, ...] = ()
     predicted: PredictedLengths | None = None
-
-    @property
-    def verdict(self) -> Verdict | None:
-        """Combined verdict of the decisions; None without any."""
-        verdicts = [f.decision.verdict for f in self.figures if f.decision]
-        return worst(verdicts) if verdicts else None
-
-    @property
-    def is_good(self) -> bool:
-        """Nothing is missing, and nothing but accepted."""
-        return not self.missing and self.verdict in (None, "accept")

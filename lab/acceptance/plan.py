@@ -22,6 +22,7 @@ from traverse.lab.acceptance.standards import (
     PROBING,
     UNIDIRECTIONAL,
 )
+from traverse.lab.artefacts.materials import MATERIALS
 from traverse.lab.campaign.campaign_file import EXAMPLE, read_campaign_file
 from traverse.lab.collection.plan import PLAN, PlanFile
 from traverse.lab.measured_points.measurement import reach_of
@@ -135,7 +136,6 @@ def _lengths(reach_mm: float, prefix: str) -> Iterator[_Test]:
                     "kind": "points",
                     "frame": "own",
                     "points_std_mm": 0.0004,
-                    "expansion_per_c": 0.0,
                     "points_mm": ends,
                 }
                 say = f"length of {length_mm:.0f} mm {way}: ball into seat"
@@ -145,7 +145,6 @@ def _lengths(reach_mm: float, prefix: str) -> Iterator[_Test]:
                     "kind": "parallel_planes",
                     "distance_mm": length_mm,
                     "distance_std_mm": 0.0005,
-                    "expansion_per_c": 0.0,
                 }
                 say = f"block of {length_mm:.0f} mm {way}: {PER_FACE} points on face"
                 features, touches = ("1", "2"), PER_FACE
@@ -200,7 +199,6 @@ def _bar(length_mm: float) -> Mapping[str, Any]:
         "radius_mm": 12.7,
         "distance_mm": length_mm,
         "distance_std_mm": 0.0005,
-        "expansion_per_c": 0.0,
     }
 
 
@@ -219,7 +217,12 @@ _HEAD = """\
 # What `traverse verify --plan {standard}` proposes to touch.
 # Put in the lengths, radii, uncertainties and expansion of YOUR certificates, and then
 # the serial number of each standard in place of EXAMPLE: until then nothing counts.
-# Beside it may stand calibration_date = 2026-01-31 and certificate_number = "...".
+# A verdict needs of each standard, beside its serial number, the lines
+#   certificate_number = "..."      calibrated_by = "laboratory, accreditation"
+#   calibration_date = 2026-01-31   valid_until = 2028-01-31
+#   material = "{materials}"
+#   or, by its certificate, expansion_per_c and expansion_std_per_c
+# and below [circumstances] what is asked for there. `traverse verify` names what lacks.
 # Ids and features say which test a touch belongs to; keep them.
 """
 
@@ -238,8 +241,10 @@ def write_plan(plan: Plan, standard: str, folder: Path) -> dict[str, Any]:
     marked = replace(plan, artefacts=dict(_marked(plan.artefacts)))
     write_atomically(
         folder / CAMPAIGN,
-        _HEAD.format(standard=standard)
-        + campaign_text(marked, operator=EXAMPLE, place=EXAMPLE),
+        _HEAD.format(standard=standard, materials=" | ".join(MATERIALS))
+        + campaign_text(
+            marked, operator=EXAMPLE, place=EXAMPLE, circumstances={"probe": EXAMPLE}
+        ),
     )
     write_atomically(folder / PLAN, plan_text(plan))
     read_campaign_file(folder / CAMPAIGN)

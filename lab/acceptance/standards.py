@@ -93,13 +93,13 @@ def verified(
         tuple(part for part in parts if isinstance(part, Missing)),
         lengths,
         tuple(part for part in parts if isinstance(part, Scatter)),
-        (*notes, *_not_stated(parts, limits)),
+        (*notes, *_not_stated(parts)),
         # With several tools no touch has a stated uncertainty.
         predicted_lengths(measured[0], lengths),
     )
 
 
-def _not_stated(parts: list[Part], limits: Limits) -> Iterator[str]:
+def _not_stated(parts: list[Part]) -> Iterator[str]:
     """Return which decisions fail for want of an uncertainty, and where to state it."""
     names: dict[str, list[str]] = {}
     for part in parts:
@@ -110,7 +110,7 @@ def _not_stated(parts: list[Part], limits: Limits) -> Iterator[str]:
                         part.name
                     )
     for what, figures in names.items():
-        message = f"no uncertainty is stated for {', '.join(figures)} ({what})"
-        if limits.decision != "simple":
-            message += ", so ISO 14253-1 decides nothing"
-        yield message
+        of_figures = ", ".join(figures)
+        yield (
+            f"no uncertainty is stated for {of_figures} ({what}), so nothing is decided"
+        )

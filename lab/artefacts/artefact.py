@@ -20,6 +20,7 @@ from traverse.arrays import Booleans, Floats, Integers
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry
+from traverse.lab.artefacts.materials import MATERIALS, Expansion, MaterialName
 from traverse.strict_toml.reader import StrictModel
 
 # Standard deviation of a certified length without a stated uncertainty: a
@@ -190,6 +191,8 @@ class Artefact(StrictModel):
     serial_number: str | None = None
     calibration_date: date | None = None
     certificate_number: str | None = None
+    calibrated_by: str | None = None
+    valid_until: date | None = None
 
     @field_validator("id")
     @classmethod
@@ -233,8 +236,12 @@ class Artefact(StrictModel):
     @property
     def expansion(self) -> tuple[float, float]:
         """Expansion per degree Celsius, and the temperature of the certificate."""
-        reference_c = getattr(self, "reference_temperature_c", REFERENCE_TEMPERATURE_C)
-        return getattr(self, "expansion_per_c", 0.0), reference_c
+        return 0.0, REFERENCE_TEMPERATURE_C
+
+    @property
+    def stated_expansion(self) -> Expansion:
+        """What is stated of the expansion of its certified lengths, if it has any."""
+        return Expansion(None, None)
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
         """Compare the unknowns with the certificate; by default there is none."""
@@ -287,6 +294,33 @@ class Artefact(StrictModel):
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
         """Set up the condition equations of centres (n_poses, 3)."""
+
+
+class ExpandingArtefact(Artefact):
+    """An artefact with certified lengths, which grow with the temperature.
+
+    Attributes:
+        material: Says how much it expands where `expansion_per_c` does not.
+        expansion_std_per_c: Standard uncertainty of `expansion_per_c`.
+    """
+
+    material: MaterialName | None = None
+    expansion_per_c: float | None = None
+    expansion_std_per_c: float | None = Field(default=None, ge=0.0)
+    reference_temperature_c: float = REFERENCE_TEMPERATURE_C
+
+    @property
+    def expansion(self) -> tuple[float, float]:
+        """As of every artefact; without a statement it does not expand."""
+        per_c = self.stated_expansion.per_c
+        return per_c or 0.0, self.reference_temperature_c
+
+    @property
+    def stated_expansion(self) -> Expansion:
+        """What file and material state of the expansion."""
+        if self.expansion_per_c is None and self.material is not None:
+            return MATERIALS[self.material]
+        return Expansion(self.expansion_per_c, self.expansion_std_per_c)
 
 
 _STEPS = 15

@@ -15,10 +15,10 @@ from pydantic import Field, field_validator
 from traverse.arrays import Floats
 from traverse.lab.artefacts.artefact import (
     EXACT_MM,
-    REFERENCE_TEMPERATURE_C,
     Artefact,
     Certificate,
     Equations,
+    ExpandingArtefact,
     Length,
     Touches,
 )
@@ -30,7 +30,7 @@ from traverse.lab.artefacts.sphere import (
 )
 
 
-class BallBar(Artefact):
+class BallBar(ExpandingArtefact):
     """Two spheres; state: both centres, then both radii."""
 
     kind: Literal["ball_bar"]
@@ -38,8 +38,6 @@ class BallBar(Artefact):
     radius_std_mm: float | None = Field(default=None, gt=0.0)
     distance_mm: float = Field(gt=0.0)
     distance_std_mm: float | None = Field(default=None, gt=0.0)
-    expansion_per_c: float = 0.0
-    reference_temperature_c: float = REFERENCE_TEMPERATURE_C
 
     @field_validator("radius_mm")
     @classmethod

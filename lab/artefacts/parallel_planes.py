@@ -14,10 +14,10 @@ from pydantic import Field
 
 from traverse.arrays import Floats
 from traverse.lab.artefacts.artefact import (
-    REFERENCE_TEMPERATURE_C,
     Artefact,
     Certificate,
     Equations,
+    ExpandingArtefact,
     Length,
     Touches,
     certificate_of,
@@ -32,15 +32,13 @@ from traverse.lab.artefacts.plane import (
 from traverse.lab.artefacts.sphere import offset_sign
 
 
-class ParallelPlanes(Artefact):
+class ParallelPlanes(ExpandingArtefact):
     """A pair of parallel surfaces; state: normal, middle height, distance."""
 
     kind: Literal["parallel_planes"]
     distance_mm: float = Field(gt=0.0)
     distance_std_mm: float | None = Field(default=None, gt=0.0)
     side: Literal["outside", "inside"] = "outside"
-    expansion_per_c: float = 0.0
-    reference_temperature_c: float = REFERENCE_TEMPERATURE_C
 
     @property
     def features(self) -> tuple[str, ...]:

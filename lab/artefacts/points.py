@@ -30,10 +30,9 @@ from traverse.kinematics.model.quaternion import (
     rotation_matrix,
 )
 from traverse.lab.artefacts.artefact import (
-    REFERENCE_TEMPERATURE_C,
-    Artefact,
     Certificate,
     Equations,
+    ExpandingArtefact,
     OrientationEquations,
     Touches,
 )
@@ -43,7 +42,7 @@ _POINT_SCALE_MM = 100.0
 _N_FRAME_UNKNOWNS = {"arm": 0, "own": 6, "own_scaled": 7}
 
 
-class Points(Artefact):
+class Points(ExpandingArtefact):
     """A set of points with known coordinates in some system."""
 
     rows_per_pose = 3
@@ -52,8 +51,6 @@ class Points(Artefact):
     frame: Literal["arm", "own", "own_scaled"]
     points_mm: dict[str, Vector] | str
     points_std_mm: float | None = Field(default=None, gt=0.0)
-    expansion_per_c: float = 0.0
-    reference_temperature_c: float = REFERENCE_TEMPERATURE_C
 
     @property
     def features(self) -> tuple[str, ...]:

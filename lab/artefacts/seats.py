@@ -16,10 +16,10 @@ from pydantic import Field, model_validator
 
 from traverse.arrays import Floats
 from traverse.lab.artefacts.artefact import (
-    REFERENCE_TEMPERATURE_C,
     Artefact,
     Certificate,
     Equations,
+    ExpandingArtefact,
     Length,
     Touches,
     certificate_of,
@@ -36,7 +36,7 @@ class SeatDistance(StrictModel):
     distance_std_mm: float | None = Field(default=None, gt=0.0)
 
 
-class Seats(Artefact):
+class Seats(ExpandingArtefact):
     """Two or more seats; state: their points."""
 
     rows_per_pose = 3
@@ -44,8 +44,6 @@ class Seats(Artefact):
     distance_mm: float | None = Field(default=None, gt=0.0)
     distance_std_mm: float | None = Field(default=None, gt=0.0)
     distances: tuple[SeatDistance, ...] = ()
-    expansion_per_c: float = 0.0
-    reference_temperature_c: float = REFERENCE_TEMPERATURE_C
 
     @model_validator(mode="after")
     def _some_distance(self) -> Self:

@@ -13,10 +13,10 @@ from pydantic import Field
 
 from traverse.arrays import Floats, Integers
 from traverse.lab.artefacts.artefact import (
-    REFERENCE_TEMPERATURE_C,
     Artefact,
     Certificate,
     Equations,
+    ExpandingArtefact,
     Length,
     Touches,
     certificate_of,
@@ -178,15 +178,13 @@ def _at_known_radius(clouds: Floats, centres: Floats, radius: float) -> Floats:
     return np.where(is_nearer[..., np.newaxis], chosen, centres)
 
 
-class Sphere(Artefact):
+class Sphere(ExpandingArtefact):
     """A ball or a bowl; state: centre and radius."""
 
     kind: Literal["sphere"]
     radius_mm: float | None = Field(default=None, gt=0.0)
     radius_std_mm: float | None = Field(default=None, gt=0.0)
     side: Literal["outside", "inside"] = "outside"
-    expansion_per_c: float = 0.0
-    reference_temperature_c: float = REFERENCE_TEMPERATURE_C
 
     def fixes_scale(self, touches: Touches) -> bool:
         """Return whether the radius is known, which determines the scale."""

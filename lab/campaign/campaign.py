@@ -17,7 +17,9 @@ from traverse.kinematics.effects.base.correction import Correction
 from traverse.lab.artefacts.artefact import Artefact, Touches
 from traverse.lab.artefacts.points import Points
 from traverse.lab.campaign.campaign_file import (
+    NONE_STATED,
     CampaignFile,
+    Circumstances,
     Tool,
     example_problems,
     read_campaign_file,
@@ -69,6 +71,7 @@ class Campaign:
         name: Of its folder; empty if there was none.
         operator: Who measured, or None.
         place: Where, or None.
+        circumstances: As in the campaign file.
         digest: SHA-256 over the files, hexadecimal; empty if there were none.
         is_stream: Poses are the samples of a recording: their errors are correlated.
         notes: What is not as it should be, but no reason to refuse.
@@ -89,6 +92,7 @@ class Campaign:
     name: str = ""
     operator: str | None = None
     place: str | None = None
+    circumstances: Circumstances = NONE_STATED
     digest: str = ""
     is_stream: bool = False
     notes: tuple[str, ...] = ()
@@ -331,6 +335,7 @@ def _campaign(
         name=path.parent.resolve().name,
         operator=file.operator,
         place=file.place,
+        circumstances=file.circumstances,
         digest=campaign_digest(path, file),
         is_stream=is_stream,
         notes=notes,

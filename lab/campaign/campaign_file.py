@@ -60,6 +60,23 @@ class Tool(StrictModel):
     held: bool = False
 
 
+class Circumstances(StrictModel):
+    """Circumstances of a measurement that its figures are reported with.
+
+    Attributes:
+        probe: Type and serial number of probe and stylus.
+        warm_up_min: How long the arm was on before the first touch.
+    """
+
+    probe: str | None = Field(default=None, min_length=1)
+    humidity_percent: float | None = Field(default=None, ge=0.0, le=100.0)
+    pressure_hpa: float | None = Field(default=None, gt=0.0)
+    warm_up_min: float | None = Field(default=None, ge=0.0)
+
+
+NONE_STATED = Circumstances()
+
+
 # How `traverse verify --plan` marks what is to be replaced.
 EXAMPLE = "EXAMPLE"
 _TOOL_NAME = re.compile(r"[A-Za-z0-9_-]+")
@@ -72,6 +89,7 @@ class CampaignFile(StrictModel):
     Attributes:
         start_utc: From where the poses' time_s counts.
         arm_digest: Of the arm file that the angles were read with.
+        circumstances: What certificates report beside temperatures.
         noise: A-priori standard deviations.
         tools: What poses may name.
     """
@@ -82,6 +100,7 @@ class CampaignFile(StrictModel):
     start_utc: AwareDatetime | None = None
     operator: str | None = None
     place: str | None = None
+    circumstances: Circumstances = NONE_STATED
     arm_digest: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     gravity_m_s2: Vector | None = None
     noise: Noise = Noise()
@@ -121,7 +140,11 @@ def example_problems(file: CampaignFile) -> list[Problem]:
     """
     problems = [
         Problem(key, f"is {shown(value)}; say what it is, or leave the line out")
-        for key, value in (("operator", file.operator), ("place", file.place))
+        for key, value in (
+            ("operator", file.operator),
+            ("place", file.place),
+            ("circumstances.probe", file.circumstances.probe),
+        )
         if (value or "").startswith(EXAMPLE)
     ]
     marked: dict[str, list[Artefact]] = {}

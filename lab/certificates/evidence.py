@@ -17,13 +17,14 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, read_arm
 from traverse.kinematics.uncertainty.arm_covariance import read_arm_covariance
+from traverse.lab.acceptance.administration import administration_of
 from traverse.lab.acceptance.certificate.check import (
     CERTIFICATE,
     DATA,
     PAGES,
     certificate_problems,
 )
-from traverse.lab.acceptance.certificate.values import administration_of
+from traverse.lab.acceptance.conformity import NO_LIMITS
 from traverse.lab.adjustment import IdentificationError
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.certificates.laboratory import Laboratory
@@ -39,7 +40,7 @@ from traverse.lab.identification.results.result import Identification
 from traverse.lab.measured_points.reading import files_read, measured_campaign
 from traverse.lab.outcomes.adjustment import COVARIANCE_FILE
 from traverse.lab.report.provenance import digest_of_files, sums_of
-from traverse.lab.report.quantities import differences
+from traverse.lab.report.quantities import differences, plain_values
 from traverse.lab.report.templates import Filters, MissingValueError, page
 from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import FileError
@@ -65,6 +66,9 @@ UNITS = {
     "s": r"\second",
     "C": r"\degreecelsius",
     "ppm": r"\ppm",
+    "percent": r"\percent",
+    "hPa": r"\hecto\pascal",
+    "min": r"\minute",
     "rad/C": r"\radian\degreecelsius\tothe{-1}",
     "rad/s": r"\radian\second\tothe{-1}",
     "rad/(N m)": r"\radian\newton\tothe{-1}\metre\tothe{-1}",
@@ -113,15 +117,7 @@ def _line(text: str) -> str:
     return type(text)(" ".join(text.split()))
 
 
-def _conformity(values: Mapping[str, Any]) -> str | None:
-    """Conformity of all figures of a verification; None where it is not decided."""
-    verdicts = {figure["verdict"] for figure in values["figures"]}
-    if "reject" in verdicts:
-        return "fail"
-    return "pass" if verdicts == {"accept"} and not values["missing"] else None
-
-
-_FILTERS: Filters = {"quantity": quantity, "line": _line, "conformity": _conformity}
+_FILTERS: Filters = {"quantity": quantity, "line": _line}
 
 
 def certificate_text(
@@ -187,7 +183,8 @@ def evidence_text(folder: Path, laboratory: Laboratory, issued: date) -> str:
         arm = read_arm(folder / _ARM)
         campaign = _campaign(folder, arm)
         measured = measured_campaign(campaign, arm, campaign.artefacts)
-        about = administration_of([measured], arm), arm_digest(arm)
+        administration = administration_of([measured], arm, NO_LIMITS)
+        about = plain_values(administration), arm_digest(arm)
         return certificate_text("identification", values, *about, **stated)
     except FileError:
         raise

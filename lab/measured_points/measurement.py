@@ -23,7 +23,7 @@ from traverse.lab.artefacts.parallel_planes import ParallelPlanes
 from traverse.lab.artefacts.points import Points
 from traverse.lab.artefacts.seats import Seats
 from traverse.lab.artefacts.sphere import Sphere
-from traverse.lab.campaign.campaign_file import Tool
+from traverse.lab.campaign.campaign_file import NONE_STATED, Circumstances, Tool
 from traverse.plurals import counted
 
 
@@ -76,10 +76,12 @@ class Occasion:
     Attributes:
         operator: As in the campaign file.
         place: As in the campaign file.
+        circumstances: As in the campaign file.
     """
 
     operator: str | None = None
     place: str | None = None
+    circumstances: Circumstances = NONE_STATED
     first_utc: datetime | None = None
     last_utc: datetime | None = None
 

@@ -227,7 +227,7 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
         table.check()
     if not numbers:
         raise FileError(path, "holds no points; measure some")
-    occasion = _occasion(file, times_ns)
+    occasion = occasion_of(file, times_ns)
     return measurement_of_touches(
         arm, artefacts, names, np.array(numbers), (), occasion=occasion
     )
@@ -385,18 +385,18 @@ def measured_campaign(
         (touched, features),
         np.column_stack([places_mm, temperature_c, tip_mm]),
         notes,
-        occasion=_occasion(campaign, times_ns),
+        occasion=occasion_of(campaign, times_ns),
         errors=errors,
     )
 
 
-def _occasion(stated: CampaignFile | Campaign, times_ns: Sequence[int]) -> Occasion:
+def occasion_of(stated: CampaignFile | Campaign, times_ns: Sequence[int]) -> Occasion:
     """Say who measured, where, and from when to when, to the second."""
     ends = [
         datetime.fromtimestamp(ns // 10**9, UTC)
         for ns in ((min(times_ns), max(times_ns)) if times_ns else ())
     ]
-    return Occasion(stated.operator, stated.place, *ends)
+    return Occasion(stated.operator, stated.place, stated.circumstances, *ends)
 
 
 def _flag_notes(flags: PoseFlags) -> Iterator[str]:

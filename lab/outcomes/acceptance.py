@@ -13,6 +13,16 @@ from traverse.lab.outcomes.base import (
 )
 
 _VERIFY = "Measure what is missing, and verify again."
+FIGURES_ONLY = "Figures only: not a certificate"
+# What is decided of a figure, by its verdict, the worst first.
+VERDICT_WORDS = {
+    "withheld": "figures only",
+    "reject": "rejected",
+    "undecided": "no decision, for want of an uncertainty",
+    "neither": "neither accepted nor rejected",
+    "accept": "accepted",
+    None: "no limit given",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +30,7 @@ class DecidedFigure:
     """A figure of an acceptance test and its decision.
 
     Attributes:
-        verdict: accept, reject, neither, undecided; None without a limit.
+        verdict: By its limit alone: accept, reject, neither, undecided; None without.
         remarks: What was not done as the standard says.
     """
 
@@ -32,14 +42,49 @@ class DecidedFigure:
 
 
 @dataclass(frozen=True, slots=True)
+class AbsentStatement:
+    """A statement that a verdict rests on and that nobody made.
+
+    Attributes:
+        code: Its name in JSON.
+        text: What is to be stated, without an article.
+        where: Key and file.
+        names: Of which standards it is absent; "" for the measurement as a whole.
+    """
+
+    code: str
+    text: str
+    where: str
+    names: tuple[str, ...]
+
+    @property
+    def subject(self) -> str:
+        """What is missing, and of what."""
+        names = ", ".join(filter(None, self.names))
+        return f"{self.text} of {names}" if names else self.text
+
+
+@dataclass(frozen=True, slots=True)
 class AcceptanceEvidence:
-    """Figures of an acceptance test, and the names of those that are missing."""
+    """Figures of an acceptance test, names of missing ones, and absent statements."""
 
     figures: Sequence[DecidedFigure]
     missing: Sequence[str]
+    absent: Sequence[AbsentStatement] = ()
 
 
 Finding = Established | Sequence[Shortfall]
+
+
+def _stated(evidence: AcceptanceEvidence) -> Finding:
+    return [
+        Shortfall(
+            f"Missing: {statement.subject}.",
+            f"Give {statement.where}.",
+            {"statement": statement.code, "of": list(filter(None, statement.names))},
+        )
+        for statement in evidence.absent
+    ] or Established()
 
 
 def _complete(evidence: AcceptanceEvidence) -> Finding:
@@ -61,7 +106,7 @@ def _limited(evidence: AcceptanceEvidence) -> Finding:
 def _within(evidence: AcceptanceEvidence) -> Finding:
     return [
         Shortfall(
-            f"{figure.name} is rejected.",
+            f"{figure.name} exceeds its limit.",
             "Do not use the arm as accepted.",
             {"value_mm": figure.value_mm, "limit_mm": figure.limit_mm},
             State.BAD,
@@ -80,7 +125,7 @@ def _decided(evidence: AcceptanceEvidence) -> Finding:
         ),
         "undecided": (
             "is not decided: an uncertainty that the rule needs is not stated.",
-            "State it with the limits.",
+            "State what its budget lacks.",
         ),
     }
     return [
@@ -104,6 +149,7 @@ def _as_prescribed(evidence: AcceptanceEvidence) -> Finding:
 
 CONDITIONS: tuple[Condition[AcceptanceEvidence], ...] = (
     Condition("within", "no figure is rejected", _within),
+    Condition("stated", "all that a verdict rests on is stated", _stated),
     Condition("complete", "all figures of the standard are computed", _complete),
     Condition("decided", "every figure with a limit is decided", _decided),
     Condition("limited", "every figure has a limit", _limited),
@@ -117,28 +163,42 @@ class AcceptanceOutcome:
 
     Attributes:
         title: In a few words.
-        sentences: What was decided of which figures.
+        sentences: What was decided of which figures, or what a verdict lacks.
+        verdict: Of the whole: the worst of its figures'; withheld where a statement is
+            absent; None where a figure is missing or has no limit.
+        verdicts: Of the figures, in their order.
     """
 
     outcome: Outcome
     title: str
     sentences: tuple[str, ...]
+    verdict: str | None
+    verdicts: tuple[str | None, ...]
 
 
 def acceptance_outcome(evidence: AcceptanceEvidence) -> AcceptanceOutcome:
     """Judge an acceptance test by its table of conditions."""
     outcome = judge(CONDITIONS, evidence)
-    sentences = tuple(_sentences(evidence))
-    return AcceptanceOutcome(outcome, _title(outcome, evidence), sentences)
+    verdicts = tuple(
+        "withheld" if evidence.absent else figure.verdict for figure in evidence.figures
+    )
+    return AcceptanceOutcome(
+        outcome,
+        _title(outcome, verdicts, evidence),
+        tuple(_sentences(evidence)),
+        _overall(verdicts, evidence),
+        verdicts,
+    )
 
 
-# The worst first.
-_DECISIONS = {
-    "reject": "Rejected",
-    "undecided": "No decision by ISO 14253-1",
-    "neither": "Neither accepted nor rejected",
-    "accept": "Accepted",
-}
+def _overall(
+    verdicts: Sequence[str | None], evidence: AcceptanceEvidence
+) -> str | None:
+    worst = next((word for word in VERDICT_WORDS if word in verdicts), None)
+    is_open = None in verdicts or bool(evidence.missing)
+    if evidence.absent:
+        return "withheld"
+    return None if worst == "accept" and is_open else worst
 
 
 def _sentences(evidence: AcceptanceEvidence) -> Iterator[str]:
@@ -149,29 +209,41 @@ def _sentences(evidence: AcceptanceEvidence) -> Iterator[str]:
     without = ", ".join(by_verdict.pop(None, []))
     if evidence.missing:
         yield f"Incomplete: {', '.join(evidence.missing)} not computed."
-    elif not by_verdict:
+    if evidence.absent:
+        yield "No verdict is given without what it rests on."
+        for statement in evidence.absent:
+            yield f"Missing: {statement.subject} ({statement.where})."
+        return
+    if not evidence.missing and not by_verdict:
         yield "Complete; no limits given, so nothing is decided."
-    elif set(by_verdict) == {"accept"}:
+    elif not evidence.missing and set(by_verdict) == {"accept"}:
         part = " as far as there are limits" if without else ""
         yield f"Complete: accepted{part}."
-    else:
+    elif not evidence.missing:
         yield "Complete."
     if set(by_verdict) != {"accept"}:
-        for verdict, text in _DECISIONS.items():
+        for verdict, words in VERDICT_WORDS.items():
             if verdict in by_verdict:
-                yield f"{text}: {', '.join(by_verdict[verdict])}."
+                yield f"{_capital(words)}: {', '.join(by_verdict[verdict])}."
     if without and by_verdict:
         yield f"Without a limit: {without}."
 
 
-def _title(outcome: Outcome, evidence: AcceptanceEvidence) -> str:
-    verdicts = {figure.verdict for figure in evidence.figures}
-    for verdict, title in _DECISIONS.items():
-        if verdict in verdicts and verdict != "accept":
-            return title
+def _capital(words: str) -> str:
+    return words[0].upper() + words[1:]
+
+
+def _title(
+    outcome: Outcome, verdicts: Sequence[str | None], evidence: AcceptanceEvidence
+) -> str:
+    if evidence.absent:
+        return FIGURES_ONLY
+    for verdict, words in VERDICT_WORDS.items():
+        if verdict in verdicts and verdict not in ("accept", None):
+            return _capital(words)
     if "complete" in outcome.codes:
         return "Incomplete"
-    if verdicts == {None}:
+    if set(verdicts) == {None}:
         return "Nothing decided: no limits given"
     if None in verdicts:
         return "Accepted in part"

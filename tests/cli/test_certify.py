@@ -10,6 +10,7 @@ import pytest
 from typer.testing import Result
 
 from tests.docs.pages import CHECKOUT
+from tests.lab.acceptance.stated import limits_text, state_all, write_numbered
 from tests.running import invoke
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.simulator.campaigns import (
@@ -49,13 +50,12 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with results as the page has them, a laboratory, and its key."""
     folder, arm = tmp_path_factory.mktemp("desk"), read_arm(ARM)
     touched = drawn_acceptance(acceptance_poses(arm, "vdi2617-9", 3), 3)
-    write_dated(folder / "acceptance", touched, arm)
+    write_campaign(folder / "acceptance", touched, arm)
+    state_all(folder / "acceptance")
     poses = make_poses(arm, CampaignSpec(mix="cones+bar", n_poses=120), seed=3)
     write_dated(folder / "campaign", draw_noise(poses, 5), arm)
-    (folder / "design.toml").write_bytes(ARM.read_bytes())
-    (folder / "limits.toml").write_text(
-        'schema = "traverse/acceptance-limits/1"\n[mpe]\ninterim_length_mm = 0.05\n'
-    )
+    write_numbered(ARM, folder / "design.toml")
+    (folder / "limits.toml").write_text(limits_text(interim_length_mm=0.05))
     (laboratory,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
     (folder / "laboratory.toml").write_text(laboratory)
     (openssl,) = shown("openssl")
@@ -95,7 +95,7 @@ def test_results_are_signed_and_checked_as_the_page_says(at_desk: Path) -> None:
 
 
 def test_wishes_that_do_not_go_together_are_refused(at_desk: Path) -> None:
-    run("verify acceptance --standard vdi2617-9 --arm design.toml --out unlimited")
+    run("verify acceptance --standard vdi2617-9 --arm design.toml --out unlimited", 1)
     base = "certify unlimited --laboratory laboratory.toml"
     for more, message in (
         ("--key laboratory.key", "--key and --certificate belong together"),
@@ -119,7 +119,7 @@ def test_wishes_that_do_not_go_together_are_refused(at_desk: Path) -> None:
 
 
 def test_a_key_with_a_password(at_desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    run("verify acceptance --standard vdi2617-9 --arm design.toml --out locked")
+    run("verify acceptance --standard vdi2617-9 --arm design.toml --out locked", 1)
     subprocess.run(
         shlex.split("openssl pkey -aes256 -passout pass:k -in laboratory.key -out k"),
         check=True,

@@ -1,11 +1,15 @@
 """`traverse verify` as a user runs it."""
 
 import json
+import re
+import shutil
 
 import numpy as np
+import pypdfium2
 import pytest
 
 from tests.docs.pages import CHECKOUT
+from tests.lab.acceptance.stated import limits_text, state_all, write_numbered
 from tests.lab.uncertain_arm import write_uncertain_arm
 from tests.running import invoke
 from traverse.kinematics.arm_file.arm import read_arm
@@ -34,15 +38,15 @@ def campaigns(tmp_path_factory):
     for standard in ("iso10360-12", "asme-b89.4.22", "vdi2617-9"):
         poses = acceptance_poses(arm, standard, 1, noise=NOISE)
         write_campaign(folder / standard, drawn_acceptance(poses, 1), arm)
+        state_all(folder / standard)
+    write_numbered(ARM, folder / "arm.toml")
     return folder
 
 
 def limits_file(folder, form_mm=0.0006, **mpe):
     file = folder / "limits.toml"
-    lines = ['schema = "traverse/acceptance-limits/1"', "[mpe]"]
-    lines += [f"{k} = {v}" for k, v in mpe.items()]
-    lines += ["[standards]", f"form_mm = {form_mm}", ""]
-    file.write_text("\n".join(lines))
+    text = limits_text(**mpe).replace("form_mm = 0.0006", f"form_mm = {form_mm}")
+    file.write_text(text)
     return file
 
 
@@ -54,8 +58,10 @@ def limits_file(folder, form_mm=0.0006, **mpe):
         ("vdi2617-9", ["interim check of length"]),
     ],
 )
-def test_figures_of_every_standard(campaigns, standard, names):
-    ran = run(campaigns / standard, "--standard", standard, "--arm", ARM)
+def test_figures_of_every_standard(campaigns, standard, names, tmp_path):
+    limits = limits_file(tmp_path)
+    words = ("--standard", standard, "--arm", campaigns / "arm.toml")
+    ran = run(campaigns / standard, *words, "--limits", limits, status=1)
     for name in names:
         assert f"\n{name}: " in ran.output
     assert "Complete; no limits given" in ran.output
@@ -67,7 +73,8 @@ def test_a_certificate_is_written_and_checked(campaigns, tmp_path):
         tmp_path, p_size_mm=0.05, p_form_mm=0.05, l_dia_mm=0.1, e_uni_mm=0.1
     )
     out = tmp_path / "certificate"
-    arguments = ("--standard", "iso10360-12", "--arm", ARM, "--limits", limits)
+    arm = campaigns / "arm.toml"
+    arguments = ("--standard", "iso10360-12", "--arm", arm, "--limits", limits)
     ran = run(campaigns / "iso10360-12", *arguments, "--out", out)
     assert "Complete: accepted." in ran.output
     assert "digests agree" in run("--check", out).output
@@ -80,29 +87,72 @@ def test_a_certificate_is_written_and_checked(campaigns, tmp_path):
 
 def test_nothing_is_accepted_without_its_uncertainty(campaigns, tmp_path):
     limits = limits_file(tmp_path, 0.0, p_form_mm=0.05, e_uni_mm=0.1)
-    ran = run(
-        *(campaigns / "iso10360-12", "--standard", "iso10360-12", "--arm", ARM),
-        *("--limits", limits),
-        status=1,
+    words = ("--standard", "iso10360-12", "--arm", campaigns / "arm.toml")
+    text = limits.read_text()
+    for rule in ("iso14253-1", "simple"):
+        limits.write_text(text.replace("[mpe]", f'decision = "{rule}"\n[mpe]'))
+        ran = run(campaigns / "iso10360-12", *words, "--limits", limits, status=1)
+        assert "U not stated, MPE 0.0500 mm: no decision, for want of" in ran.output
+        undecided = "No decision, for want of an uncertainty: P_FORM. Accepted: E_UNI."
+        assert undecided in ran.output
+        assert "give form_mm in [standards] of the limits" in ran.output
+        assert "Without a limit: P_SIZE, L_DIA (5x5)." in ran.output
+
+
+def test_without_what_a_verdict_rests_on_there_are_figures_only(campaigns, tmp_path):
+    limits = limits_file(
+        tmp_path, p_size_mm=0.05, p_form_mm=0.05, l_dia_mm=0.1, e_uni_mm=0.1
     )
-    assert "U not stated, MPE 0.0500 mm: no decision by ISO 14253-1" in ran.output
-    assert "No decision by ISO 14253-1: P_FORM. Accepted: E_UNI." in ran.output
-    assert "give form_mm in [standards] of the limits" in ran.output
-    text = limits.read_text().replace("[mpe]", 'decision = "simple"\n[mpe]')
-    limits.write_text(text)
-    ran = run(
-        *(campaigns / "iso10360-12", "--standard", "iso10360-12", "--arm", ARM),
-        *("--limits", limits),
-    )
-    assert "U not stated, MPE 0.0500 mm: accepted" in ran.output
-    assert "Without a limit: P_SIZE, L_DIA (5x5)." in ran.output
+    campaign = shutil.copytree(campaigns / "iso10360-12", tmp_path / "campaign")
+    file, out = campaign / "campaign.toml", tmp_path / "out"
+    text = file.read_text()
+    for key in ("humidity_percent", "material"):
+        text = re.sub(f"^{key} = .*\n", "", text, flags=re.MULTILINE)
+    file.write_text(text.replace("2028-05-04", "2026-11-19"))
+    words = ("--standard", "iso10360-12", "--arm", ARM, "--limits", limits)
+    ran = run(campaign, *words, "--out", out, status=1)
+    values = json.loads((out / "certificate.json").read_text())
+    assert (values["verdict"], values["state"]) == ("withheld", "doubt")
+    assert values["conclusion"] == "Figures only: not a certificate"
+    assert {figure["verdict"] for figure in values["figures"]} == {"withheld"}
+    absent = {entry["code"]: entry for entry in values["statements"]["absent"]}
+    assert list(absent) == [
+        *("arm_serial_number", "humidity", "certificate_holds", "expansion"),
+    ]
+    assert absent["certificate_holds"]["names"] == ["sphere KS 25", "points L 1700"]
+    missing = "Missing: serial number of the arm (serial_number of arm.toml)."
+    page = (out / "certificate.html").read_text()
+    with pypdfium2.PdfDocument(out / "certificate.pdf") as document:
+        paper = document[0].get_textpage().get_text_bounded().replace("\r\n", " ")
+    for printed in (ran.output, page, paper):
+        assert "Figures only: not a certificate" in printed
+        assert missing in printed
+        assert "ccepted" not in printed
+    assert "signature" not in paper
+    run("--check", out)
+
+
+def test_what_a_verdict_needs_is_asked_for_before_anything_is_touched(tmp_path):
+    out = tmp_path / "plan"
+    run("--plan", "vdi2617-9", "--arm", ARM, "--out", out)
+    campaign = out / "campaign.toml"
+    campaign.write_text(campaign.read_text().replace("EXAMPLE", "K"))
+    ran = run(out, "--standard", "vdi2617-9", "--arm", ARM, status=2)
+    for asked in (
+        "a verdict lacks serial number of the arm: give serial_number of arm.toml",
+        "a verdict lacks last day of validity of ball bar K bar 1: give "
+        "valid_until in [[artefacts]] of campaign.toml",
+        "a verdict lacks coefficient of expansion of ball bar K bar 1: give material",
+    ):
+        assert asked in ran.output
+    assert "humidity" not in ran.output  # of an interim check it is not required
 
 
 def test_a_limit_exceeded_is_reported_by_the_exit_status(campaigns, tmp_path):
     limits = limits_file(tmp_path, e_uni_mm=0.001)
     ran = run(
-        *(campaigns / "iso10360-12", "--standard", "iso10360-12", "--arm", ARM),
-        *("--limits", limits, "--json"),
+        *(campaigns / "iso10360-12", "--standard", "iso10360-12"),
+        *("--arm", campaigns / "arm.toml", "--limits", limits, "--json"),
         status=1,
     )
     values = json.loads(ran.output)
@@ -181,7 +231,7 @@ def uncertain_arm(tmp_path_factory):
 def test_lengths_are_compared_with_what_the_arm_file_predicts(uncertain_arm, tmp_path):
     arm, out = uncertain_arm / "arm.toml", tmp_path / "certificate"
     words = (uncertain_arm / "campaign", "--standard", "iso10360-12", "--arm", arm)
-    ran = run(*words, "--out", out)
+    ran = run(*words, "--out", out, status=1)
     assert "of 105 errors of length lie within U, k = 2, of arm and" in ran.output
     assert "the uncertainty that it states of lengths holds" in ran.output
     values = json.loads((out / "certificate.json").read_text())["predicted_by_arm"]
@@ -204,9 +254,9 @@ def test_an_arm_worse_than_its_file_says_is_told(uncertain_arm, tmp_path):
     text = text.partition("covariance_digest")[0]
     (tmp_path / "arm.toml").write_text(text)
     words = (uncertain_arm / "campaign", "--standard", "iso10360-12")
-    ran = run(*words, "--arm", tmp_path / "arm.toml", "--json")
+    ran = run(*words, "--arm", tmp_path / "arm.toml", "--json", status=1)
     assert not json.loads(ran.output)["predicted_by_arm"]["explains"]
-    ran = run(*words, "--arm", tmp_path / "arm.toml")
+    ran = run(*words, "--arm", tmp_path / "arm.toml", status=1)
     assert "errors are larger than it states; identify the arm again" in ran.output
 
 
@@ -215,6 +265,6 @@ def test_why_lengths_are_not_predicted_is_told(uncertain_arm, tmp_path):
         text = (uncertain_arm / "campaign" / file).read_text()
         (tmp_path / file).write_text(text.replace("contact_mm", "# contact_mm"))
     words = ("--standard", "iso10360-12", "--arm", uncertain_arm / "arm.toml")
-    ran = run(tmp_path, *words)
+    ran = run(tmp_path, *words, status=1)
     assert "states no encoder_rad and contact_mm in [noise]" in ran.output
     assert "Predicted by the arm file" not in ran.output

@@ -29,6 +29,7 @@ from traverse.kinematics.arm_file import arm
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.filters import FILTERS
 from traverse.lab.artefacts import ARTEFACT_KINDS
+from traverse.lab.artefacts.artefact import ExpandingArtefact
 from traverse.lab.campaign import campaign_file
 from traverse.lab.campaign.pose_table import optional_columns
 
@@ -55,6 +56,7 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
     ],
     "docs/reference/campaign.md": [
         ("Top level", campaign_file.CampaignFile),
+        ("`[circumstances]`", campaign_file.Circumstances),
         ("`[noise]`", campaign_file.Noise),
         ("`[[tools]]`", campaign_file.Tool),
         *((f"`{name}`", kind) for name, kind in ARTEFACT_KINDS.items()),
@@ -83,6 +85,8 @@ def test_every_key_stands_there_with_its_default(
     of_every_kind = (
         by_heading["`[[artefacts]]`"] if model in ARTEFACT_KINDS.values() else []
     )
+    if issubclass(model, ExpandingArtefact):
+        of_every_kind = of_every_kind + by_heading["Expansion"]
     rows = {
         code_words(row[0])[0]: row
         for row in of_every_kind + by_heading.get(heading, [])

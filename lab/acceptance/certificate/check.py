@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from traverse.kinematics.arm_file.arm import read_arm
+from traverse.lab.acceptance.administration import administration_of
 from traverse.lab.acceptance.certificate.values import (
     PREDICTED,
     SCHEMA,
     SealedCertificate,
-    administration_of,
     digest_values,
     result_values,
 )
@@ -19,7 +19,6 @@ from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
 from traverse.lab.acceptance.standards import STANDARDS, verified
 from traverse.lab.measured_points.reading import files_read, read_by_tool
 from traverse.lab.report.provenance import (
-    SUMS,
     ReportSource,
     digest_of_files,
     report_provenance,
@@ -50,11 +49,9 @@ def certificate_problems(path: Path) -> list[str]:
     values = _read(file)
     folder = file.parent / DATA
     stated = values.pop("digest")
-    # Folders of early versions have no digests of their pages.
-    pages = PAGES if (file.parent / SUMS).is_file() else ()
     return (
         list(_digest_problems(values, stated, folder))
-        or list(sums_problems(file.parent, pages))
+        or list(sums_problems(file.parent, PAGES))
         or list(_figure_problems(values, folder))
     )
 
@@ -112,7 +109,7 @@ def _figure_problems(values: Mapping[str, Any], folder: Path) -> Iterator[str]:
         arm,
         limits,
         {},
-        administration_of(measured, arm),
+        administration_of(measured, arm, limits),
         report_provenance(ReportSource(data.name, digest_of_files(files_read(data)))),
     )
     computed = json.loads(json.dumps(result_values(again)))
@@ -121,8 +118,6 @@ def _figure_problems(values: Mapping[str, Any], folder: Path) -> Iterator[str]:
         source = (computed.pop(name, None), stated.pop(name, None))
         if name == "provenance" and not _same_campaign(*source):
             yield "the campaign is not the one that its provenance names"
-    if "administration" not in stated:  # certificates of early versions
-        computed.pop("administration")
     yield from differences(stated, computed)
 
 

@@ -1,6 +1,7 @@
 """The certificate as a page, in one file with the raw data; and as lines of text."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 from traverse.lab.acceptance.certificate.pictures import paintings
@@ -15,12 +16,25 @@ NOT_STATED = "not stated"
 _MOST_PLACES = 3
 
 
+_BALL = ("ball {probe_diameter_mm:.4f} mm", "{probe_length_mm:.2f} mm from its joint")
+_RANGE = ("measuring range {measuring_range_mm:.0f} mm", "reach {reach_mm:.0f} mm")
+_WARM = (
+    "{temperature_least_c:.2f} to {temperature_largest_c:.2f} °C, "
+    "mean {temperature_mean_c:.2f} °C"
+)
+_AROUND = (
+    "humidity {humidity_percent:g} %",
+    "pressure {pressure_hpa:g} hPa",
+    "warmed up {warm_up_min:g} min",
+)
+
+
 def figure_cells(figure: Mapping[str, Any]) -> list[str]:
     """Write the row of a figure."""
     uncertainty_mm = figure["expanded_uncertainty_mm"]
     return [
         figure["name"],
-        WORDS.decision(figure["verdict"]),
+        figure["decision"],
         WORDS.value(figure),
         NOT_STATED if uncertainty_mm is None else number(uncertainty_mm, ".4f"),
         number(figure["limit_mm"], ".4f"),
@@ -32,24 +46,18 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return who measured, where, when and what: pairs of label and text."""
     administration, source = values["administration"], values["provenance"]
     measured = [administration["measured_from_utc"], administration["measured_to_utc"]]
-    warm_c = [
-        administration[f"temperature_{which}_c"]
-        for which in ("least", "largest", "mean")
-    ]
     versions = ", ".join(f"{name} {text}" for name, text in source["versions"].items())
     return [
         ("Arm", administration["arm_name"]),
         ("Serial number of the arm", administration["arm_serial_number"] or NOT_STATED),
         ("Arm calibrated", _time(administration["arm_calibration_date"])),
+        ("Probe", _joined(administration, "{probe:s}", *_BALL)),
+        ("Range", _joined(administration, *_RANGE)),
         ("Measured", " to ".join(_time(entry) for entry in dict.fromkeys(measured))),
         ("Place", administration["place"] or NOT_STATED),
         ("Operator", administration["operator"] or NOT_STATED),
-        (
-            "Temperature",
-            NOT_STATED
-            if warm_c[0] is None
-            else "{:.2f} to {:.2f} °C, mean {:.2f} °C".format(*warm_c),
-        ),
+        ("Temperature", _joined(administration, _WARM)),
+        ("Air, warming up", _joined(administration, *_AROUND)),
         *(
             (
                 f"Vector of {entry['name']}",
@@ -57,12 +65,23 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
             )
             for entry in administration.get("tools", ())
         ),
-        ("Computed", f"{_time(source['date_utc'])}, by {source['computed_by']}"),
-        ("Versions", versions),
+        (
+            "Computed",
+            f"{_time(source['date_utc'])}, by {source['computed_by']}, with {versions}",
+        ),
         ("Campaign", source["campaign"]["name"]),
         ("SHA-256 of the campaign", source["campaign"]["sha256"]),
         ("SHA-256 of the arm", values["arm"]["digest"]),
     ]
+
+
+def _joined(values: Mapping[str, Any], *parts: str) -> str:
+    """Fill parts of a text with values; leave out those with an absent one."""
+    filled = []
+    for part in parts:
+        with suppress(TypeError):  # None has no format
+            filled.append(part.format_map(values))
+    return ", ".join(filled) or NOT_STATED
 
 
 def standard_cells(values: Mapping[str, Any]) -> list[list[str]]:
@@ -72,12 +91,41 @@ def standard_cells(values: Mapping[str, Any]) -> list[list[str]]:
             standard["kind"].replace("_", " "),
             *(
                 standard[key] or NOT_STATED
-                for key in ("serial_number", "calibration_date", "certificate_number")
+                for key in (
+                    "serial_number",
+                    "certificate_number",
+                    "calibrated_by",
+                    "calibration_date",
+                    "valid_until",
+                )
             ),
+            _expansion(standard),
             _places(standard["artefacts"]),
         ]
         for standard in values["administration"]["standards"]
     ]
+
+
+STANDARD_COLUMNS = (
+    "standard",
+    "serial number",
+    "certificate",
+    "traceable to",
+    "calibrated",
+    "valid until",
+    "expansion [ppm/°C]",
+    "touched as",
+)
+
+
+def _expansion(standard: Mapping[str, Any]) -> str:
+    """Write the coefficient with its standard uncertainty, and the material."""
+    per_c, std_per_c = standard["expansion_per_c"], standard["expansion_std_per_c"]
+    if per_c is None:
+        return NOT_STATED
+    material = f", {standard['material']}" if standard["material"] else ""
+    std = f"u {NOT_STATED}" if std_per_c is None else f"u = {1e6 * std_per_c:.2f}"
+    return f"{1e6 * per_c:.2f}, {std}{material}"
 
 
 def _places(names: list[str]) -> str:
@@ -98,6 +146,7 @@ def certificate_page(certificate: SealedCertificate) -> str:
         values=values,
         words=WORDS,
         administration=administration_rows(values),
+        columns=STANDARD_COLUMNS,
         standards=standard_cells(values),
         figures=[figure_cells(figure) for figure in values["figures"]],
         missing=[

@@ -11,6 +11,7 @@ from fpdf.fonts import FontFace, TTFFont
 from matplotlib.font_manager import FontProperties, findfont
 
 from traverse.lab.acceptance.certificate.page import (
+    STANDARD_COLUMNS,
     WIDTH_MM,
     WORDS,
     administration_rows,
@@ -174,7 +175,7 @@ def certificate_pdf(values: Mapping[str, Any], files: Mapping[str, bytes]) -> by
 
 def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
     document.set_font("sans", "B", _TITLE_PT)
-    document.cell(0, 9, "Certificate of verification", new_x="LMARGIN", new_y="NEXT")
+    document.cell(0, 9, WORDS.heading(values), new_x="LMARGIN", new_y="NEXT")
     document.text_block(f"{values['title']}; arm {values['arm']['name']}")
     document.verdict(values["state"], values["conclusion"], values["sentences"])
     document.heading("Figures")
@@ -202,12 +203,14 @@ def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
     if values["administration"]["standards"]:
         document.heading("Standards")
         document.rows(
-            ("standard", "serial number", "calibrated", "certificate", "touched as"),
+            STANDARD_COLUMNS,
             standard_cells(values),
-            (28, 38, 24, 34, 46),
-            texts=5,
+            (20, 20, 22, 24, 20, 20, 22, 22),
+            texts=8,
         )
-    document.signature()
+        document.text_block(WORDS.traceability(), note=True)
+    if not values["statements"]["absent"]:
+        document.signature()
 
 
 def _definitions(document: _Document, values: Mapping[str, Any]) -> None:

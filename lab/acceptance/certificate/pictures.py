@@ -21,6 +21,7 @@ _COLOURS = {
     "neither": ORANGE,
     "undecided": ORANGE,
     "reject": VERMILION,
+    "withheld": GREY,
     None: GREY,
 }
 _MARKS = ("o", "s", "^", "D", "v", "P", "X")

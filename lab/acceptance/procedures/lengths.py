@@ -89,7 +89,7 @@ def budget_of(artefact: Artefact, touched: ArtefactTouches, limits: Limits) -> B
         length_mm,
         std_mm,
         limits.standards,
-        artefact.expansion[0],
+        artefact.stated_expansion,
         warmer_c(artefact, touched),
     )
 

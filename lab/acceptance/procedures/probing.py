@@ -80,7 +80,7 @@ def _diameter_budget(
         2.0 * float(sphere.radius_mm or 0.0),
         2.0 * (sphere.radius_std_mm or 0.0),
         limits.standards,
-        sphere.expansion[0],
+        sphere.stated_expansion,
         warmer_c(sphere, touched),
     )
 

@@ -51,7 +51,7 @@ def verified(tmp_path_factory):
         poses = acceptance_poses(arm, standard, 1, noise=noise)
         write_campaign(folder / "campaign", drawn_acceptance(poses, 1), arm)
         words = ("--standard", standard, "--arm", ARM, "--out", folder / standard)
-        run("verify", folder / "campaign", *words)
+        run("verify", folder / "campaign", *words, status=1)
         (folder / "campaign" / "campaign.toml").unlink()
     return folder
 
@@ -112,6 +112,10 @@ def test_b89_of_a_verification(verified, tmp_path):
     assert errors == [figure["error_mm"] for figure in values["lengths"]]
     assert volume[0].get("n") == "20"
     assert values["digest"]["digest"] in accuracy[2][0].text
+    # Nothing was stated: no verdict goes with the figures.
+    assert accuracy[2][0].text.startswith("Figures only: not a certificate: ASME")
+    attributes = {each.get("name"): each.get("value") for each in device[1]}
+    assert "serial_number of arm.toml" in attributes["statements_missing"]
 
 
 def test_iso_10360_of_a_verification(verified, tmp_path):

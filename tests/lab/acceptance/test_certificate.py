@@ -9,16 +9,15 @@ import pypdfium2
 import pytest
 
 from tests.docs.pages import CHECKOUT
+from tests.lab.acceptance.stated import limits_text, state_all, write_numbered
 from tests.lab.report.pages import Page
 from traverse.kinematics.arm_file.arm import read_arm
+from traverse.lab.acceptance.administration import administration_of
 from traverse.lab.acceptance.certificate.check import certificate_problems
 from traverse.lab.acceptance.certificate.files import write_certificate
 from traverse.lab.acceptance.certificate.page import WORDS
 from traverse.lab.acceptance.certificate.pdf import certificate_pdf
-from traverse.lab.acceptance.certificate.values import (
-    SealedCertificate,
-    administration_of,
-)
+from traverse.lab.acceptance.certificate.values import SealedCertificate
 from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.measured_points.reading import files_read, read_measured
@@ -39,42 +38,25 @@ from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.reader import read_strict
 
 ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
-LIMITS = """\
-schema = "traverse/acceptance-limits/1"
-[mpe]
-interim_length_mm = 0.050
-"""
-
-
-def stated(campaign):
-    """A campaign with the words of a laboratory in it."""
-    head = (
-        'operator = "M. Curie"\nplace = "Laboratory 2"\n'
-        "start_utc = 2026-11-20T09:00:00Z\n[noise]"
-    )
-    bar = (
-        'kind = "ball_bar"\nserial_number = "KB 0815"\n'
-        'calibration_date = 2026-05-04\ncertificate_number = "D-K-4711"'
-    )
-    return campaign.replace("[noise]", head, 1).replace('kind = "ball_bar"', bar)
+LIMITS = limits_text(interim_length_mm=0.05)
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A simulated interim check, and the certificate of it."""
     folder = tmp_path_factory.mktemp("interim")
-    arm = read_arm(ARM)
+    arm_file = write_numbered(ARM, folder / "numbered.toml")
+    arm = read_arm(arm_file)
     write_campaign(
         folder, drawn_acceptance(acceptance_poses(arm, "vdi2617-9", 3), 3), arm
     )
     (folder / "limits.toml").write_text(LIMITS)
     limits = read_strict(folder / "limits.toml", Limits)
-    campaign = folder / "campaign.toml"
-    campaign.write_text(stated(campaign.read_text("utf-8")), "utf-8")
+    state_all(folder)
     measured = read_measured(folder, arm)
     verification = verified([measured], "vdi2617-9", limits)
     files = {path.name: path.read_bytes() for path in files_read(folder)}
-    files["arm.toml"] = ARM.read_bytes()
+    files["arm.toml"] = arm_file.read_bytes()
     files["limits.toml"] = LIMITS.encode()
     when = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
     return SealedCertificate(
@@ -82,7 +64,7 @@ def made(tmp_path_factory):
         arm,
         limits,
         files,
-        administration_of([measured], arm),
+        administration_of([measured], arm, limits),
         report_provenance(
             ReportSource("interim", digest_of_files(files_read(folder))),
             "C. Gauss",
@@ -164,7 +146,7 @@ def test_the_document_is_typeset_and_has_its_data_attached(made, written):
         *("2026-11-20 09:00:00 UTC to 2026-11-20", "20.00 °C", "M. Curie"),
         *("Laboratory 2", "KB 0815", "2026-05-04", "D-K-4711", "C. Gauss"),
         *(
-            "Serial number of the arm not stated",
+            "Serial number of the arm D7-0042",
             "signature",
             made.provenance.campaign.sha256,
         ),
@@ -188,7 +170,7 @@ def test_no_part_of_a_name_vanishes_on_paper_or_turns_the_writing(made, caplog):
 
 def test_the_page_says_who_measured_when_with_which_standards(made, written):
     page = (written / "certificate.html").read_text()
-    for said in ("M. Curie", "Laboratory 2", "KB 0815", "2026-05-04", "not stated"):
+    for said in ("M. Curie", "Laboratory 2", "KB 0815", "2026-05-04", "D7-0042"):
         assert f"<td>{said}</td>" in page
     assert (
         page.index("Accepted") < page.index("Measurement") < page.index("Definitions")
@@ -205,7 +187,7 @@ def change(path, old, new):
     ("name", "old", "new", "message"),
     [
         ("data/poses.csv", "check-1", "check-2", "data/poses.csv was changed"),
-        ("data/limits.toml", "0.050", "0.060", "data/limits.toml was changed"),
+        ("data/limits.toml", "0.05", "0.06", "data/limits.toml was changed"),
         ("data/arm.toml", "demo-7", "demo-8", "data/arm.toml was changed"),
         ("certificate.json", '"accept"', '"reject"', "the figures were changed"),
         ("certificate.json", '"digest": {', '"more": 1, "digest": {', "were changed"),

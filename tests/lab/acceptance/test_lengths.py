@@ -61,6 +61,7 @@ def test_ball_bar_by_hand_with_expansion():
         distance_mm=300.0,
         distance_std_mm=4e-4,
         expansion_per_c=1e-5,
+        expansion_std_per_c=1e-6,
     )
     grown = 1.0 + 1e-5 * 10.0
     places, features = [], []
@@ -70,7 +71,7 @@ def test_ball_bar_by_hand_with_expansion():
             places.append(on_a_ball(centre, radius * grown, OCTAHEDRON))
             features += [feature] * 6
     data = measured((bar, touches(np.concatenate(places), features, 30.0)))
-    standards = {"temperature_std_c": 0.1, "expansion_std_per_c": 1e-6}
+    standards = {"temperature_std_c": 0.1}
     errors = errors_of(data, "L", "e_uni", limits(standards=standards))
     assert [e.error_mm for e in errors] == pytest.approx([0.003, -0.001], abs=1e-10)
     # 4e-4 of the certificate; 300 x 1e-6 x 10 = 3e-3; 300 x 1e-5 x 0.1 = 3e-4.

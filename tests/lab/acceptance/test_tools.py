@@ -6,6 +6,7 @@ import re
 import pytest
 
 from tests.docs.pages import CHECKOUT
+from tests.lab.acceptance.stated import limits_text, state_all, write_numbered
 from tests.lab.acceptance.test_simulated_arms import ARM, POSES
 from tests.lab.certificates.made import LABORATORY
 from tests.running import invoke
@@ -135,7 +136,7 @@ def test_the_certificate_names_the_tools_and_is_checked(tmp_path):
         "[mpe]\ninterim_length_mm = 0.01\n"
     )
     words = ["--standard", INTERIM, "--arm", ARM_FILE, "--limits", limits]
-    run(folder, *words, "--out", out)
+    run(folder, *words, "--out", out, status=1)
     values = json.loads((out / "certificate.json").read_text())
     assert [value["tool"] for value in values["figures"]] == ["own probe", "star"]
     assert {value["tool"] for value in values["lengths"]} == {"own probe", "star"}
@@ -158,12 +159,14 @@ def test_the_certificate_names_the_tools_and_is_checked(tmp_path):
 def test_both_tools_are_decided_on_and_the_worse_one_counts(tmp_path):
     wrong_mm = (STAR_MM[0] + 0.2, *STAR_MM[1:])
     folder = campaign(INTERIM, tmp_path, wrong_mm)
+    state_all(folder)
+    file = folder / "campaign.toml"
+    bar = 'kind = "ball_bar"\n'
+    file.write_text(file.read_text().replace(bar, f"{bar}distance_std_mm = 1e-4\n"))
+    arm_file = write_numbered(ARM_FILE, tmp_path / "arm.toml")
     limits = tmp_path / "limits.toml"
-    limits.write_text(
-        'schema = "traverse/acceptance-limits/1"\ndecision = "simple"\n'
-        "[mpe]\ninterim_length_mm = 0.02\n"
-    )
-    words = ["--standard", INTERIM, "--arm", ARM_FILE, "--limits", limits]
+    limits.write_text(limits_text(interim_length_mm=0.02))
+    words = ["--standard", INTERIM, "--arm", arm_file, "--limits", limits]
     ran = run(folder, *words, status=1)
     conclusion = ran.output.splitlines()[-1]
     assert "Rejected: interim check of length with star." in conclusion
@@ -183,7 +186,10 @@ def test_one_tool_of_all_poses_is_named_too(tmp_path):
 def test_qif_keeps_the_tools_apart(tmp_path):
     wrong_mm = (STAR_MM[0] + OFF_MM, *STAR_MM[1:])
     folder, out = campaign("asme-b89.4.22", tmp_path, wrong_mm), tmp_path / "out"
-    ran = run(*(folder, "--standard", "asme-b89.4.22", "--arm", ARM_FILE, "--out", out))
+    ran = run(
+        *(folder, "--standard", "asme-b89.4.22", "--arm", ARM_FILE, "--out", out),
+        status=1,
+    )
     words = ["to-qif", ARM_FILE, "--out", tmp_path / "arm.qif", "--verification", out]
     ran = invoke("arm", *words, "--json")
     assert [one["of"] for one in json.loads(ran.stdout)["tests"]] == [
@@ -200,7 +206,7 @@ def test_a_digital_certificate_states_tools_and_vectors(tmp_path):
     folder, out = campaign(INTERIM, tmp_path), tmp_path / "out"
     text = (folder / "campaign.toml").read_text()
     (folder / "campaign.toml").write_text(f"start_utc = 2026-11-20T09:00:00Z\n{text}")
-    run(folder, "--standard", INTERIM, "--arm", ARM_FILE, "--out", out)
+    run(folder, "--standard", INTERIM, "--arm", ARM_FILE, "--out", out, status=1)
     laboratory = tmp_path / "laboratory.toml"
     laboratory.write_text(LABORATORY)
     certify(out, laboratory, None)

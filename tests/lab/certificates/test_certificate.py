@@ -27,6 +27,12 @@ from traverse.lab.certificates.evidence import (
 from traverse.lab.certificates.laboratory import Laboratory
 from traverse.lab.certificates.signature import SigningKey
 from traverse.lab.certificates.xml import indented, read_xml, schema_problems
+from traverse.lab.outcomes.acceptance import (
+    VERDICT_WORDS,
+    AcceptanceEvidence,
+    DecidedFigure,
+    acceptance_outcome,
+)
 from traverse.lab.report.provenance import read_sums, sums_of, write_sums
 from traverse.simulator.campaigns import (
     NoiseTable,
@@ -78,7 +84,10 @@ def test_who_when_what_and_the_digests_of_the_data(signed_verification):
     assert said(root, f"{core}beginPerformanceDate") == ["2026-11-20"]
     assert said(root, f"{core}issueDate") == ["2026-11-23"]
     texts = said(root, ".//dcc:content")
-    for text in ("Example & Daughters <calibration>", "Łódź Arms", "M. Curie"):
+    for text in (
+        *("Example & Daughters <calibration>", "Łódź Arms", "M. Curie"),
+        *("R-P21, ball of ruby", "humidity of the air", "time of warming up"),
+    ):
         assert text in texts
     assert "SN 7" in said(root, ".//dcc:identification/dcc:value")
     data = "dcc:measurementResults/dcc:measurementResult/dcc:measurementMetaData/"
@@ -170,6 +179,7 @@ def test_two_digits_of_an_uncertainty(value, expanded, texts):
 def figure(name: str, verdict: str | None, **more: object) -> dict[str, object]:
     empty = {"definition": "d", "confirm": "", "remarks": [], "rule": "r"}
     numbers = {"value_mm": 0.01, "expanded_uncertainty_mm": 0.002, "limit_mm": 0.05}
+    empty["decision"] = VERDICT_WORDS[verdict]
     return {"name": name, "verdict": verdict, **empty, **numbers, **more}
 
 
@@ -190,7 +200,13 @@ def conformity(element: ElementTree.Element) -> str | None:
 
 def test_nothing_passes_that_is_not_accepted(signed_verification, laboratory):
     def conformities(values, *figures, missing=()) -> list[str | None]:
+        decided = [
+            DecidedFigure(each["name"], 0.01, 0.05, each["verdict"], ())
+            for each in figures
+        ]
+        evidence = AcceptanceEvidence(decided, [gap["name"] for gap in missing])
         changed = {**values, "figures": list(figures), "missing": list(missing)}
+        changed["verdict"] = acceptance_outcome(evidence).verdict
         root = document(changed, laboratory)
         (overall,) = [
             one
@@ -219,6 +235,21 @@ def test_nothing_passes_that_is_not_accepted(signed_verification, laboratory):
     assert conformities(values, good, missing=[gap]) == [None, "pass"]
     with pytest.raises(ValueError, match="no figure"):
         conformities(values, missing=[gap])
+
+
+def test_what_was_not_stated_stands_in_place_of_a_verdict(verified, laboratory):
+    values = json.loads((verified / "certificate.json").read_text())
+    lacking = {"code": "place", "text": "place", "where": "w", "names": [""]}
+    values["statements"]["absent"] = [lacking]
+    values |= {"verdict": "withheld", "conclusion": "Figures only: not a certificate"}
+    values["sentences"] = ["Missing: place (w)."]
+    values["figures"] = [figure("a", "withheld")]
+    root = document(values, laboratory)
+    assert root.findall(".//dcc:conformity", NAMES) == []
+    texts = said(root, ".//dcc:content")
+    assert "Missing: place (w)." in texts
+    assert any(text.startswith("Figures only: not a certificate: V") for text in texts)
+    assert not any("accepted" in text for text in texts)
 
 
 def test_without_a_key_nothing_is_signed_and_the_check_says_so(
