@@ -183,7 +183,8 @@ class Network(Equations):
         """
         certificate = station.artefact.certificate(unknowns, station.touches)
         if not len(certificate.misclosures_mm):
-            return np.empty((0, len(unknowns) + self.parameters.n_free + 1))
+            n_unknowns = certificate.by_unknowns.shape[1]
+            return np.empty((0, n_unknowns + self.parameters.n_free + 1))
         misclosures_mm = certificate.misclosures_mm.copy()
         by_parameters = np.zeros((len(misclosures_mm), self.parameters.n_free))
         for length in station.artefact.lengths(unknowns):
