@@ -17,7 +17,7 @@ from traverse.lab.adjustment import IdentificationError
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.identification.identify import Options
-from traverse.lab.identification.results.evidence import outcome_of
+from traverse.lab.identification.results.outcome import outcome_of
 from traverse.lab.outcomes.base import State
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.runs.diagnosis import diagnosed, write_diagnosed

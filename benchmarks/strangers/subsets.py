@@ -22,7 +22,7 @@ from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.lab.adjustment.prepare import IdentificationError
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.identification.identify import Options, identify
-from traverse.lab.identification.results.evidence import outcome_of as judge
+from traverse.lab.identification.results.outcome import outcome_of as judge
 
 N_EACH, SEED = 125, 1
 FEWEST, MOST = 30, 150

@@ -112,6 +112,11 @@ class Campaign:
         return report_provenance(source, computed_by, when)
 
     @property
+    def states_noise(self) -> bool:
+        """Whether it states the noise of readings and of contacts."""
+        return self.encoder_rad is not None and self.contact_mm is not None
+
+    @property
     def span(self) -> Span:
         """From when to when it lasted, a little wider than the poses.
 

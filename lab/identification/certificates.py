@@ -26,6 +26,7 @@ import numpy as np
 
 from traverse.lab.adjustment import ArmValues, IteratedAdjustment, Noise
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.outcomes.identified import ContradictedCertificate
 
 # An artefact that lost more of its poses than this is suspect.
 LARGE_PART = 0.2
@@ -49,24 +50,6 @@ _MOST_WRONG = 3
 _FAR_FROM_DESIGN = 5.0
 # Adjusts a campaign, with a noise or with what it estimates.
 Adjust = Callable[[Campaign, Noise | None], IteratedAdjustment]
-
-
-@dataclass(frozen=True, slots=True)
-class Contradiction:
-    """A certificate that contradicts the rest; it took no part.
-
-    Attributes:
-        name: Of the length, for example `distance_mm`.
-        certified_mm: As certified; of two radii the mean.
-        evidence: Standard deviations by which the campaign fits better without it.
-        rivals: `artefact name` of other certificates that explain it as well.
-    """
-
-    artefact: str
-    name: str
-    certified_mm: float
-    evidence: float
-    rivals: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +91,10 @@ def lost_poses(campaign: Campaign, run: IteratedAdjustment) -> tuple[LostPoses, 
 def without_wrong_certificates(
     campaign: Campaign, run: IteratedAdjustment, adjusted: Adjust, design: ArmValues
 ) -> tuple[
-    Campaign, IteratedAdjustment, tuple[Contradiction, ...], ContactShift | None
+    Campaign,
+    IteratedAdjustment,
+    tuple[ContradictedCertificate, ...],
+    ContactShift | None,
 ]:
     """Leave out the certificates that contradict everything else, the worst first.
 
@@ -116,7 +102,7 @@ def without_wrong_certificates(
     does. Returns the campaign without them, adjusted, which they are, and the shift of
     the contacts that was allowed for before.
     """
-    contradictions: list[Contradiction] = []
+    contradictions: list[ContradictedCertificate] = []
     estimated = run.noise_estimated
     certified = [dict(artefact.certified_lengths) for artefact in campaign.artefacts]
     shift: ContactShift | None = None
@@ -177,7 +163,13 @@ def without_wrong_certificates(
         if shift is None and _is_the_only_radius(campaign_before, name, length):
             rivals.append(OF_CONTACTS)
         contradictions.append(
-            Contradiction(name, length, certified_mm, evidence, tuple(rivals))
+            ContradictedCertificate(
+                artefact=name,
+                length=length,
+                certified_mm=certified_mm,
+                sigmas=evidence,
+                or_else=tuple(rivals),
+            )
         )
     return campaign, run, tuple(contradictions), shift
 

@@ -1,5 +1,6 @@
 """What the steps of an identification hand on, and the result collected of it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +21,6 @@ from traverse.lab.artefacts.artefact import Artefact, Length
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.certificates import (
     ContactShift,
-    Contradiction,
     lost_poses,
 )
 from traverse.lab.identification.optimal_design import (
@@ -42,7 +42,11 @@ from traverse.lab.identification.results.undetermined import (
 )
 from traverse.lab.identification.stream_noise import SerialNoise
 from traverse.lab.outcomes.adjustment import Iteration, Progress
-from traverse.lab.outcomes.identified import ExcludedPose, ParameterEstimate
+from traverse.lab.outcomes.identified import (
+    ContradictedCertificate,
+    ExcludedPose,
+    ParameterEstimate,
+)
 from traverse.lab.statistics.distributions import global_test, variance_factor
 from traverse.lab.statistics.outlier_clusters import ExcludedCluster
 
@@ -114,7 +118,7 @@ class Solution:
     run: IteratedAdjustment
     begin: ArmValues
     design: ArmValues
-    contradictions: tuple[Contradiction, ...] = ()
+    contradictions: tuple[ContradictedCertificate, ...] = ()
     contact_shift: ContactShift | None = None
     wrong_orientations: tuple[WrongOrientation, ...] = ()
     clusters: tuple[ExcludedCluster, ...] = ()
@@ -149,6 +153,7 @@ def collected(start: Start, solution: Solution, weighted: Weighted) -> Identific
     of_design = adjustment.deviations_of_design(solution.design)
     covariance = adjustment.covariance(factor, solution.design)
     estimates = parameter_estimates(adjustment, solution.design, covariance)
+    artefacts = artefact_results(adjustment, run.statistics, factor, of_design)
     names = campaign.joint_names
     zeros_rad = solution.begin.geometry.zeros_rad
     return Identification(
@@ -171,7 +176,7 @@ def collected(start: Start, solution: Solution, weighted: Weighted) -> Identific
         cartesian=adjustment.cartesian_covariance(covariance),
         undetermined=undetermined_directions(adjustment),
         weak=weak_directions(adjustment, factor),
-        artefacts=artefact_results(adjustment, run.statistics, factor, of_design),
+        artefacts=artefacts,
         statistics=run.statistics,
         included=included,
         excluded=tuple(
@@ -186,7 +191,9 @@ def collected(start: Start, solution: Solution, weighted: Weighted) -> Identific
         critical_w=run.critical,
         coverage=joint_coverage(campaign, np.flatnonzero(included)),
         condition_number=condition_number(adjustment),
-        contradictions=solution.contradictions,
+        contradictions=tuple(
+            _measured(entry, artefacts) for entry in solution.contradictions
+        ),
         contact_shift=solution.contact_shift,
         wrong_signs=tuple(names[joint] for joint in start.reversed_joints),
         lost_poses=lost_poses(campaign, run),
@@ -204,6 +211,15 @@ def collected(start: Start, solution: Solution, weighted: Weighted) -> Identific
             excluded=solution.wrong_orientations,
         ),
     )
+
+
+def _measured(
+    entry: ContradictedCertificate, artefacts: Sequence[ArtefactResult]
+) -> ContradictedCertificate:
+    """Put in what the measurements say of the length; of two radii the first."""
+    lengths = next(a.lengths for a in artefacts if a.id == entry.artefact)
+    length = next(length for length in lengths if length.name == entry.length)
+    return replace(entry, value_mm=length.value_mm, std_mm=length.std_mm)
 
 
 # Redundancy of a certificate below which nothing else says what it says.

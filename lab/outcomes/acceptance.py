@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from traverse.lab.outcomes.base import (
     Condition,
     Established,
+    Finding,
     Outcome,
     Shortfall,
     State,
@@ -71,9 +72,6 @@ class AcceptanceEvidence:
     figures: Sequence[DecidedFigure]
     missing: Sequence[str]
     absent: Sequence[AbsentStatement] = ()
-
-
-Finding = Established | Sequence[Shortfall]
 
 
 def _stated(evidence: AcceptanceEvidence) -> Finding:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from traverse.lab.outcomes.base import (
     Condition,
     Established,
+    Finding,
     Outcome,
     Shortfall,
     State,
@@ -36,7 +37,6 @@ class AlignmentEvidence:
     warnings: Sequence[tuple[str, str]]
 
 
-Finding = Established | Sequence[Shortfall]
 _TESTED = ("no_redundancy", "errors_not_stated", "global_test_failed")
 
 

@@ -113,6 +113,9 @@ class Shortfall:
     state: State = State.DOUBT
 
 
+Finding = Established | Sequence[Shortfall]
+
+
 @dataclass(frozen=True)  # with slots, Condition[X](...) would raise TypeError
 class Condition(Generic[Evidence]):
     """A row of the table of conditions of a kind of result.
@@ -125,7 +128,7 @@ class Condition(Generic[Evidence]):
 
     code: str
     statement: str
-    check: Callable[[Evidence], "Established | Sequence[Shortfall]"]
+    check: Callable[[Evidence], Finding]
 
 
 def judge(table: Sequence[Condition[Evidence]], evidence: Evidence) -> Outcome:

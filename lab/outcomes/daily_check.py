@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from traverse.lab.outcomes.base import (
     Condition,
     Established,
+    Finding,
     Outcome,
     Shortfall,
     State,
@@ -74,9 +75,6 @@ class DailyCheckEvidence:
     figures: Sequence[JudgedFigure]
     n_checks: int
     changes: Sequence[tuple[str, str]]
-
-
-Finding = Established | Sequence[Shortfall]
 
 
 def _um(mm: float) -> str:

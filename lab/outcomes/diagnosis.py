@@ -9,6 +9,7 @@ import numpy as np
 from traverse.lab.outcomes.base import (
     Condition,
     Established,
+    Finding,
     Outcome,
     Shortfall,
     State,
@@ -223,8 +224,6 @@ def judge_diagnosis(evidence: DiagnosisEvidence) -> Outcome:
     """Judge a diagnosis by the table of its conditions."""
     return judge(CONDITIONS, evidence)
 
-
-Finding = Established | Sequence[Shortfall]
 
 # Standard deviations of a mean square of noise alone.
 _OPEN_GAP = 4.0

@@ -1,5 +1,6 @@
 """What an identification found, as `identification.json` has it."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -40,15 +41,6 @@ class ExcludedPose:
 
 
 @dataclass(frozen=True, slots=True)
-class Undetermined:
-    """A combination of parameters that is not determined, with cause and remedy."""
-
-    direction: Mapping[str, float]
-    probe_mm: float
-    why: str
-
-
-@dataclass(frozen=True, slots=True)
 class Weak:
     """A combination that the data determine poorly.
 
@@ -76,35 +68,16 @@ class ContradictedCertificate:
         length: What it certifies, such as `distance_mm`; of two radii the mean.
         sigmas: Standard deviations by which the campaign fits better without it.
         or_else: `artefact name` of others that explain the contradiction as well.
-        value_mm: As measured.
+        value_mm: As measured; NaN before the last adjustment.
     """
 
     artefact: str
     length: str
     certified_mm: float
-    value_mm: float
-    std_mm: float
+    value_mm: float = math.nan
+    std_mm: float = math.nan
     sigmas: float
     or_else: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class ExcludedTogether:
-    """Excluded poses that lie together, of `n`; low and high are null of an artefact.
-
-    Attributes:
-        taken_back: Whether they take part again.
-    """
-
-    covariate: str
-    joint: str | None
-    artefact: str | None
-    low: float
-    high: float
-    n_excluded: int
-    n: int
-    log10_p: float
-    taken_back: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +117,7 @@ class IdentificationFigures:
     global_test: Mapping[str, Any]
     rms_mm: Mapping[str, float]
     parameters: Sequence[ParameterEstimate]
-    undetermined: Sequence[Undetermined]
+    undetermined: Sequence[Mapping[str, Any]]
     weak: Sequence[Weak]
     artefacts: Mapping[str, Mapping[str, Any]]
     tools: Mapping[str, Any]
@@ -158,7 +131,7 @@ class IdentificationFigures:
     contact_shift: Mapping[str, Any] | None
     wrong_signs: Sequence[str]
     lost_poses: Mapping[str, Mapping[str, int]]
-    clusters: Sequence[ExcludedTogether]
+    clusters: Sequence[Mapping[str, Any]]
     still_moving: Mapping[str, float]
     noise: Mapping[str, Any]
     serial_noise: Mapping[str, Any] | None

@@ -13,13 +13,13 @@ from traverse.lab.identification.report.page import (
     result_map,
     summary_lines,
 )
-from traverse.lab.identification.results.evidence import outcome_of
 from traverse.lab.identification.results.files import (
     IDENTIFICATION,
     IDENTIFICATION_FILES,
     identification_json,
     write_result,
 )
+from traverse.lab.identification.results.outcome import outcome_of
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.outcomes.adjustment import Progress
 from traverse.lab.report.provenance import SUMS, ReportProvenance, sums_of, write_sums

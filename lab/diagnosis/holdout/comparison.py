@@ -180,7 +180,7 @@ def noise_exceeded(
     1.7 times too small (a mean square of 3); three standard deviations of the mean
     square must lie above that.
     """
-    if campaign.encoder_rad is None or campaign.contact_mm is None:
+    if not campaign.states_noise:
         return None
     last = figures.without_blunders or figures
     times, n = last.chi2, last.n

@@ -392,7 +392,7 @@ def _rows_of_noise(campaign: Campaign, search: SearchState) -> ObservationEquati
     temperature or a force, and noise is what is left beside all terms.
     """
     first = search.first.rows
-    if campaign.encoder_rad is None or campaign.contact_mm is None:
+    if not campaign.states_noise:
         return first
     if not _exceeds_stated(first):
         return first

@@ -6,7 +6,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.lab.identification.report.pictures import pictures_of
-from traverse.lab.identification.results.evidence import outcome_of
+from traverse.lab.identification.results.outcome import outcome_of
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.results.undetermined import combination
 from traverse.lab.identification.uncertainty_map import (
@@ -71,7 +71,6 @@ def report_page(
         detectable_mm=_known(result, result.statistics.detectable_mm),
         effects_mm=effects_mm,
         held=_held(result),
-        undetermined_mm=result.undetermined_effects_mm,
         noise_mm=_noise_mm(result),
         close_pairs=_close_pairs(result),
         CLOSE=_CLOSE,

@@ -11,18 +11,11 @@ from traverse.kinematics.arm_file.arm import Arm, arm_digest, write_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.campaign.poses import texts
 from traverse.lab.campaign.prior import family_json
-from traverse.lab.identification.results.evidence import (
-    contradicted_certificates,
-    outcome_of,
-)
+from traverse.lab.identification.results.outcome import outcome_of
 from traverse.lab.identification.results.result import ArtefactResult, Identification
 from traverse.lab.outcomes.adjustment import COVARIANCE_FILE, write_covariance
 from traverse.lab.outcomes.base import outcome_json
-from traverse.lab.outcomes.identified import (
-    ExcludedTogether,
-    IdentificationFigures,
-    Undetermined,
-)
+from traverse.lab.outcomes.identified import IdentificationFigures
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.report.quantities import picked, plain_values
 from traverse.lab.statistics.outlier_clusters import ExcludedCluster
@@ -96,7 +89,6 @@ def identification_json(
 
 def figures_of(result: Identification, verdict: str) -> IdentificationFigures:
     """Collect what an identification found."""
-    effects_mm = result.undetermined_effects_mm.tolist()
     orientations, shift = result.orientations, result.contact_shift
     serial = result.serial_noise
     return IdentificationFigures(
@@ -113,8 +105,8 @@ def figures_of(result: Identification, verdict: str) -> IdentificationFigures:
         rms_mm={"before": result.rms_before_mm, "after": result.rms_after_mm},
         parameters=result.parameters,
         undetermined=[
-            Undetermined(entry.direction, effect_mm, entry.why)
-            for entry, effect_mm in zip(result.undetermined, effects_mm, strict=True)
+            picked(entry, "direction", "probe_mm", "why")
+            for entry in result.undetermined
         ],
         weak=result.weak,
         artefacts={entry.id: _artefact(entry) for entry in result.artefacts},
@@ -124,7 +116,7 @@ def figures_of(result: Identification, verdict: str) -> IdentificationFigures:
         holdout=result.holdout,
         mass_distribution=result.adjustment.mass_distribution() or None,
         alternating=result.alternating,
-        contradictions=contradicted_certificates(result),
+        contradictions=result.contradictions,
         contact_shift=None
         if shift is None
         else picked(shift, "artefacts", "shift_mm", sigmas="evidence"),
@@ -153,19 +145,13 @@ def figures_of(result: Identification, verdict: str) -> IdentificationFigures:
     )
 
 
-def _together(entry: ExcludedCluster) -> ExcludedTogether:
-    place = entry.cluster
-    return ExcludedTogether(
-        covariate=place.covariate,
-        joint=place.joint,
-        artefact=place.artefact,
-        low=place.low,
-        high=place.high,
-        n_excluded=place.n_excluded,
-        n=place.n_poses,
-        log10_p=place.log_p / float(np.log(10.0)),
-        taken_back=entry.taken_back,
-    )
+def _together(entry: ExcludedCluster) -> dict[str, Any]:
+    names = ("covariate", "joint", "artefact", "low", "high", "n_excluded")
+    return {
+        **picked(entry.cluster, *names, n="n_poses"),
+        "log10_p": entry.cluster.log_p / float(np.log(10.0)),
+        "taken_back": entry.taken_back,
+    }
 
 
 def _artefact(entry: ArtefactResult) -> dict[str, Any]:

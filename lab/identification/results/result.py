@@ -12,7 +12,6 @@ from traverse.lab.adjustment import Adjustment, Noise, Options, PoseStatistics
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.certificates import (
     ContactShift,
-    Contradiction,
     LostPoses,
 )
 from traverse.lab.identification.optimal_design import JointCoverage
@@ -21,6 +20,7 @@ from traverse.lab.identification.results.undetermined import Undetermined
 from traverse.lab.identification.stream_noise import SerialNoise
 from traverse.lab.outcomes.adjustment import CartesianCovariance, Iteration
 from traverse.lab.outcomes.identified import (
+    ContradictedCertificate,
     ExcludedPose,
     ParameterEstimate,
     Suggestion,
@@ -139,7 +139,7 @@ class Identification:
     critical_w: float
     coverage: tuple[JointCoverage, ...]
     condition_number: float
-    contradictions: tuple[Contradiction, ...]
+    contradictions: tuple[ContradictedCertificate, ...]
     contact_shift: ContactShift | None
     wrong_signs: tuple[str, ...]
     lost_poses: tuple[LostPoses, ...]
@@ -173,34 +173,6 @@ class Identification:
     def artefacts_agree(self) -> bool:
         """Whether no certificate is contradicted and no artefact lost many poses."""
         return not (self.contradictions or self.lost_poses)
-
-    def length_of(self, artefact: str, name: str) -> EstimatedLength:
-        """Find a length of an artefact as estimated; of two radii the first."""
-        (result,) = (
-            candidate for candidate in self.artefacts if candidate.id == artefact
-        )
-        return next(length for length in result.lengths if length.name == name)
-
-    @property
-    def undetermined_effects_mm(self) -> Floats:
-        """Root mean square shift of the probe by each undetermined direction.
-
-        By one plausible deviation of the design; the motion of the arm as a whole is
-        taken out. (n_undetermined,)
-        """
-        if not self.undetermined:
-            return np.empty(0)
-        split, network = self.adjustment.split, self.adjustment.network
-        names = network.parameters.free_names
-        rows = [
-            [entry.direction.get(name, 0.0) for name in names]
-            for entry in self.undetermined
-        ]
-        # Small components were left out of the names; the subspace restores them.
-        whole = np.array(rows) @ split.undetermined.T @ split.undetermined
-        whole = whole / np.linalg.norm(whole, axis=1, keepdims=True)
-        arm = self.adjustment.state.arm
-        return network.probe_effects_mm(arm, whole * split.tolerances)
 
     @property
     def moving(self) -> dict[str, float]:

@@ -42,32 +42,43 @@ class Undetermined:
     Attributes:
         direction: Components by name, in units of the plausible deviations, of unit
             length together; small ones left out.
+        probe_mm: How far the probe moves by it (root mean square) where the design is
+            off by a plausible deviation; the motion of the arm as a whole is taken out.
         why: The reason and the remedy.
         is_scale: Whether it is how large the whole arm is.
     """
 
     direction: dict[str, float]
+    probe_mm: float
     why: str
     is_scale: bool = False
 
 
 def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
     """Name every direction that is held at its design value."""
-    network = adjustment.network
-    geometry = adjustment.state.arm.geometry
-    rest = adjustment.split.undetermined
-    scale = network.undetermined_scale(adjustment.state.arm)
-    directions = [
-        Undetermined(network.parameters.named(direction), _NO_LENGTH, is_scale=True)
-        for direction in scale
-    ]
+    network, split = adjustment.network, adjustment.split
+    arm = adjustment.state.arm
+    if not len(split.undetermined):
+        return ()
+    scale = network.undetermined_scale(arm)
     # The adjustment holds the scale by decree, as the last direction.
-    rest = rest[: len(rest) - len(scale)]
+    rest = _sparse(split.undetermined[: len(split.undetermined) - len(scale)])
+    directions = np.concatenate([scale, rest])
+    effects_mm = network.probe_effects_mm(arm, directions * split.tolerances)
     coverage = joint_coverage(network.campaign, network.poses)
-    for direction in _sparse(rest):
-        why = _reason(network, geometry, coverage, direction)
-        directions.append(Undetermined(network.parameters.named(direction), why))
-    return tuple(directions)
+    return tuple(
+        Undetermined(
+            network.parameters.named(direction),
+            effect_mm,
+            _NO_LENGTH
+            if at < len(scale)
+            else _reason(network, arm.geometry, coverage, direction),
+            is_scale=at < len(scale),
+        )
+        for at, (direction, effect_mm) in enumerate(
+            zip(directions, effects_mm.tolist(), strict=True)
+        )
+    )
 
 
 def weak_directions(adjustment: Adjustment, factor: float) -> tuple[Weak, ...]:

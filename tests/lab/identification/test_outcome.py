@@ -9,10 +9,9 @@ import pytest
 from tests.lab.simulated import DESIGN_ARM, bar, built, cones, simulate
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.identification.identify import Options, identify
-from traverse.lab.identification.results.evidence import outcome_of
 from traverse.lab.identification.results.files import identification_json
+from traverse.lab.identification.results.outcome import CONDITIONS, outcome_of
 from traverse.lab.outcomes.base import State
-from traverse.lab.outcomes.identification import CONDITIONS
 
 QUICK = Options(n_suggestions=0)
 # Without the search for zeros and signs, which takes seconds and helps nothing.

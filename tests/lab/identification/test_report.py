@@ -21,7 +21,7 @@ from traverse.lab.identification.report.page import (
     result_map,
     summary_lines,
 )
-from traverse.lab.identification.results.evidence import outcome_of
+from traverse.lab.identification.results.outcome import outcome_of
 from traverse.lab.identification.results.result import (
     Identification,
 )
@@ -172,7 +172,7 @@ def test_an_undetermined_scale_is_no_clean_verdict(scaleless: Identification) ->
     assert judged.title == "The scale of the arm is undetermined"
     reason = judged.outcome.reasons[0]
     assert reason.code == "scale"
-    (size_mm,) = scaleless.undetermined_effects_mm
+    size_mm = scaleless.undetermined[0].probe_mm
     assert reason.values["probe_mm"] == pytest.approx(size_mm)
     assert "ball bar with a certified distance" in reason.remedy
 
@@ -220,7 +220,7 @@ def test_only_a_tested_and_determined_result_is_good(
 def test_undetermined_scale_is_worth_what_it_moves(scaleless: Identification) -> None:
     # A scale s shifts the probe by s x; what no rigid motion takes away of that is
     # s times the distance from the mean place.
-    (effect_mm,) = scaleless.undetermined_effects_mm
+    effect_mm = scaleless.undetermined[0].probe_mm
     network = scaleless.adjustment.network
     arm = scaleless.adjustment.state.arm
     _, centres_mm = network.posture_columns(arm)

@@ -97,12 +97,11 @@ def test_a_wrong_certificate_is_named_with_its_value(
     lies = {artefact: {key: wrong_mm}}
     result, words = identified(tables, 72, lies=lies, **noise)
     (contradiction,) = result.contradictions
-    assert (contradiction.artefact, contradiction.name) == (artefact, key)
+    assert (contradiction.artefact, contradiction.length) == (artefact, key)
     assert contradiction.certified_mm == wrong_mm
-    estimate = result.length_of(artefact, contradiction.name)
     # Without another length the arm keeps the design's scale.
-    close = 5.0 * estimate.std_mm if tables[-1] is not BALL else 0.01 * value_mm
-    assert estimate.value_mm == pytest.approx(value_mm, abs=close)
+    close = 5.0 * contradiction.std_mm if tables[-1] is not BALL else 0.01 * value_mm
+    assert contradiction.value_mm == pytest.approx(value_mm, abs=close)
     assert result.converged
     assert len(result.excluded) <= 2
     assert f"The certificate of {artefact} contradicts" in words

@@ -1,7 +1,7 @@
 """What an identification says, for tests."""
 
 from traverse.lab.identification.report.page import WORDS
-from traverse.lab.identification.results.evidence import outcome_of
+from traverse.lab.identification.results.outcome import outcome_of
 from traverse.lab.identification.results.result import Identification
 
 
