@@ -411,7 +411,7 @@ class Measurement(MeasurementContext):
             case StreamStarted():
                 self._take_stream(delivery)
             case DeviceTemperatures():
-                device.temperatures_c = delivery.values_c
+                device.take_temperatures(delivery)
                 if (
                     device in self.joint_devices
                     and self.joint_devices.first_mismatched is None

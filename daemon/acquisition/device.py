@@ -11,13 +11,14 @@ from traverse.daemon.config.devices import DeviceSection
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.registry import driver_class
-from traverse.drivers.base.values import DeviceLost, Identity
+from traverse.drivers.base.values import DeviceLost, DeviceTemperatures, Identity
 from traverse.protocol.messages import DeviceHealth, DriverStatus
 
 DeviceStateName = Literal["starting", "ready", "lost", "failed", "stopped"]
 
 
 RECENT_NS, RECENT_PERIODS = 1_000_000_000, 20  # without readings: none are recent
+REPORT_PERIODS = 5  # without a temperature: the last one is not recent
 
 
 @dataclass(slots=True, eq=False)
@@ -31,7 +32,8 @@ class Device:
         samples_ns: of its last samples; 0 for never.
         period_ns: of its stream; 0 for none.
         max_speed_rad_s: fastest joint; None if its options do not state one.
-        temperatures_c: of its sensors; empty before the first report.
+        temperatures_c: of its sensors; empty without a recent report.
+        temperatures_end_ns: until then they are recent; 0: always.
         clock_text: state of its clock, in words; empty before the first report.
         clock_doubt: `clock_text` when the clock was last in doubt.
         has_rate_error: its clock is known to run off its rate.
@@ -52,6 +54,7 @@ class Device:
     period_ns: int = 0
     counters: Counter[str] = field(default_factory=Counter)
     temperatures_c: tuple[float | None, ...] = ()
+    temperatures_end_ns: int = 0
     clock_text: str = ""
     clock_doubt: str = ""
     has_rate_error: bool = False
@@ -67,6 +70,15 @@ class Device:
             return True
         most_ns = max(RECENT_NS, RECENT_PERIODS * self.period_ns)
         return now_ns - max(self.samples_ns, self.up_ns) <= most_ns
+
+    def take_temperatures(self, report: DeviceTemperatures) -> None:
+        self.temperatures_c = report.values_c
+        lasts_ns = REPORT_PERIODS * report.period_ns
+        self.temperatures_end_ns = self.last_ns + lasts_ns if lasts_ns else 0
+
+    def drop_old_temperatures(self, now_ns: int) -> None:
+        if self.temperatures_end_ns and now_ns > self.temperatures_end_ns:
+            self.temperatures_c = ()
 
     @property
     def temperature_c(self) -> float | None:

@@ -241,13 +241,16 @@ class TemperatureMonitor:
 
     def check(self, model: ArmModel, devices: JointDevices) -> None:
         """Check the devices that read the arm; call with every block."""
+        now_ns = self.clock.monotonic_ns()
+        for device in devices.devices:
+            device.drop_old_temperatures(now_ns)
         if not model.uses_temperature:
             return
         if devices.temperature_c is not None:
             self.conditions.establish("temperature")
             return
         up_ns = max(device.up_ns for device in devices.devices)
-        if self.clock.monotonic_ns() - up_ns < PATIENCE_NS:
+        if now_ns - up_ns < PATIENCE_NS:
             return  # it has just connected, its first message is on the way
         names = ", ".join(model.devices)
         self.conditions.doubt(

@@ -149,7 +149,7 @@ CONDITIONS = (
         "arm",
         "the temperature that corrections need is known",
         "a report of a device's sensor",
-        "no sensor reports",
+        "no sensor has reported for five of its periods",
         QualityFlag.TEMPERATURE_UNKNOWN,
         "all",
         "device.temperature_unknown",

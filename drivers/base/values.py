@@ -240,10 +240,15 @@ class DeviceFault:
 
 @dataclass(frozen=True, slots=True)
 class DeviceTemperatures:
-    """Temperatures in Celsius by sensor; None where there is none."""
+    """Temperatures in Celsius by sensor; None where there is none.
+
+    Attributes:
+        period_ns: each sensor is reported so often; 0: at any time.
+    """
 
     device: str
     values_c: tuple[float | None, ...]
+    period_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -293,7 +293,9 @@ class LatchBoardDriver(Driver):
                 session.begin_stream(self._stream, message.request)
             case wire.Temperatures():
                 self._delivery_queue.put(
-                    DeviceTemperatures(self.device, message.values_c)
+                    DeviceTemperatures(
+                        self.device, message.values_c, TEMPERATURE_MS * 1_000_000
+                    )
                 )
             case wire.Alarm():
                 self._delivery_queue.put(device_alarm(self.device, message))

@@ -194,5 +194,8 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
         if said.temperature_c is not None:
             self._temperatures_c[channel] = said.temperature_c
             temperatures_c = tuple(self._temperatures_c)
-            self._delivery_queue.put(DeviceTemperatures(self.device, temperatures_c))
+            period_ns = self._temperature_ns * len(temperatures_c)
+            self._delivery_queue.put(
+                DeviceTemperatures(self.device, temperatures_c, period_ns)
+            )
         return EncoderReading(count, answer.time_ns, status, answer.bound_ns)

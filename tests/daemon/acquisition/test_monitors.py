@@ -129,6 +129,28 @@ async def test_a_device_that_returns_tells_its_temperature_anew(bench):
     assert bench.points[0].temperature_c is None
 
 
+async def test_a_sensor_that_falls_silent_leaves_no_temperature(tmp_path):
+    """Its board measures on; what it said last is not the temperature for ever."""
+    bench = Bench(arm_model(tmp_path, ARM + WARM))
+    report = DeviceTemperatures("base", (21.5,), period_ns=2_000_000_000)
+    bench.take(DeviceUp("base", BOARD, False), report)
+    known_s = []
+    for second in range(1, 16):
+        bench.clock.now_ns += 1_000_000_000
+        samples = count_samples(np.zeros((3, 3)), first=100 * second)
+        bench.take(samples, latch((5, 6, 7), token=second))
+        if bench.points[-1].quality.ok:
+            known_s.append(second)
+    assert known_s == list(range(1, 11))
+    assert bench.points[-1].temperature_c is None
+    assert bench.points[-1].quality.flags == ("temperature_unknown",)
+    assert "device.temperature_unknown" in bench.codes()
+    bench.take(report, latch((5, 6, 7), token=16))
+    assert bench.points[-1].temperature_c == 21.5
+    assert bench.points[-1].quality.ok
+    bench.device.driver.close()
+
+
 async def test_without_effects_nobody_misses_the_temperature(bench):
     bench.take(DeviceUp("base", BOARD, False))
     bench.clock.now_ns += 60 * 10**9
