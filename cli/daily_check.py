@@ -217,7 +217,7 @@ def _checked(folder: Path, arm: "Arm", arm_file: Path, begins: str) -> "Check":
 def _report(
     checks: "list[Check]", arm: str, limits: Path | None, acceptance: Path | None
 ) -> "DailyCheckReport":
-    from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
+    from traverse.lab.acceptance.limits import NO_LIMITS, Limits
     from traverse.lab.daily_check.report import (
         read_certificate,
         report_of,

@@ -19,7 +19,7 @@ from traverse.strict_toml.files import bytes_of
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
     from traverse.lab.acceptance.certificate.values import SealedCertificate
-    from traverse.lab.acceptance.conformity import Limits
+    from traverse.lab.acceptance.limits import Limits
 
 
 def verify(
@@ -108,7 +108,7 @@ def _certificate(
     from traverse.lab.acceptance.administration import administration_of
     from traverse.lab.acceptance.certificate.check import ARM, LIMITS
     from traverse.lab.acceptance.certificate.values import SealedCertificate
-    from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
+    from traverse.lab.acceptance.limits import NO_LIMITS, Limits
     from traverse.lab.acceptance.standards import verified
     from traverse.lab.measured_points.reading import files_read, read_by_tool
     from traverse.lab.report import provenance as sources

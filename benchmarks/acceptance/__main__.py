@@ -74,17 +74,18 @@ def _rate_lines(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
 
 
 def _agreement_lines(tested: Sequence[Tested]) -> Iterator[str]:
-    yield "\n| figure | true 5 %, 50 %, 95 % [um] | rms off [um] | in u | within 2 u |"
+    yield "\n| figure | true 5 %, 50 %, 95 % [um] | rms off [um] | in u | within U |"
     yield "|---|---|---|---|---|"
     for row in (agreement(tested, key) for key in FIGURES):
         true = ", ".join(f"{1e3 * value:.1f}" for value in row["true_mm"])
         yield (
             f"| {row['figure']} | {true} | {1e3 * row['rms_off_mm']:.2f} | "
-            f"{row['rms_off_u']:.2f} | {row['within_2u']:.1%} |"
+            f"{row['rms_off_u']:.2f} | {row['covered']:.1%} |"
         )
     of_lengths = coverage(tested)
     yield (
-        f"\n{of_lengths['lengths']} lengths: {of_lengths['within_2u']:.1%} within 2 u, "
+        f"\n{of_lengths['lengths']} lengths: {of_lengths['covered']:.1%} within U, "
+        f"{of_lengths['within_2u']:.1%} within 2 u, "
         f"rms {of_lengths['rms_u']:.2f} u"
     )
 

@@ -8,17 +8,12 @@ import numpy as np
 
 from benchmarks.trials.lines import Line
 from traverse.kinematics.arm_file.arm import Arm, read_arm
+from traverse.kinematics.fits import fit_sphere
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import geometry_from_arm
-from traverse.lab.acceptance.conformity import (
-    Figure,
-    LengthError,
-    Limits,
-    Mpe,
-    Standards,
-    Verdict,
-    decision_of,
-)
+from traverse.lab.acceptance.budget import Budget
+from traverse.lab.acceptance.conformity import Figure, LengthError, Verdict, decision_of
+from traverse.lab.acceptance.limits import Limits, Mpe, Standards
 from traverse.lab.acceptance.procedures.length_tests import (
     AGAIN,
     MOST_SETS,
@@ -28,6 +23,7 @@ from traverse.lab.acceptance.procedures.length_tests import (
 from traverse.lab.acceptance.procedures.lengths import SET
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.artefacts import artefact_from_table
+from traverse.lab.artefacts.artefact import EXACT_MM
 from traverse.lab.measured_points.measurement import (
     ArtefactTouches,
     Measurement,
@@ -47,7 +43,12 @@ ARM = Path(__file__).parent.parent.parent / "cli" / "demo_data" / "arm.toml"
 STANDARD = "iso10360-12"
 STD_MM = 0.0007
 EXPANSION_PER_C = 11.5e-6
+EXPANSION_LIMIT_PER_C = 1e-6
 TEMPERATURE_STD_C = 0.1
+# The thermometer's deviation is the scatter of so many readings less one.
+TEMPERATURE_DEGREES = 4
+FIXTURE_STD_MM = 0.0004
+REFERENCE_C, WARM_C = 18.0, 20.0
 NOISE = NoiseTable(encoder_rad=3e-6, contact_mm=0.003)
 LINKS_MM, AXES_RAD = 0.004, 3e-6
 NEAR_U = 3.0  # how far a limit is from the true figure, at most
@@ -61,34 +62,40 @@ class Tested:
 
     Attributes:
         true_mm: Its figures by exact standards, by key.
+        expanded_mm: Their stated U, by key; of 95.45 %.
         found_mm: Its figures as measured.
         standard_mm: Their stated standard uncertainties.
         limit_mm: A limit near each, by key.
         procedure: Verdict on E_UNI with the ten repeats of the standard, by rule.
-        lengths: Every measured length: true error, found error, uncertainty.
+        lengths: Every measured length: true error, found error, u, U.
     """
 
     true_mm: dict[str, float]
     found_mm: dict[str, float]
     standard_mm: dict[str, float]
+    expanded_mm: dict[str, float]
     limit_mm: dict[str, float]
     procedure: dict[str, Verdict]
-    lengths: tuple[tuple[float, float, float], ...]
+    lengths: tuple[tuple[float, float, float, float], ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """One measured arm.
+    """One measured arm, in a laboratory with standards and thermometer of its own.
 
     Attributes:
         poses: Of the standards, touched by this arm.
-        warm_c: Temperature of the standards; the thermometer says 20 °C.
+        warm_c: As the thermometer says; it is 20 °C.
+        temperature_std_c: Stated, of five readings.
+        per_c: True coefficient of expansion of its standards.
     """
 
     seed: int
     poses: PoseSet
     drawn: SimulatedCampaign
     warm_c: float
+    temperature_std_c: float
+    per_c: float
     rng: np.random.Generator
 
 
@@ -99,17 +106,25 @@ def drawn_arm(seed: int) -> Case:
     scale = rng.uniform(0.5, 1.5)
     deviations = Deviations(links_mm=scale * LINKS_MM, axes_rad=scale * AXES_RAD)
     mine = touched_by(poses, true_arm(arm, deviations, seed))
-    warm_c = 20.0 + TEMPERATURE_STD_C * float(rng.standard_normal())
-    return Case(seed, mine, drawn_acceptance(mine, seed), warm_c, rng)
+    warm_c = WARM_C + TEMPERATURE_STD_C * float(rng.standard_normal())
+    scatter = np.sqrt(rng.chisquare(TEMPERATURE_DEGREES) / TEMPERATURE_DEGREES)
+    std_c = float(TEMPERATURE_STD_C * scatter)
+    off_per_c = float(rng.uniform(-EXPANSION_LIMIT_PER_C, EXPANSION_LIMIT_PER_C))
+    drawn = drawn_acceptance(mine, seed)
+    return Case(seed, mine, drawn, warm_c, std_c, EXPANSION_PER_C + off_per_c, rng)
 
 
 def tested(case: Case) -> Line:
     """Test one arm by its certificates, and by exact standards."""
     arm, _, exact = _prepared()
     drawn = case.drawn
-    true = verified([_measured(arm, drawn, exact, 20.0)], STANDARD, limits_of("1.65"))
-    measured = _measured(arm, drawn, drawn.campaign.artefacts, case.warm_c)
-    stated = verified([measured], STANDARD, limits_of("1.65"))
+    limits = limits_of("1.65", case.temperature_std_c)
+    true = verified([_measured(arm, drawn, exact, WARM_C)], STANDARD, limits)
+    at_reference = 1.0 - case.per_c * (WARM_C - REFERENCE_C)
+    artefacts = [_scaled(each, at_reference) for each in drawn.campaign.artefacts]
+    measured = _measured(arm, drawn, artefacts, case.warm_c, REFERENCE_C)
+    measured = _shaken(measured, case.rng)
+    stated = verified([measured], STANDARD, limits)
     true_mm, standard_mm = (
         _values(true.figures),
         {
@@ -126,25 +141,57 @@ def tested(case: Case) -> Line:
         true_mm,
         _values(stated.figures),
         standard_mm,
-        limit_mm,
         {
-            rule: _procedure(case.poses, measured, case.seed, rule, limit_mm)
-            for rule in RULES
+            figure.key: _expanded(figure.budget, limits)
+            for figure in stated.figures
+            if figure.key in FIGURES
         },
-        tuple(_paired(true.lengths, stated.lengths)),
+        limit_mm,
+        {rule: _procedure(case, measured, rule, limit_mm) for rule in RULES},
+        tuple(_paired(true.lengths, stated.lengths, limits)),
     )
     return {"outcome": asdict(outcome)}
 
 
+def _scaled(artefact: StatedArtefact, factor: float) -> StatedArtefact:
+    """State the lengths of a standard at another temperature."""
+    table = dict(artefact.table)
+    if "radius_mm" in table:
+        table["radius_mm"] *= factor
+    if "points_mm" in table:
+        table["points_mm"] = {
+            name: (factor * np.array(point_mm)).tolist()
+            for name, point_mm in table["points_mm"].items()
+        }
+    return replace(artefact, table=table)
+
+
+def _shaken(measured: Measurement, rng: np.random.Generator) -> Measurement:
+    """Let standards yield: ends of lengths between touches, spheres in diameter."""
+    touched = {}
+    for name, before in measured.touched.items():
+        places_mm = before.places_mm.copy()
+        if not name.startswith("uni-"):
+            outwards = places_mm - fit_sphere(places_mm).centre_mm
+            larger_mm = 0.5 * FIXTURE_STD_MM * float(rng.standard_normal())
+            outwards /= np.linalg.norm(outwards, axis=1)[:, np.newaxis]
+            places_mm += larger_mm * outwards
+            touched[name] = replace(before, places_mm=places_mm)
+            continue
+        way = places_mm[1] - places_mm[0]
+        ends = np.array(before.features) == before.features[1]
+        moved_mm = FIXTURE_STD_MM * rng.standard_normal(int(ends.sum()))
+        places_mm[ends] += moved_mm[:, np.newaxis] * way / np.linalg.norm(way)
+        touched[name] = replace(before, places_mm=places_mm)
+    return replace(measured, touched={**measured.touched, **touched})
+
+
 def _procedure(
-    poses: PoseSet,
-    measured: Measurement,
-    seed: int,
-    rule: str,
-    limit_mm: dict[str, float],
+    case: Case, measured: Measurement, rule: str, limit_mm: dict[str, float]
 ) -> Verdict:
     """Decide on E_UNI, with ten repeats of outliers if the rule allows them."""
-    limits = limits_of(rule, e_uni_mm=limit_mm["e_uni"])
+    poses, seed = case.poses, case.seed
+    limits = limits_of(rule, case.temperature_std_c, e_uni_mm=limit_mm["e_uni"])
     verdict, lengths = _e_uni(measured, limits)
     bad = {
         name: sum(
@@ -198,13 +245,20 @@ def _prepared() -> tuple[Arm, PoseSet, tuple[StatedArtefact, ...]]:
     return _PREPARED[0]
 
 
-def limits_of(rule: str, **mpe: float) -> Limits:
+def limits_of(
+    rule: str, temperature_std_c: float = TEMPERATURE_STD_C, **mpe: float
+) -> Limits:
     """Limits with one of `RULES`."""
     return Limits(
         schema="traverse/acceptance-limits/1",
         decision="simple" if rule == "simple" else "iso14253-1",
         guard_factor=1.65 if rule == "simple" else float(rule),
-        standards=Standards(temperature_std_c=TEMPERATURE_STD_C),
+        standards=Standards(
+            temperature_std_c=temperature_std_c,
+            temperature_degrees=TEMPERATURE_DEGREES,
+            fixture_std_mm=FIXTURE_STD_MM,
+            form_mm=EXACT_MM,
+        ),
         mpe=Mpe(**mpe),
     )
 
@@ -214,6 +268,7 @@ def _measured(
     drawn: SimulatedCampaign,
     artefacts: Sequence[StatedArtefact],
     warm_c: float,
+    reference_c: float = WARM_C,
 ) -> Measurement:
     """Compute places with the arm file; standards are of steel."""
     campaign = drawn.campaign
@@ -225,7 +280,8 @@ def _measured(
                 "kind": entry.kind,
                 **entry.table,
                 "expansion_per_c": EXPANSION_PER_C,
-                "expansion_std_per_c": 0.0,
+                "expansion_std_per_c": EXPANSION_LIMIT_PER_C / 3.0**0.5,
+                "reference_temperature_c": reference_c,
             }
         )
         for entry in artefacts
@@ -249,15 +305,21 @@ def _stated(standard_mm: float | None) -> float:
     return standard_mm
 
 
+def _expanded(budget: Budget, limits: Limits) -> float:
+    factor = budget.coverage_factor(limits.coverage_probability)
+    return factor * _stated(budget.standard_mm)
+
+
 def _values(figures: Sequence[Figure]) -> dict[str, float]:
     return {figure.key: abs(figure.value_mm) for figure in figures}
 
 
 def _paired(
-    true: Sequence[LengthError], measured: Sequence[LengthError]
-) -> Iterator[tuple[float, float, float]]:
+    true: Sequence[LengthError], measured: Sequence[LengthError], limits: Limits
+) -> Iterator[tuple[float, float, float, float]]:
     for error, other in zip(true, measured, strict=True):
-        yield error.error_mm, other.error_mm, _stated(other.standard_mm)
+        expanded_mm = _expanded(other.budget, limits)
+        yield error.error_mm, other.error_mm, _stated(other.standard_mm), expanded_mm
 
 
 def drawn_again(test: int) -> SimulatedCampaign:
@@ -270,7 +332,7 @@ def drawn_again(test: int) -> SimulatedCampaign:
 def tested_again(drawn: SimulatedCampaign) -> Line:
     """Test it with exact standards."""
     arm, _, exact = _prepared()
-    measured = _measured(arm, drawn, exact, 20.0)
+    measured = _measured(arm, drawn, exact, WARM_C)
     return {
         "outcome": _values(verified([measured], STANDARD, limits_of("1.65")).figures)
     }

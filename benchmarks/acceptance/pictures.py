@@ -13,7 +13,7 @@ from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.acceptance.administration import administration_of
 from traverse.lab.acceptance.certificate.pictures import paintings
 from traverse.lab.acceptance.certificate.values import SealedCertificate
-from traverse.lab.acceptance.conformity import Limits
+from traverse.lab.acceptance.limits import Limits
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.measured_points.reading import read_measured
 from traverse.lab.report.figures import (

@@ -7,7 +7,7 @@ from datetime import date
 import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.lab.acceptance.conformity import Limits
+from traverse.lab.acceptance.limits import Limits
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.artefact import ExpandingArtefact
 from traverse.lab.measured_points.measurement import Measurement

@@ -10,119 +10,17 @@ the limit:
 Between the guard bands neither conformity nor its opposite is proved: who has to prove
 loses (the supplier cannot prove conformity, nor the customer the opposite). Where u is
 not stated nothing is decided: "undecided".
-
-The uncertainty of a test value is what the standard adds, not what the arm does: the
-arm's own errors, its repeatability included, are what is tested. What remains are the
-standard's certificate, its temperature, its expansion, its form, and how firmly it
-stood (in the manner of ISO/TS 23165 [K]).
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import Field, PlainValidator
 
-from traverse.lab.artefacts.materials import Expansion
-from traverse.strict_toml.reader import StrictModel
-
-# ISO 14253-1:2017: 95 % for one limit needs 1.65 standard uncertainties.
-GUARD_FACTOR = 1.65
-COVERAGE_FACTOR = 2.0
-
-
-class LengthLimit(StrictModel):
-    """A limit that grows with the length: constant + per_m L, most at the most."""
-
-    constant_mm: float = Field(ge=0.0)
-    per_m_mm: float = Field(default=0.0, ge=0.0)
-    most_mm: float | None = Field(default=None, gt=0.0)
-
-    def at(self, length_mm: float) -> float:
-        """Return the limit for a length."""
-        limit_mm = self.constant_mm + 1e-3 * length_mm * self.per_m_mm
-        return limit_mm if self.most_mm is None else min(limit_mm, self.most_mm)
-
-
-def _length_limit(value: object) -> object:
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        value = {"constant_mm": value}
-    if isinstance(value, Mapping):
-        return LengthLimit.model_validate(dict(value))
-    if isinstance(value, LengthLimit):
-        return value
-    raise ValueError(
-        f"{value!r} is neither a number nor a table of constant_mm, per_m_mm, most_mm"
-    )
-
-
-Length = Annotated[Any, PlainValidator(_length_limit)]
-Limit = Annotated[float | None, Field(gt=0.0)]
-
-
-class Mpe(StrictModel):
-    """Maximum permissible errors; a figure without one gets no decision."""
-
-    p_size_mm: Limit = None
-    p_form_mm: Limit = None
-    l_dia_mm: Limit = None
-    e_uni_mm: Length = None
-    e_bi_mm: Length = None
-    effective_diameter_mm: Limit = None
-    spat_max_mm: Limit = None
-    spat_2s_mm: Limit = None
-    volumetric_max_mm: Limit = None
-    volumetric_2rms_mm: Limit = None
-    interim_length_mm: Length = None
-
-    def of(self, key: str) -> LengthLimit | None:
-        """Return the limit of a figure by its key."""
-        value = getattr(self, f"{key}_mm")
-        if value is None or isinstance(value, LengthLimit):
-            return value
-        return LengthLimit(constant_mm=value)
-
-
-class Standards(StrictModel):
-    """Data of the material standards beyond the campaign's certificates.
-
-    Attributes:
-        temperature_std_c: Standard uncertainty of a standard's temperature.
-        form_mm: Form error of the test sphere by its certificate.
-        form_std_mm: Standard uncertainty of that.
-        fixture_std_mm: How far a standard moves in its fixture while it is measured.
-    """
-
-    temperature_std_c: float = Field(default=0.0, ge=0.0)
-    form_mm: float = Field(default=0.0, ge=0.0)
-    form_std_mm: float = Field(default=0.0, ge=0.0)
-    fixture_std_mm: float = Field(default=0.0, ge=0.0)
-
-
-class Limits(StrictModel):
-    """A file of limits as written.
-
-    Attributes:
-        decision: `iso14253-1` with guard bands, or `simple` acceptance without.
-        guard_factor: Guard band in standard uncertainties.
-        coverage_factor: Of the expanded uncertainties that are reported.
-        measuring_range_mm: Diameter of the volume; else twice the reach of the arm.
-        l_dia_radius: Whether the spheres of L_DIA are fitted with their radius free.
-    """
-
-    schema_: Literal["traverse/acceptance-limits/1"] = Field(alias="schema")
-    decision: Literal["iso14253-1", "simple"] = "iso14253-1"
-    guard_factor: float = Field(default=GUARD_FACTOR, gt=0.0)
-    coverage_factor: float = Field(default=COVERAGE_FACTOR, gt=0.0)
-    measuring_range_mm: float | None = Field(default=None, gt=0.0)
-    l_dia_radius: Literal["free", "calibrated"] = "free"
-    mpe: Mpe = Mpe()
-    standards: Standards = Standards()
-
-
-NO_LIMITS = Limits(schema="traverse/acceptance-limits/1")
-
+from traverse.lab.acceptance.budget import Budget
+from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.monte_carlo import Model
 
 Verdict = Literal["accept", "reject", "neither", "undecided"]
 
@@ -184,139 +82,12 @@ def worst(verdicts: list[Verdict]) -> Verdict:
     return "accept"
 
 
-@dataclass(frozen=True, slots=True)
-class Contribution:
-    """One line of a budget.
-
-    Attributes:
-        formula: With the numbers in it; or where to state it.
-        standard_mm: Standard uncertainty of the test value from it; None where it is
-            required and not stated.
-    """
-
-    name: str
-    formula: str
-    standard_mm: float | None
-
-
-def required(name: str, formula: str, standard_mm: float, where: str) -> Contribution:
-    """Make a line without which no uncertainty is stated: 0 mm is not stated.
-
-    The line then names where to state it: the keys and their file.
-    """
-    if standard_mm > 0.0:
-        return Contribution(name, formula, standard_mm)
-    return Contribution(name, f"give {where}", None)
-
-
-IN_LIMITS = "in [standards] of the limits"
-
-
-@dataclass(frozen=True, slots=True)
-class Budget:
-    """The standard uncertainty of a test value, line by line."""
-
-    lines: tuple[Contribution, ...]
-
-    @property
-    def standard_mm(self) -> float | None:
-        """Root of the sum of squares; None where a required line is not stated."""
-        sizes_mm = [line.standard_mm for line in self.lines]
-        if None in sizes_mm:
-            return None
-        return float(np.sqrt(sum((size_mm or 0.0) ** 2 for size_mm in sizes_mm)))
-
-    def times(self, factor: float) -> "Budget":
-        """Return the budget of a multiple of the test value."""
-        return Budget(
-            tuple(
-                line
-                if line.standard_mm is None
-                else replace(
-                    line,
-                    formula=f"{factor:g} x {line.formula}",
-                    standard_mm=factor * line.standard_mm,
-                )
-                for line in self.lines
-            )
-        )
-
-
-def length_budget(
-    length_mm: float,
-    calibration_mm: float,
-    standards: Standards,
-    expansion: Expansion,
-    warmer_c: float,
-) -> Budget:
-    """Draw up the budget of a certified length, which may be a diameter.
-
-    The calibration is its standard uncertainty, the temperature is less that of the
-    certificate.
-    """
-    per_c, std_per_c = expansion.per_c, expansion.std_per_c
-    return Budget(
-        (
-            required(
-                "calibration",
-                "of the certificate",
-                calibration_mm,
-                "distance_std_mm, radius_std_mm or points_std_mm in campaign.toml",
-            ),
-            Contribution(
-                "expansion coefficient",
-                "give material, or expansion_per_c and expansion_std_per_c, in "
-                "campaign.toml",
-                None,
-            )
-            if per_c is None or std_per_c is None
-            else Contribution(
-                "expansion coefficient",
-                f"{length_mm:g} mm x {std_per_c:g} /C x {abs(warmer_c):.2f} C",
-                length_mm * std_per_c * abs(warmer_c),
-            ),
-            Contribution("temperature", "the standard does not expand", 0.0)
-            if not per_c
-            else required(
-                "temperature",
-                f"{length_mm:g} mm x {per_c:g} /C x {standards.temperature_std_c:g} C",
-                length_mm * abs(per_c) * standards.temperature_std_c,
-                f"temperature_std_c {IN_LIMITS}",
-            ),
-            Contribution("fixture", "as stated", standards.fixture_std_mm),
-        )
-    )
-
-
-def form_budget(standards: Standards) -> Budget:
-    """Draw up the budget of what the form of a test sphere disturbs."""
-    return Budget(
-        (
-            required(
-                "form of the sphere",
-                f"{standards.form_mm:g} mm / 2",
-                standards.form_mm / 2.0,
-                f"form_mm {IN_LIMITS}",
-            ),
-            Contribution("its uncertainty", "as stated", standards.form_std_mm),
-            Contribution("fixture", "as stated", standards.fixture_std_mm),
-        )
-    )
-
-
-def fixture_budget(standards: Standards) -> Budget:
-    """Draw up the budget of a test that needs no calibrated standard."""
-    fixture_mm = standards.fixture_std_mm
-    where = f"fixture_std_mm {IN_LIMITS}"
-    return Budget((required("fixture", "as stated", fixture_mm, where),))
-
-
 # What a definition was taken from.
 Source = Literal["published", "general knowledge"]
 CONFIRM = "confirm against your copy of the standard"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Figure:
     """One figure of a standard.
 
@@ -326,6 +97,7 @@ class Figure:
         source: Source of the definition; general knowledge is to be confirmed.
         value_mm: Signed where the definition is.
         decision: None where the limits give no limit.
+        model: Of which test values it is made.
         parts: Further figures that it is made of, in mm by name.
         remarks: Deviations from the standard.
         tool: With which it was measured, where the campaign names tools.
@@ -338,6 +110,7 @@ class Figure:
     value_mm: float
     budget: Budget
     decision: Decision | None
+    model: Model
     parts: tuple[tuple[str, float], ...] = ()
     remarks: tuple[str, ...] = ()
     tool: str | None = None
@@ -356,6 +129,7 @@ def judged_figure(
     value_mm: float,
     *,
     budget: Budget,
+    model: Model | None = None,
     length_mm: float = 0.0,
     source: Source = "general knowledge",
     parts: Iterable[tuple[str, float]] = (),
@@ -375,6 +149,7 @@ def judged_figure(
         value_mm,
         budget,
         decision,
+        model or Model(np.array([value_mm]), (budget,)),
         tuple(parts),
         tuple(remarks),
     )
@@ -397,7 +172,7 @@ class LengthError:
         length_mm: Certified.
         error_mm: Measured less certified, at the temperature of the measurement.
         limit_mm: None without a limit.
-        standard_mm: Standard uncertainty of the error; None where not stated.
+        budget: Of the error.
         role: "set", or "repeat" of the ten that were measured again.
         tool: As of a figure.
     """
@@ -407,9 +182,14 @@ class LengthError:
     length_mm: float
     error_mm: float
     limit_mm: float | None
-    standard_mm: float | None
+    budget: Budget
     role: Literal["set", "repeat"] = "set"
     tool: str | None = None
+
+    @property
+    def standard_mm(self) -> float | None:
+        """Standard uncertainty of the error; None where not stated."""
+        return self.budget.standard_mm
 
 
 @dataclass(frozen=True, slots=True, eq=False)

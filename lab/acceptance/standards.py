@@ -8,16 +8,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from traverse.lab.acceptance.conformity import (
-    NO_LIMITS,
     Figure,
     LengthError,
-    Limits,
     Missing,
     Part,
     Scatter,
     Verification,
     with_tool,
 )
+from traverse.lab.acceptance.limits import NO_LIMITS, Limits
 from traverse.lab.acceptance.procedures.b89 import articulation, volumetric
 from traverse.lab.acceptance.procedures.length_tests import interim_test, length_test
 from traverse.lab.acceptance.procedures.probing import (

@@ -14,7 +14,7 @@ from traverse.lab.acceptance.administration import (
     StandardUsed,
     administration_of,
 )
-from traverse.lab.acceptance.conformity import Limits
+from traverse.lab.acceptance.limits import Limits
 from traverse.lab.campaign.campaign_file import CampaignFile
 from traverse.lab.measured_points.measurement import Measurement, reach_of
 from traverse.lab.measured_points.reading import occasion_of

@@ -24,7 +24,7 @@ from traverse.lab.acceptance.certificate.check import (
     PAGES,
     certificate_problems,
 )
-from traverse.lab.acceptance.conformity import NO_LIMITS
+from traverse.lab.acceptance.limits import NO_LIMITS
 from traverse.lab.adjustment import IdentificationError
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.certificates.laboratory import Laboratory
@@ -85,8 +85,11 @@ def quantity(
     unit: str,
     expanded: float | None = None,
     coverage_factor: float = COVERAGE_FACTOR,
+    probability: float | None = None,
 ) -> dict[str, str]:
     """Describe a number, with its expanded uncertainty where that is stated.
+
+    Without a probability the coverage factor is that of a normal distribution.
 
     Raises:
         KeyError: D-SI has no such unit.
@@ -101,8 +104,8 @@ def quantity(
     return values | {
         "value": f"{value:.{decimals}f}",
         "expanded": f"{expanded:.{decimals}f}",
-        "coverage_factor": f"{coverage_factor:g}",
-        "probability": f"{erf(coverage_factor / sqrt(2.0)):.4f}",
+        "coverage_factor": f"{coverage_factor:.4g}",
+        "probability": f"{probability or erf(coverage_factor / sqrt(2.0)):.4f}",
     }
 
 

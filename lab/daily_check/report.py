@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from traverse.lab.acceptance.certificate.values import SCHEMA as CERTIFICATE
-from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
+from traverse.lab.acceptance.limits import NO_LIMITS, Limits
 from traverse.lab.daily_check.control_chart import ChartPoint, Rule, charted, rules
 from traverse.lab.daily_check.figures import KINDS, MOST_U, FigureKind
 from traverse.lab.daily_check.history import Check, since_base

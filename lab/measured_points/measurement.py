@@ -255,6 +255,18 @@ def certified_length(artefact: Artefact) -> tuple[float, float]:
     )
 
 
+def identity_of(artefact: Artefact) -> str:
+    """Name a standard by its serial number, else by its certified size.
+
+    What has the same certified size is the same standard, in another place.
+    """
+    if artefact.serial_number:
+        return f"{artefact.kind} {artefact.serial_number}"
+    if isinstance(artefact, Sphere):
+        return f"sphere of {artefact.radius_mm} mm"
+    return f"{artefact.kind} of {certified_length(artefact)[0]} mm"
+
+
 @dataclass(frozen=True, slots=True)
 class FittedSphere:
     """Figures of touches on a calibrated sphere.

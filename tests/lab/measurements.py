@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from traverse.lab.acceptance.conformity import Limits, Mpe, Standards
+from traverse.lab.acceptance.limits import Limits, Mpe, Standards
 from traverse.lab.artefacts import artefact_from_table
 from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
 

@@ -6,6 +6,7 @@ from importlib import import_module
 import pytest
 
 ENTRY_POINTS = (
+    "acceptance.budget",
     "identification.identify",
     "identification.prediction",
     "diagnosis.diagnose",

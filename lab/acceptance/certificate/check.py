@@ -15,7 +15,7 @@ from traverse.lab.acceptance.certificate.values import (
     digest_values,
     result_values,
 )
-from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
+from traverse.lab.acceptance.limits import NO_LIMITS, Limits
 from traverse.lab.acceptance.standards import STANDARDS, verified
 from traverse.lab.measured_points.reading import files_read, read_by_tool
 from traverse.lab.report.provenance import (

@@ -37,9 +37,41 @@ def figure_cells(figure: Mapping[str, Any]) -> list[str]:
         figure["decision"],
         WORDS.value(figure),
         NOT_STATED if uncertainty_mm is None else number(uncertainty_mm, ".4f"),
+        number(figure["coverage_factor"], ".2f"),
         number(figure["limit_mm"], ".4f"),
         number(figure["guard_mm"], ".4f"),
     ]
+
+
+BUDGET_COLUMNS = ("line", "from", "type", "degrees", "of", "u [mm]")
+
+
+def budget_cells(figure: Mapping[str, Any]) -> list[list[str]]:
+    """Write the lines of a figure's budget."""
+    return [
+        [
+            line["name"],
+            line["formula"],
+            line["evaluation"],
+            "∞" if line["degrees"] is None else f"{line['degrees']:.0f}",
+            "arm, tested" if line["of_arm"] else "test",
+            NOT_STATED if line["standard_mm"] is None else f"{line['standard_mm']:.5f}",
+        ]
+        for line in figure["budget"]
+    ]
+
+
+def correlation_table(values: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """Write head and rows of the correlation between errors of length."""
+    correlation = values["length_correlation"]
+    names = [str(number) for number in range(1, len(correlation["of"]) + 1)]
+    rows = [
+        [f"{name}: {of}", *(f"{coefficient:.2f}" for coefficient in coefficients)]
+        for name, of, coefficients in zip(
+            names, correlation["of"], correlation["coefficients"], strict=True
+        )
+    ]
+    return ["", *names], rows
 
 
 def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -149,6 +181,9 @@ def certificate_page(certificate: SealedCertificate) -> str:
         columns=STANDARD_COLUMNS,
         standards=standard_cells(values),
         figures=[figure_cells(figure) for figure in values["figures"]],
+        budget_columns=BUDGET_COLUMNS,
+        budgets=[budget_cells(figure) for figure in values["figures"]],
+        correlations=correlation_table(values),
         missing=[
             (lacking["name"], what)
             for lacking in values["missing"]

@@ -11,10 +11,13 @@ from fpdf.fonts import FontFace, TTFFont
 from matplotlib.font_manager import FontProperties, findfont
 
 from traverse.lab.acceptance.certificate.page import (
+    BUDGET_COLUMNS,
     STANDARD_COLUMNS,
     WIDTH_MM,
     WORDS,
     administration_rows,
+    budget_cells,
+    correlation_table,
     figure_cells,
     standard_cells,
 )
@@ -163,6 +166,7 @@ def certificate_pdf(values: Mapping[str, Any], files: Mapping[str, bytes]) -> by
     document = _Document(values)
     _first_page(document, values)
     _definitions(document, values)
+    _correlation(document, values)
     for title, height_mm, paint in paintings(values):
         document.heading(title, keep_mm=height_mm + 14.0)
         png = picture(WIDTH_MM, height_mm, paint)
@@ -182,7 +186,7 @@ def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
     document.rows(
         WORDS.lines("columns", values),
         [figure_cells(figure) for figure in values["figures"]],
-        (34, 44, 22, 24, 22, 24),
+        (34, 42, 20, 24, 12, 18, 20),
         texts=2,
     )
     for remark in [
@@ -222,10 +226,21 @@ def _definitions(document: _Document, values: Mapping[str, Any]) -> None:
             document.add_page()
         document.text_block(figure["name"], bold=True)
         document.text_block(WORDS.definition(values, figure))
-        document.text_block(f"Uncertainty: {WORDS.budget(figure)}.", note=True)
+        widths = (36, 60, 12, 16, 22, 24)
+        document.rows(BUDGET_COLUMNS, budget_cells(figure), widths, texts=5)
+        document.text_block(WORDS.together(values, figure), note=True)
         parts = [(part["name"], f"{part['value_mm']:.4f}") for part in figure["parts"]]
         if parts:
             document.rows(("part", "mm"), parts, (110, 60))
+
+
+def _correlation(document: _Document, values: Mapping[str, Any]) -> None:
+    head, rows = correlation_table(values)
+    if len(rows) > 1:
+        document.heading("Correlation")
+        document.text_block(WORDS.correlated(values), note=True)
+        each = 100 // len(rows)
+        document.rows(head, rows, (170 - each * len(rows), *[each] * len(rows)))
 
 
 def _digests(document: _Document, values: Mapping[str, Any]) -> None:

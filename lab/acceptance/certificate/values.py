@@ -8,14 +8,16 @@ from typing import Any
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest
 from traverse.lab.acceptance.administration import Administration
+from traverse.lab.acceptance.budget import correlation, coverage_factor
 from traverse.lab.acceptance.conformity import (
     PREDICTED_FACTOR,
     Figure,
     LengthError,
-    Limits,
     PredictedLengths,
     Verification,
 )
+from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.monte_carlo import propagated
 from traverse.lab.acceptance.statements import absent_statements, required_statements
 from traverse.lab.outcomes.acceptance import (
     VERDICT_WORDS,
@@ -91,7 +93,9 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         "sentences": list(judged.sentences),
         "verdict": judged.verdict,
         "complete": not verification.missing,
-        "decision": picked(limits, "guard_factor", "coverage_factor", rule="decision"),
+        "decision": picked(
+            limits, "guard_factor", "coverage_probability", rule="decision"
+        ),
         "figures": [
             _figure(figure, verdict, limits)
             for figure, verdict in zip(
@@ -99,7 +103,8 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
             )
         ],
         "missing": plain_values(verification.missing),
-        "lengths": [_of_tool(asdict(error)) for error in verification.lengths],
+        "lengths": [_length(error) for error in verification.lengths],
+        "length_correlation": _correlation(verification.lengths),
         "scatters": plain_values(verification.scatters),
         **predicted,
         "remarks": list(verification.remarks),
@@ -157,14 +162,48 @@ def _of_tool(values: dict[str, Any]) -> dict[str, Any]:
     return {k: v for k, v in values.items() if k != "tool" or v is not None}
 
 
+def _length(error: LengthError) -> dict[str, Any]:
+    names = ("artefact", "repeat", "length_mm", "error_mm", "limit_mm", "standard_mm")
+    return _of_tool(picked(error, *names, "role", "tool"))
+
+
+def _correlation(errors: Sequence[LengthError]) -> dict[str, Any]:
+    """Correlate errors of the standards, of each with itself in another place."""
+    by_source: dict[str, list[LengthError]] = {}
+    for error in errors:
+        by_source.setdefault(error.budget.lines[0].source, []).append(error)
+    firsts = [of_source[0].budget for of_source in by_source.values()]
+    coefficients = correlation(firsts)
+    for row, of_source in enumerate(by_source.values()):
+        ends = [of_source[0].budget, of_source[-1].budget]
+        coefficients[row, row] = correlation(ends)[0, 1]
+    return {"of": list(by_source), "coefficients": plain_values(coefficients)}
+
+
 def _figure(figure: Figure, verdict: str | None, limits: Limits) -> dict[str, Any]:
-    decision, standard_mm = figure.decision, figure.budget.standard_mm
+    decision, budget = figure.decision, figure.budget
+    probability = limits.coverage_probability
+    standard_mm, with_arm_mm = budget.standard_mm, budget.with_arm_mm
+    factor = budget.coverage_factor(probability)
+    expanded_mm = None if standard_mm is None else factor * standard_mm
+    checked = None
+    if expanded_mm:
+        size_mm = abs(figure.value_mm)
+        checked = propagated(figure.model, size_mm, expanded_mm, probability)
     values = {
         **picked(figure, "key", "name", "definition", "source", "confirm", "value_mm"),
-        "expanded_uncertainty_mm": None
-        if standard_mm is None
-        else limits.coverage_factor * standard_mm,
-        "budget": [asdict(line) for line in figure.budget.lines],
+        "expanded_uncertainty_mm": expanded_mm,
+        "coverage_factor": factor,
+        "degrees": plain_values(budget.degrees),
+        "expanded_with_arm_mm": None
+        if with_arm_mm is None
+        else coverage_factor(budget.degrees_with_arm, probability) * with_arm_mm,
+        "budget": [
+            picked(line, "name", "formula", "standard_mm", "evaluation", "degrees")
+            | picked(line, "source", "of_arm")
+            for line in budget.lines
+        ],
+        "monte_carlo": plain_values(checked),
         **dict.fromkeys(("limit_mm", "guard_mm", "rule")),
         **(asdict(decision) if decision else {}),
         "verdict": verdict,

@@ -5,16 +5,16 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from traverse.kinematics import fits
+from traverse.lab.acceptance.budget import combined, fixture_budget
 from traverse.lab.acceptance.conformity import (
     LengthError,
-    Limits,
     Missing,
     Part,
     Scatter,
-    fixture_budget,
     judged_figure,
 )
-from traverse.lab.acceptance.procedures.lengths import largest_of, length_sets
+from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.procedures.lengths import largest_of, length_sets, model_of
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
 from traverse.lab.acceptance.procedures.probing import refuse_another_count
 from traverse.lab.measured_points.measurement import (
@@ -102,14 +102,18 @@ def volumetric(measured: Measurement, limits: Limits) -> Iterator[Part]:
         return
     counted = [error for errors in sets for error in errors]
     values = np.array([error.error_mm for error in counted])
-    worst, budget = largest_of(counted, measured, limits)
+    worst = largest_of(counted)
+    rms_mm = float(np.sqrt(np.mean(values**2)))
+    # d(2 rms)/dD_i; a perfect arm has no direction.
+    slopes = 2.0 * values / (len(values) * rms_mm) if rms_mm > 0.0 else 0.0 * values
     yield judged_figure(
         limits,
         "volumetric_max",
         "volumetric, largest",
         f"{_VOLUME}; the D with the largest size",
         worst.error_mm,
-        budget=budget,
+        budget=worst.budget,
+        model=model_of(counted),
         parts=(
             ("mean", float(values.mean())),
             ("twice the standard deviation", 2.0 * float(values.std(ddof=1))),
@@ -121,8 +125,9 @@ def volumetric(measured: Measurement, limits: Limits) -> Iterator[Part]:
         "volumetric_2rms",
         "volumetric, 2 RMS",
         f"{_VOLUME}; 2 sqrt(sum D^2/20)",
-        2.0 * float(np.sqrt(np.mean(values**2))),
-        budget=budget.times(2.0),
+        2.0 * rms_mm,
+        budget=combined([error.budget for error in counted], slopes),
+        model=model_of(counted, "twice rms"),
     )
 
 

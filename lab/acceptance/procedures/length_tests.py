@@ -13,7 +13,6 @@ from traverse.lab.acceptance.conformity import (
     Decision,
     Figure,
     LengthError,
-    Limits,
     Part,
     Verdict,
     decision_of,
@@ -22,7 +21,14 @@ from traverse.lab.acceptance.conformity import (
     rule_text,
     worst,
 )
-from traverse.lab.acceptance.procedures.lengths import SET, largest_of, length_sets
+from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.procedures.lengths import (
+    SET,
+    largest_of,
+    length_sets,
+    model_of,
+    repeatability_of,
+)
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
 from traverse.lab.measured_points.measurement import Measurement
 
@@ -68,7 +74,7 @@ def _figure(
     measured: Measurement, key: str, sets: Sequence[list[LengthError]], limits: Limits
 ) -> Figure:
     counted = [error for errors in sets for error in errors[:SET]]
-    largest, budget = largest_of(counted, measured, limits)
+    largest = largest_of(counted)
     verdict, remarks = _judged(sets, limits)
     decision = None
     if verdict is not None and largest.limit_mm is not None:
@@ -81,8 +87,9 @@ def _figure(
         f"{DEFINITION}. {_WAYS[key]}",
         "general knowledge",
         largest.error_mm,
-        budget,
+        largest.budget.with_lines(repeatability_of([errors[:SET] for errors in sets])),
         decision,
+        model_of(counted),
         (
             ("mean error", float(values.mean())),
             ("standard deviation", float(values.std(ddof=1))),
@@ -177,7 +184,7 @@ def interim_test(measured: Measurement, limits: Limits) -> Iterator[Part]:
         return
     counted = [error for errors in sets for error in errors]
     values = np.array([error.error_mm for error in counted])
-    worst, budget = largest_of(counted, measured, limits)
+    worst = largest_of(counted)
     within = [float(np.ptp([e.error_mm for e in errors])) for errors in sets]
     yield judged_figure(
         limits,
@@ -185,7 +192,8 @@ def interim_test(measured: Measurement, limits: Limits) -> Iterator[Part]:
         title,
         _INTERIM_DEFINITION,
         worst.error_mm,
-        budget=budget,
+        budget=worst.budget.with_lines(repeatability_of(sets)),
+        model=model_of(counted),
         length_mm=worst.length_mm,
         parts=(
             ("mean error", float(values.mean())),

@@ -18,14 +18,16 @@ from itertools import chain
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.lab.acceptance.conformity import (
+from traverse.lab.acceptance.budget import (
     Budget,
-    LengthError,
-    Limits,
-    Missing,
-    Part,
+    CertifiedValue,
+    Contribution,
     length_budget,
+    repeatability,
 )
+from traverse.lab.acceptance.conformity import LengthError, Missing, Part
+from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.monte_carlo import Model, Reduction
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.parallel_planes import ParallelPlanes
@@ -36,6 +38,7 @@ from traverse.lab.measured_points.measurement import (
     certified_length,
     fitted,
     growth,
+    identity_of,
     warmer_c,
 )
 from traverse.plurals import counted
@@ -65,9 +68,8 @@ def errors_of(
     ):
         where = f"{name} repeat {number}"
         both = joined(first, second)
-        error_mm = _measured_mm(artefact, first, second, where) - length_mm * growth(
-            artefact, both
-        )
+        measured_mm, form_factor = _measured_mm(artefact, first, second, where)
+        error_mm = measured_mm - length_mm * growth(artefact, both)
         errors.append(
             LengthError(
                 name,
@@ -75,23 +77,29 @@ def errors_of(
                 length_mm,
                 error_mm,
                 None if limit is None else limit.at(length_mm),
-                budget_of(artefact, both, limits).standard_mm,
+                _budget_of(artefact, both, limits, form_factor),
                 "set" if number <= SET else "repeat",
             )
         )
     return errors
 
 
-def budget_of(artefact: Artefact, touched: ArtefactTouches, limits: Limits) -> Budget:
-    """Draw up the budget of an error of length."""
+def _budget_of(
+    artefact: Artefact,
+    touched: ArtefactTouches,
+    limits: Limits,
+    form_factor: float | None,
+) -> Budget:
     length_mm, std_mm = certified_length(artefact)
-    return length_budget(
+    value = CertifiedValue(
+        identity_of(artefact),
         length_mm,
         std_mm,
-        limits.standards,
         artefact.stated_expansion,
         warmer_c(artefact, touched),
+        form_factor,
     )
+    return length_budget(value, limits.standards)
 
 
 def repeats_of(
@@ -130,18 +138,30 @@ def repeats_of(
 
 def _measured_mm(
     artefact: Artefact, first: ArtefactTouches, second: ArtefactTouches, where: str
-) -> float:
+) -> tuple[float, float | None]:
+    """Measure a length; also say how far the form of touched balls moves it."""
     if isinstance(artefact, BallBar):
-        centres_mm = []
-        for number, part in enumerate((first, second)):
-            grown = growth(artefact, part)
-            around_mm = float(artefact.radii_mm[number] * grown + part.tip_mm.mean())
-            what = f"{where} sphere {number + 1}"
-            centres_mm.append(fitted(part, what, around_mm).centre_mm)
-        return float(np.linalg.norm(centres_mm[1] - centres_mm[0]))
+        return _between_balls_mm(artefact, first, second, where)
     if isinstance(artefact, ParallelPlanes):
-        return _between_planes_mm(artefact, first, second, where)
-    return float(np.linalg.norm(second.places_mm[0] - first.places_mm[0]))
+        return _between_planes_mm(artefact, first, second, where), None
+    return float(np.linalg.norm(second.places_mm[0] - first.places_mm[0])), None
+
+
+def _between_balls_mm(
+    bar: BallBar, first: ArtefactTouches, second: ArtefactTouches, where: str
+) -> tuple[float, float]:
+    centres_mm, spreads = [], []
+    for number, part in enumerate((first, second)):
+        around_mm = float(bar.radii_mm[number] * growth(bar, part) + part.tip_mm.mean())
+        what = f"{where} sphere {number + 1}"
+        centre_mm = fitted(part, what, around_mm).centre_mm
+        normals = (part.places_mm - centre_mm) / around_mm
+        centres_mm.append(centre_mm)
+        spreads.append(np.linalg.pinv(normals.T @ normals))
+    between_mm = centres_mm[1] - centres_mm[0]
+    length_mm = float(np.linalg.norm(between_mm))
+    way = between_mm / length_mm
+    return length_mm, float(np.sqrt(sum(way @ spread @ way for spread in spreads)))
 
 
 def _between_planes_mm(
@@ -234,10 +254,24 @@ def length_sets(
     return sets, list(chain.from_iterable(sets))
 
 
-def largest_of(
-    errors: Sequence[LengthError], measured: Measurement, limits: Limits
-) -> tuple[LengthError, Budget]:
-    """Take the error of the largest size, whatever its sign, and its uncertainty."""
-    largest = max(errors, key=lambda error: abs(error.error_mm))
-    name = largest.artefact
-    return largest, budget_of(measured.artefacts[name], measured.of(name), limits)
+def largest_of(errors: Sequence[LengthError]) -> LengthError:
+    """Take the error of the largest size, whatever its sign."""
+    return max(errors, key=lambda error: abs(error.error_mm))
+
+
+def model_of(errors: Sequence[LengthError], reduction: Reduction = "largest") -> Model:
+    """Say that a figure is made of these errors."""
+    values_mm = np.array([error.error_mm for error in errors])
+    return Model(values_mm, [error.budget for error in errors], reduction)
+
+
+def repeatability_of(sets: Sequence[Sequence[LengthError]]) -> Contribution:
+    """Pool the scatter of each length's repeats in its place."""
+    values_mm = np.array([[error.error_mm for error in errors] for errors in sets])
+    degrees = values_mm.shape[0] * (values_mm.shape[1] - 1)
+    return repeatability(
+        "repeatability of the arm",
+        f"pooled of {values_mm.shape[0]} x {values_mm.shape[1]} repeats",
+        float(np.sqrt(values_mm.var(axis=1, ddof=1).mean())),
+        degrees,
+    )

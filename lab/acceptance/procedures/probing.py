@@ -9,26 +9,28 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from traverse.kinematics.fits import enclosing_sphere
-from traverse.lab.acceptance.conformity import (
+from traverse.lab.acceptance.budget import (
     Budget,
-    Limits,
-    Missing,
-    Part,
-    Scatter,
+    CertifiedValue,
     form_budget,
-    judged_figure,
     length_budget,
+    repeatability,
 )
+from traverse.lab.acceptance.conformity import Missing, Part, Scatter, judged_figure
+from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.monte_carlo import Model
 from traverse.lab.acceptance.procedures.point_distribution import half_sphere_remarks
 from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.measured_points.measurement import (
     ArtefactTouches,
+    FittedSphere,
     IncompleteError,
     Measurement,
     certified_sphere,
     fitted,
     fitted_sphere,
     growth,
+    identity_of,
     warmer_c,
 )
 from traverse.plurals import counted
@@ -73,16 +75,30 @@ def refuse_another_count(touched: ArtefactTouches, wanted: int, what: str) -> No
 
 
 def _diameter_budget(
-    sphere: Sphere, touched: ArtefactTouches, limits: Limits
+    sphere: Sphere, touched: ArtefactTouches, fit: FittedSphere, limits: Limits
 ) -> Budget:
-    """Draw up the budget of a diameter."""
-    return length_budget(
+    """Draw up the budget of a diameter, of the arm's scatter about the sphere too."""
+    normals = touched.places_mm - fit.centre_mm
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    design = np.column_stack([normals, np.ones(len(normals))])
+    factor = 2.0 * float(np.sqrt(np.linalg.pinv(design.T @ design)[3, 3]))
+    value = CertifiedValue(
+        identity_of(sphere),
         2.0 * float(sphere.radius_mm or 0.0),
         2.0 * (sphere.radius_std_mm or 0.0),
-        limits.standards,
         sphere.stated_expansion,
         warmer_c(sphere, touched),
+        factor,
     )
+    degrees = len(touched) - 4
+    scatter_mm = float(np.sqrt(np.sum(fit.off_mm**2) / degrees))
+    line = repeatability(
+        "scatter of the touches",
+        f"{scatter_mm:.5f} mm x {factor:.3g}",
+        factor * scatter_mm,
+        degrees,
+    )
+    return length_budget(value, limits.standards).with_lines(line)
 
 
 def size_and_form(
@@ -90,6 +106,7 @@ def size_and_form(
 ) -> Iterator[Part]:
     """P_SIZE and P_FORM of ISO 10360-12 at some locations."""
     sizes_mm: dict[str, float] = {}
+    budgets: dict[str, Budget] = {}
     forms_mm: dict[str, float] = {}
     problems: list[str] = []
     remarks: list[str] = []
@@ -103,6 +120,7 @@ def size_and_form(
             problems.append(str(error))
             continue
         sizes_mm[name], forms_mm[name] = fit.size_mm, fit.form_mm
+        budgets[name] = _diameter_budget(sphere, touched, fit, limits)
         remarks += half_sphere_remarks(touched, fit.centre_mm, name)
         yield Scatter(name, tuple(fit.off_mm.tolist()))
     if problems:
@@ -110,14 +128,14 @@ def size_and_form(
         yield Missing("P_FORM", tuple(problems))
         return
     worst = max(sizes_mm, key=lambda name: abs(sizes_mm[name]))
-    sphere = certified_sphere(measured.artefacts.get(worst), worst)
     yield judged_figure(
         limits,
         "p_size",
         "P_SIZE",
         SIZE,
         sizes_mm[worst],
-        budget=_diameter_budget(sphere, measured.of(worst), limits),
+        budget=budgets[worst],
+        model=Model(np.array(list(sizes_mm.values())), tuple(budgets.values())),
         source="published",
         parts=sizes_mm.items(),
         remarks=(*remarks, *_location_remarks(measured, names)),
@@ -206,21 +224,24 @@ def effective_diameter(
         sphere = certified_sphere(measured.artefacts.get(name), name)
         repeats = _parts_of(touched, name, 3, "repeats")
         errors_mm: dict[str, float] = {}
+        budgets: dict[str, Budget] = {}
         for repeat in repeats:
             part = touched.of(repeat)
             refuse_another_count(part, 9, f"{name} repeat {repeat}")
             fit = fitted_sphere(sphere, part, f"{name} repeat {repeat}")
             errors_mm[repeat] = fit.size_mm
-        budget = _diameter_budget(sphere, touched, limits)
+            budgets[repeat] = _diameter_budget(sphere, part, fit, limits)
     except IncompleteError as error:
         yield Missing("effective diameter", (str(error),))
         return
+    worst = max(errors_mm, key=lambda repeat: abs(errors_mm[repeat]))
     yield judged_figure(
         limits,
         "effective_diameter",
         "effective diameter",
         DIAMETER,
-        max(map(abs, errors_mm.values())),
-        budget=budget,
+        abs(errors_mm[worst]),
+        budget=budgets[worst],
+        model=Model(np.array(list(errors_mm.values())), tuple(budgets.values())),
         parts=((f"repeat {name}", error) for name, error in errors_mm.items()),
     )

@@ -18,7 +18,7 @@ from traverse.lab.acceptance.certificate.files import write_certificate
 from traverse.lab.acceptance.certificate.page import WORDS
 from traverse.lab.acceptance.certificate.pdf import certificate_pdf
 from traverse.lab.acceptance.certificate.values import SealedCertificate
-from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
+from traverse.lab.acceptance.limits import NO_LIMITS, Limits
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.measured_points.reading import files_read, read_measured
 from traverse.lab.report.provenance import (

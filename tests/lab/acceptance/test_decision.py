@@ -5,13 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.lab.measurements import limits
-from traverse.lab.acceptance.conformity import (
-    NO_LIMITS,
-    LengthLimit,
-    Limits,
-    decision_of,
-    worst,
-)
+from traverse.lab.acceptance.conformity import decision_of, worst
+from traverse.lab.acceptance.limits import NO_LIMITS, LengthLimit, Limits
 from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.reader import read_strict
 

@@ -95,7 +95,16 @@ def test_budget_of_a_diameter_by_hand():
     standards = {"fixture_std_mm": 8e-4, "form_mm": 1e-3, "form_std_mm": 1e-4}
     parts = list(size_and_form(data, NAMES, limits(standards=standards)))
     size, form = (of_kind(parts, Figure, key) for key in ("p_size", "p_form"))
-    assert size.budget.standard_mm == pytest.approx(1e-3)  # 6e-4 and 8e-4
+    *lines, scatter = size.budget.lines
+    sizes = {line.name: line.standard_mm for line in lines}
+    assert (sizes["calibration"], sizes["fixture"]) == pytest.approx((6e-4, 8e-4))
+    # Twice the deviation of a radius of 25 evenly spread touches: 1/sqrt(25) at least.
+    factor = sizes["form of the ball"] * np.sqrt(12.0) / 1e-3
+    assert 0.4 < factor < 0.6
+    assert size.budget.standard_mm == pytest.approx(
+        np.hypot(1e-3, sizes["form of the ball"])
+    )
+    assert (scatter.of_arm, scatter.evaluation, scatter.degrees) == (True, "A", 21)
     expected = np.sqrt(5e-4**2 + 1e-4**2 + 8e-4**2)
     assert form.budget.standard_mm == pytest.approx(expected)
 

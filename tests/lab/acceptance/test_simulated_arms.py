@@ -8,7 +8,7 @@ import pytest
 from tests.docs.pages import CHECKOUT
 from tests.shared import shared
 from traverse.kinematics.arm_file.arm import effect_from_table, read_arm
-from traverse.lab.acceptance.conformity import NO_LIMITS
+from traverse.lab.acceptance.limits import NO_LIMITS
 from traverse.lab.acceptance.plan import plan_of
 from traverse.lab.acceptance.standards import STANDARDS, verified
 from traverse.lab.measured_points.reading import read_measured

@@ -179,6 +179,7 @@ def test_two_digits_of_an_uncertainty(value, expanded, texts):
 def figure(name: str, verdict: str | None, **more: object) -> dict[str, object]:
     empty = {"definition": "d", "confirm": "", "remarks": [], "rule": "r"}
     numbers = {"value_mm": 0.01, "expanded_uncertainty_mm": 0.002, "limit_mm": 0.05}
+    numbers["coverage_factor"] = 2.0
     empty["decision"] = VERDICT_WORDS[verdict]
     return {"name": name, "verdict": verdict, **empty, **numbers, **more}
 
