@@ -8,6 +8,7 @@ from traverse.arrays import Floats
 from traverse.client.display.arm_state import ArmSight, Change
 from traverse.client.inspection.plan import (
     FeatureEntry,
+    PartTemperature,
     Plan,
     RelationEntry,
     RelationKind,
@@ -62,6 +63,7 @@ class InspectionDesk:
 
     Attributes:
         part, serial, operator: for the report.
+        ball_radius_std_mm, part_temperature: as of `Plan`.
         features, relations, tolerances: in the order in which they were made.
         active: name of the feature that new points belong to; None: to none.
         alignment: made of features of this part; None: as the points have it.
@@ -72,6 +74,8 @@ class InspectionDesk:
     def __init__(self, sight: ArmSight) -> None:
         self._sight = sight
         self.part = self.serial = self.operator = ""
+        self.ball_radius_std_mm: float | None = None
+        self.part_temperature: PartTemperature | None = None
         self.features: dict[str, Draft] = {}
         self.relations: dict[str, RelationEntry] = {}
         self.tolerances: dict[tuple[str, str], ToleranceEntry] = {}
@@ -168,12 +172,22 @@ class InspectionDesk:
         self.part, self.serial, self.operator = part, serial, operator
         self.version += 1
 
+    def set_conditions(
+        self,
+        ball_radius_std_mm: float | None,
+        part_temperature: PartTemperature | None,
+    ) -> None:
+        self.ball_radius_std_mm = ball_radius_std_mm
+        self.part_temperature = part_temperature
+        self.version += 1
+
     def clear(self) -> None:
         """Begin with another part, by the same operator."""
         self.features, self.relations, self.tolerances = {}, {}, {}
         self._points, self._shared, self.active = {}, {}, None
         self.alignment = None
         self.part = self.serial = ""
+        self.part_temperature = None
         self.version += 1
 
     def result(self, name: str) -> FeatureResult | None:
@@ -199,6 +213,8 @@ class InspectionDesk:
             part=self.part,
             serial=self.serial,
             operator=self.operator,
+            ball_radius_std_mm=self.ball_radius_std_mm,
+            part_temperature=self.part_temperature,
             features=tuple(entries),
             relations=tuple(self.relations.values()),
             tolerances=tuple(self.tolerances.values()),

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from traverse.kinematics.features.figures import Tolerance
+from traverse.kinematics.features.figures import Expansion, Tolerance
 from traverse.kinematics.features.measured import Side
 from traverse.kinematics.fits.elements import Kind
 from traverse.plurals import counted
@@ -112,6 +112,26 @@ class ToleranceEntry(StrictModel):
         return Tolerance(*(value or 0.0 for value in given))
 
 
+class PartTemperature(StrictModel):
+    """Of the part while it is measured; its lengths are stated at 20 °C.
+
+    Attributes:
+        temperature_c: Of the part.
+        temperature_std_c: Standard uncertainty of it.
+        expansion_per_c: Coefficient of expansion of its material.
+        expansion_std_per_c: Standard uncertainty of it.
+    """
+
+    temperature_c: float = Field(gt=-50.0, lt=200.0)
+    temperature_std_c: float = Field(ge=0.0, le=50.0)
+    expansion_per_c: float = Field(gt=-1e-3, lt=1e-3)
+    expansion_std_per_c: float = Field(ge=0.0, lt=1e-3)
+
+    @property
+    def expansion(self) -> Expansion:
+        return Expansion(**self.model_dump())
+
+
 class Plan(StrictModel):
     """A plan, `features.toml`.
 
@@ -119,6 +139,8 @@ class Plan(StrictModel):
         part: What is inspected.
         serial: Serial number of the part.
         operator: Who measured.
+        ball_radius_std_mm: Standard uncertainty of the ball's radius.
+        part_temperature: Of the part, and its expansion.
         features: Planes before what lies in them.
         relations: In their order.
     """
@@ -129,6 +151,8 @@ class Plan(StrictModel):
     part: Text = ""
     serial: Text = ""
     operator: Text = ""
+    ball_radius_std_mm: float | None = Field(default=None, ge=0.0, le=1.0)
+    part_temperature: PartTemperature | None = None
     features: tuple[FeatureEntry, ...] = ()
     relations: tuple[RelationEntry, ...] = ()
     tolerances: tuple[ToleranceEntry, ...] = ()

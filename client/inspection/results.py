@@ -1,6 +1,6 @@
 """From points and a plan to the figures of a part."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,7 +64,8 @@ def inspected(
     assigned = assigned_points(plan, points)
     measured = _measured(plan, assigned, shared_mm, alignment)
     features, unknown, every = measured.features, measured.unknown, measured.points
-    judge = _Judge(plan, assigned, is_known=not unknown)
+    is_of_part = measured.system is not None
+    judge = _Judge(plan, assigned, is_known=not unknown, is_of_part=is_of_part)
     results = [
         _feature(entry, assigned[entry.name], features, judge)
         for entry in plan.features
@@ -76,10 +77,11 @@ def inspected(
         plan.operator,
         arm=every[0].arm if every else "",
         model=every[0].model if every else "",
-        system="arm" if measured.system is None else "part",
+        system="part" if is_of_part else "arm",
         tip_mm=measured.tip_mm,
         last_ns=max((point.time_ns for point in every), default=0),
         uncertainty_unknown=unknown,
+        left_out=tuple(left_out(plan, is_of_part=is_of_part)),
         features=tuple(results),
     )
 
@@ -123,6 +125,7 @@ def _measured(
     touches = Touches(
         errors,
         tip_mm,
+        plan.ball_radius_std_mm or 0.0,
         _towards(every, system),
         np.array([p.compensation in MEASURED_SIDES for p in every], dtype=bool),
     )
@@ -237,13 +240,41 @@ def _material(point: Point) -> Floats:
     return np.array(point.ijk)
 
 
+def left_out(plan: Plan, *, is_of_part: bool) -> Iterator[str]:
+    """Say what U leaves out, and what to state so that figures are judged."""
+    if plan.ball_radius_std_mm is None:
+        yield (
+            "U leaves out the ball's radius: state its standard uncertainty "
+            "(ball_radius_std_mm); lengths are not judged"
+        )
+    if plan.part_temperature is None:
+        yield (
+            "U leaves out the part's temperature: state it and the expansion "
+            "(part_temperature); lengths are not judged"
+        )
+    if is_of_part:
+        yield (
+            "U of coordinates leaves out the alignment; they are not judged, "
+            "distances are"
+        )
+
+
 class _Judge:
     """Decides on figures, as far as their uncertainty and their points allow."""
 
     def __init__(
-        self, plan: Plan, assigned: Mapping[str, list[Point]], *, is_known: bool
+        self,
+        plan: Plan,
+        assigned: Mapping[str, list[Point]],
+        *,
+        is_known: bool,
+        is_of_part: bool,
     ) -> None:
         self._is_known = is_known
+        self._is_of_part = is_of_part
+        of_part = plan.part_temperature
+        self._expansion = None if of_part is None else of_part.expansion
+        self._judges_lengths = None not in (of_part, plan.ball_radius_std_mm)
         self._tolerances: dict[tuple[str, str], ToleranceEntry] = {
             (entry.of, entry.figure): entry for entry in plan.tolerances
         }
@@ -262,6 +293,10 @@ class _Judge:
         return tuple(self._result(of, figure) for figure in figures)
 
     def _result(self, of: str, figure: Figure) -> FigureResult:
+        is_coordinate = figure.name in ("x", "y", "z")
+        # Where a part that expands keeps its place, the arm does not know.
+        if self._expansion is not None and (self._is_of_part or not is_coordinate):
+            figure = self._expansion.at_reference(figure)
         factor = np.rad2deg(1.0) if figure.is_angle else 1.0
         result = FigureResult(
             figure.name,
@@ -273,7 +308,10 @@ class _Judge:
         if entry is None:
             return result
         decision: Conformity = "not judged"
-        if self._is_known and of not in self._doubtful:
+        is_whole = figure.is_angle or (
+            self._judges_lengths and not (is_coordinate and self._is_of_part)
+        )
+        if self._is_known and is_whole and of not in self._doubtful:
             decision = entry.tolerance.conformity(figure)
         limits = entry.tolerance
         return replace(

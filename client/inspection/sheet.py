@@ -29,10 +29,11 @@ DEFINITIONS = (
     "compensated by its radius on the side that was touched.",
     "U is the expanded uncertainty, k = 2: of encoders, contacts and the arm's "
     "identified parameters, which all touches share, and of what the fits found beyond "
-    "that. It leaves out the ball's radius, the part's temperature, and the alignment.",
+    "that; of the ball's radius and the part's temperature, where they are stated. "
+    "Lengths are those at 20 °C, where the part's temperature is stated.",
     "Conformity by ISO 14253-1: proved where the value keeps U from its limits; not "
     "conforming where it is outside by more than U; undecided between. Figures without "
-    "U, or with touches in doubt, are not judged.",
+    "U, or whose U leaves something out, or with touches in doubt, are not judged.",
     "Form is the largest less the smallest distance of the touches; it has the arm's "
     "own scatter in it.",
 )
@@ -81,6 +82,8 @@ def summary_lines(inspection: Inspection) -> list[str]:
             lines.append(f"{title}: {figure.name} {words}")
     if inspection.uncertainty_unknown:
         lines.append(f"no uncertainty: {inspection.uncertainty_unknown}")
+    else:
+        lines += inspection.left_out
     if inspection.conformity is not None:
         lines.append(f"part: {inspection.conformity}")
     return [printable(line) for line in lines]
@@ -112,7 +115,11 @@ def sheet_html(inspection: Inspection) -> str:
         ("Arm's identification", inspection.model),
         ("Ball", f"radius {inspection.tip_mm:g} mm"),
         ("Coordinates", f"{inspection.system}'s system"),
-        ("Uncertainty", inspection.uncertainty_unknown or "U, k = 2"),
+        (
+            "Uncertainty",
+            inspection.uncertainty_unknown
+            or ". ".join(("U, k = 2", *inspection.left_out)),
+        ),
     ]
     parts = [
         "<!DOCTYPE html>",

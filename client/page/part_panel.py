@@ -7,7 +7,12 @@ from nicegui import ui
 
 from traverse.client.display.follower import Follower
 from traverse.client.display.inspection_desk import GOOD_COUNTS, WHERE, InspectionDesk
-from traverse.client.inspection.plan import RelationKind, ToleranceEntry
+from traverse.client.inspection.plan import (
+    PartTemperature,
+    Plan,
+    RelationKind,
+    ToleranceEntry,
+)
 from traverse.client.inspection.sheet import csv_text, figure_words, json_text
 from traverse.client.inspection.values import (
     FeatureResult,
@@ -32,6 +37,13 @@ SIDES: dict[Side, str] = {
     "outside": "Side: outside (shaft)",
     "centre": "Side: ball centre",
 }
+CONDITIONS = (
+    "Ball's radius: uncertainty in mm",
+    "Part's temperature in °C",
+    "Its uncertainty in °C",
+    "Expansion of its material per °C",
+    "Uncertainty of the expansion per °C",
+)
 LEVELS = {"conforming": "good", "not conforming": "bad"}
 REPORT_URL = "/report"
 
@@ -65,6 +77,7 @@ class PartPanel:
                 self._title = ui.html("<h2>Part</h2>", sanitize=False)
                 ui.space()
                 self._button("About", self._change_about)
+                self._button("Conditions", self._change_conditions)
                 self._button("New part", self._begin_part)
                 report = self._button(
                     "Report", partial(ui.navigate.to, REPORT_URL, new_tab=True)
@@ -92,6 +105,7 @@ class PartPanel:
                 for relation in RELATIONS:
                     self._button(relation.capitalize(), partial(self._relate, relation))
                 self._button("Align 3-2-1", self._align)
+            self._left_out = ui.label().classes("left-out")
             self._rows = ui.element("div").classes("features")
         self.show()
 
@@ -116,6 +130,10 @@ class PartPanel:
             return
         self._shown = key
         self._show_active()
+        unjudged = (
+            desk.inspection.left_out if desk.tolerances and desk.inspection else ()
+        )
+        self._left_out.set_text(". ".join(unjudged))
         names = (*desk.features, *desk.relations)
         for gone in self._row_of.keys() - set(names):
             self._row_of.pop(gone)[0].delete()
@@ -342,6 +360,45 @@ class PartPanel:
         if answer:
             part, serial, operator = (value[:60] for value in values.values())
             desk.set_about(part, serial, operator)
+
+    async def _change_conditions(self) -> None:
+        """Ask for what the uncertainty of lengths needs beside the arm."""
+        desk, part = self._desk, self._desk.part_temperature
+        present = [
+            desk.ball_radius_std_mm,
+            *([None] * len(PartTemperature.model_fields)),
+        ]
+        if part is not None:
+            present[1:] = part.model_dump().values()
+        values = ["" if value is None else f"{value:g}" for value in present]
+        answer, given = await self._dialogs.ask(
+            "What ball and part are like, each with its standard uncertainty",
+            ("Set",),
+            dict(zip(CONDITIONS, values, strict=True)),
+            "Lengths are judged when all is stated, and are those at 20 °C. Steel "
+            "expands by 1.15e-05 per °C (± 1e-06), aluminium by 2.3e-05 (± 1e-06).",
+        )
+        if not answer:
+            return
+        texts = [text.replace(",", ".") for text in given.values()]
+        try:
+            ball_std_mm, *of_part = (float(text) if text else None for text in texts)
+            table = dict(zip(PartTemperature.model_fields, of_part, strict=True))
+            is_stated = any(number is not None for number in of_part)
+            checked = Plan(
+                ball_radius_std_mm=ball_std_mm,
+                part_temperature=(
+                    PartTemperature.model_validate(table) if is_stated else None
+                ),
+            )
+        except ValueError:
+            self._follower.sight.refuse(
+                "these are no conditions",
+                "write numbers; of the part all four, or none",
+            )
+            return
+        desk.set_conditions(checked.ball_radius_std_mm, checked.part_temperature)
+        self.show()
 
     async def _begin_part(self) -> None:
         answer, _ = await self._dialogs.ask(

@@ -14,7 +14,7 @@ standard uncertainty likewise.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -37,6 +37,7 @@ from traverse.kinematics.uncertainty.joint_covariance import (
 
 Conformity = Literal["conforming", "not conforming", "undecided", "not judged"]
 Difference = Callable[[Numbers, Numbers], Numbers]
+_REFERENCE_C = 20.0
 _PARALLEL_RAD = np.deg2rad(1.0)  # lines below: distance beside the first's place
 
 
@@ -59,6 +60,33 @@ class Figure:
     def expanded(self) -> float:
         """U, k = 2."""
         return COVERAGE_FACTOR * self.std
+
+
+@dataclass(frozen=True, slots=True)
+class Expansion:
+    """Temperature of a part, from which its lengths are stated at 20 °C (ISO 1).
+
+    Attributes:
+        expansion_per_c: coefficient of expansion.
+    """
+
+    temperature_c: float
+    temperature_std_c: float
+    expansion_per_c: float
+    expansion_std_per_c: float
+
+    def at_reference(self, figure: Figure) -> Figure:
+        """Return a length as it is at 20 °C; an angle as it is."""
+        if figure.is_angle:
+            return figure
+        warm_c = self.temperature_c - _REFERENCE_C
+        length = 1.0 + self.expansion_per_c * warm_c
+        share_std = np.hypot(
+            self.expansion_per_c * self.temperature_std_c,
+            self.expansion_std_per_c * np.hypot(warm_c, self.temperature_std_c),
+        )
+        value, std = figure.value / length, figure.std / length
+        return replace(figure, value=value, std=float(np.hypot(std, value * share_std)))
 
 
 @dataclass(frozen=True, slots=True)

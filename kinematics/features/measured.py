@@ -11,6 +11,10 @@ its projector, C the stated covariance of the distances and nu the redundancy,
     s^2 = max(0, (r^T r - tr(R C)) / nu)
 
 is added to the variance of each of its touches along the normal.
+
+The ball's radius is the same for all touches. A ball that is larger by dr does to an
+element what touches do that are all moved by dr to the side of the material: so it is
+one more thing that they share.
 """
 
 from collections.abc import Callable, Iterable
@@ -71,12 +75,14 @@ class Touches:
     Attributes:
         errors: the balls' centres with their joint covariance.
         tip_mm: radius of the ball.
+        tip_std_mm: standard uncertainty of the radius.
         towards: unit vectors to the material, else of the shank, (n_touches, 3).
         is_measured: whether these are directions to the material, (n_touches,).
     """
 
     errors: JointCovariance
     tip_mm: float
+    tip_std_mm: float
     towards: Floats
     is_measured: Booleans
 
@@ -114,7 +120,8 @@ def measured_features(definitions: Iterable[Definition], touches: Touches) -> Fe
             problems[definition.name] = str(error)
     errors = touches.errors
     fits = [element.fit for element in elements.values() if element.fit is not None]
-    return Features(elements, _with_form(errors, fits), problems)
+    errors = _with_tip(_with_form(errors, fits), fits, touches.tip_std_mm)
+    return Features(elements, errors, problems)
 
 
 def _element(
@@ -130,24 +137,26 @@ def _element(
     tip_mm = 0.0 if definition.side == "centre" else touches.tip_mm
     outwards = -touches.towards[rows].sum(axis=0) if tip_mm else None
     if kind == "point":
-        offsets_mm = tip_mm * touches.is_measured[rows, np.newaxis]
-        return _of_all(
-            point_element(points_mm + offsets_mm * touches.towards[rows]), rows, n
-        )
+        known = touches.is_measured[rows, np.newaxis] & (tip_mm > 0.0)
+        ways = np.where(known, touches.towards[rows], 0.0)
+        return _of_all(point_element(points_mm + tip_mm * ways), rows, n, ways.ravel())
+    inwards = -np.sign(tip_mm)
     if kind == "plane":
-        return _of_all(plane_element(points_mm, tip_mm, outwards), rows, n)
+        element = plane_element(points_mm, tip_mm, outwards)
+        return _of_all(element, rows, n, inwards)
     if kind == "line":
         if plane is None:
             return _of_all(line_element(points_mm), rows, n)
         line, by_plane = line_in_plane_element(points_mm, plane, tip_mm, outwards)
-        return _with_plane(_of_all(line, rows, n), by_plane, plane)
+        return _with_plane(_of_all(line, rows, n, inwards), by_plane, plane)
     offset_mm = _offset_mm(definition, touches, plane)
+    by_tip = np.sign(offset_mm)
     if kind != "circle":
-        return _of_all(_ROUND[kind](points_mm, offset_mm), rows, n)
+        return _of_all(_ROUND[kind](points_mm, offset_mm), rows, n, by_tip)
     if plane is None:
         plane = _of_all(plane_element(points_mm), rows, n)
     circle, by_plane = circle_element(points_mm, plane, offset_mm)
-    return _with_plane(_of_all(circle, rows, n), by_plane, plane)
+    return _with_plane(_of_all(circle, rows, n, by_tip), by_plane, plane)
 
 
 def _offset_mm(
@@ -176,13 +185,23 @@ def _offset_mm(
     return touches.tip_mm if side == "inside" else -touches.tip_mm
 
 
-def _of_all(element: Element, rows: list[int], n: int) -> Element:
-    """Return an element whose derivatives and rows are of all n touches."""
+def _of_all(
+    element: Element, rows: list[int], n: int, by_tip: Floats | float = 0.0
+) -> Element:
+    """Return an element whose derivatives and rows are of all n touches.
+
+    Args:
+        element: of touches of its own.
+        rows: of these touches.
+        n: number of all touches.
+        by_tip: as of `Fit`.
+    """
     by_points = np.zeros((len(element.values), n, 3))
     by_points[:, rows] = element.by_points
     fit = element.fit
     if fit is not None:
-        fit = replace(fit, rows=np.array(rows)[fit.rows])
+        by_tip = np.broadcast_to(by_tip, fit.distances_mm.shape)
+        fit = replace(fit, rows=np.array(rows)[fit.rows], by_tip=by_tip)
     return replace(element, by_points=by_points, fit=fit)
 
 
@@ -210,3 +229,19 @@ def _with_form(errors: JointCovariance, fits: list[Fit]) -> JointCovariance:
         form_mm2 = variance_mm2 * np.einsum("ia,ib->iab", normals, normals)
         np.add.at(covariances_mm2, rows, form_mm2)
     return replace(errors, covariances_mm2=covariances_mm2)
+
+
+def _with_tip(
+    errors: JointCovariance, fits: list[Fit], tip_std_mm: float
+) -> JointCovariance:
+    """Add the error of the ball's radius to what touches share."""
+    ways = np.zeros((len(errors.points_mm), 3, 1))
+    for fit in fits:
+        np.add.at(ways[..., 0], fit.rows, fit.by_tip[:, np.newaxis] * fit.normals)
+    shared_mm = tip_std_mm * ways
+    return replace(
+        errors,
+        covariances_mm2=errors.covariances_mm2
+        + shared_mm @ shared_mm.transpose(0, 2, 1),
+        shared_mm=np.concatenate([errors.shared_mm, shared_mm], axis=2),
+    )

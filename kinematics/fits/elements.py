@@ -51,12 +51,15 @@ class Fit:
         normals: of each distance, (n_distances, 3).
         rows: the point of each distance, (n_distances,).
         design: A, (n_distances, n_freedoms).
+        by_tip: radii of the ball from its centre to the surface, along each normal,
+            (n_distances,): 1, -1, 0 without compensation.
     """
 
     distances_mm: Floats
     normals: Floats
     rows: Integers
     design: Floats
+    by_tip: Floats
 
     @property
     def redundancy(self) -> int:
@@ -146,7 +149,8 @@ def fitted_element(
     by_points = np.zeros((N_VALUES, len(points_mm), 3))
     for row, by_distance, normal in zip(rows, by_distances.T, normals, strict=True):
         by_points[:, row] += by_distance[:, np.newaxis] * normal
-    return Element(kind, values, by_points, Fit(distances_mm, normals, rows, design))
+    fit = Fit(distances_mm, normals, rows, design, np.zeros(len(distances_mm)))
+    return Element(kind, values, by_points, fit)
 
 
 def point_element(points_mm: Floats) -> Element:

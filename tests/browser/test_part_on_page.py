@@ -76,7 +76,11 @@ async def test_a_plate_with_holes_is_measured_by_touches(
         await relate(page, "Distance", "circle 1", "circle 2")
         await tolerance(page, "distance 1", "distance", (50.0, -1.0, 1.0))
         row = part.locator(".feature", has_text="distance 1")
-        await expect(row).to_contain_text("conforming")
+        await expect(row).to_contain_text("not judged")
+        await expect(part.locator(".left-out")).to_contain_text("the ball's radius")
+        await conditions(page, "0.0005", "20", "0.2", "1.15e-5", "1e-6")
+        await expect(row).to_contain_text("] conforming")
+        await expect(part.locator(".left-out")).to_have_text("")
         await picture(page, f"part-{size}")
 
         answer = await page.request.get(page.url + "report")
@@ -149,6 +153,17 @@ async def relate(page: Page, kind: str, *names: str) -> None:
         await expect(dialog).to_contain_text(which)
         await dialog.get_by_role("button", name=name, exact=True).click()
         await expect(dialog.get_by_text(f"{kind}: {which}")).to_have_count(0)
+
+
+async def conditions(page: Page, *values: str) -> None:
+    """State what ball and part are like."""
+    await page.locator(".part").get_by_role("button", name="Conditions").click()
+    dialog = page.get_by_role("dialog")
+    for place, value in enumerate(values):
+        await dialog.locator("input").nth(place).fill(value)
+    await picture(page, "conditions")
+    await dialog.get_by_role("button", name="Set").click()
+    await expect(dialog).to_have_count(0)
 
 
 async def tolerance(

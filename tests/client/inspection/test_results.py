@@ -1,13 +1,15 @@
 """Inspections: assignment, doubt, coordinates of the part, what is not known."""
 
+from html import unescape
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.client.inspection.touched import ARM, PLAN, touched_points
-from traverse.client.inspection.plan import Plan
+from traverse.client.inspection.plan import PartTemperature, Plan, ToleranceEntry
 from traverse.client.inspection.results import inspected
-from traverse.client.inspection.sheet import sheet_html
+from traverse.client.inspection.sheet import sheet_html, summary_lines
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.measured_points.reading import shared_by_points
 from traverse.protocol.messages import Quality
@@ -48,6 +50,56 @@ def test_points_in_doubt_are_named_and_nothing_that_rests_on_them_is_judged(
     assert figure(inspection, "pitch", "distance").conformity == "not judged"
     assert inspection.conformity == "not judged"
     assert "singular" in sheet_html(inspection)
+
+
+def test_lengths_are_judged_once_ball_and_temperature_are_stated(plan, shared):
+    points, _ = touched_points()
+    whole = inspected(plan, points, shared)
+    assert whole.left_out == ()
+    assert figure(whole, "hole a", "diameter").conformity == "conforming"
+    for missing in ("ball_radius_std_mm", "part_temperature"):
+        lacking = plan.model_copy(update={missing: None})
+        inspection = inspected(lacking, points, shared)
+        assert len(inspection.left_out) == 1
+        assert missing in inspection.left_out[0]
+        assert inspection.left_out[0] in unescape(sheet_html(inspection))
+        assert inspection.left_out[0] in summary_lines(inspection)
+        assert figure(inspection, "hole a", "diameter").conformity == "not judged"
+        assert figure(inspection, "pitch", "distance").conformity == "not judged"
+        assert figure(inspection, "squareness", "angle").conformity == "conforming"
+
+
+def test_lengths_of_a_warm_part_are_those_at_20_degrees(plan, shared):
+    points, _ = touched_points()
+    warm = PartTemperature(
+        temperature_c=30.0,
+        temperature_std_c=2.0,
+        expansion_per_c=23e-6,
+        expansion_std_per_c=5e-6,
+    )
+    cold_plan = plan.model_copy(update={"part_temperature": None})
+    warm_plan = plan.model_copy(update={"part_temperature": warm})
+    as_touched, at_20 = (inspected(p, points, shared) for p in (cold_plan, warm_plan))
+    pitch, reference = (figure(i, "pitch", "distance") for i in (as_touched, at_20))
+    assert reference.value == pytest.approx(pitch.value / (1 + 23e-5), rel=1e-12)
+    # By hand: 50 mm x root((23e-6 x 2)^2 + (5e-6 x 10)^2 + (5e-6 x 2)^2), k = 2.
+    added_mm = 2 * pitch.value * np.sqrt(46e-6**2 + 50e-6**2 + 10e-6**2)
+    expected_mm = np.hypot(pitch.expanded, added_mm)
+    assert reference.expanded == pytest.approx(expected_mm, rel=1e-3)
+    for name, of in (("squareness", "angle"), ("hole a", "x")):
+        assert figure(as_touched, name, of) == figure(at_20, name, of)
+
+
+def test_coordinates_of_the_part_are_not_judged(plan, shared):
+    """Its alignment has an error that their U leaves out."""
+    points, _ = touched_points()
+    limits = {"nominal_mm": 0.0, "lower_mm": -1e4, "upper_mm": 1e4}
+    entry = ToleranceEntry.model_validate({"of": "hole a", "figure": "x", **limits})
+    wanted = plan.model_copy(update={"tolerances": (entry,)})
+    aligned = [p.model_copy(update={"part_xyz_mm": p.xyz_mm}) for p in points]
+    here, there = (inspected(wanted, each, shared) for each in (points, aligned))
+    assert (here.conformity, there.conformity) == ("conforming", "not judged")
+    assert "alignment" in there.left_out[0]
 
 
 def test_points_can_be_listed_in_place_of_labels(plan, shared):

@@ -26,6 +26,13 @@ schema = "traverse/features/1"
 part = "plate 12"
 serial = "0007"
 operator = "A. Weber"
+ball_radius_std_mm = 0.0005
+
+[part_temperature]
+temperature_c = 20.0
+temperature_std_c = 0.2
+expansion_per_c = 11.5e-6
+expansion_std_per_c = 1e-6
 
 [[features]]
 name = "plate"

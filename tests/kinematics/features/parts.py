@@ -19,7 +19,7 @@ from traverse.kinematics.features.measured import Definition, Touches
 from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
 from traverse.kinematics.uncertainty.point_covariance import point_uncertainties
 
-TIP_MM = 3.0
+TIP_MM, TIP_STD_MM = 3.0, 0.004
 
 
 @dataclass(frozen=True)
@@ -163,4 +163,6 @@ def touched(bench, part, nominal_rad, rng) -> Touches:
         uncertainties.shared_mm,
     )
     n = len(read_rad)
-    return Touches(errors, TIP_MM, part.towards, np.ones(n, dtype=bool))
+    stated_mm = TIP_MM + TIP_STD_MM * rng.normal()
+    is_measured = np.ones(n, dtype=bool)
+    return Touches(errors, stated_mm, TIP_STD_MM, part.towards, is_measured)

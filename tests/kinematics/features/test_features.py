@@ -138,7 +138,7 @@ def touches_of(points_mm, towards=None, tip_mm=2.0, std_mm=STD_MM) -> Touches:
     is_measured = np.full(n, towards is not None)
     shank = np.tile([0.0, 0.0, -1.0], (n, 1))
     to = shank if towards is None else np.asarray(towards, dtype=float)
-    return Touches(errors_of(points_mm, std_mm), tip_mm, to, is_measured)
+    return Touches(errors_of(points_mm, std_mm), tip_mm, 0.0, to, is_measured)
 
 
 TURNS = 2 * np.pi * np.arange(8) / 8
