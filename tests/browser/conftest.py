@@ -138,6 +138,26 @@ async def hears_server(page: Page) -> None:
     await page.wait_for_function("traverse_watch.beats > 0", polling=100)
 
 
+async def settled(page: Page) -> None:
+    """Wait until nothing moves to its place or colour any more."""
+    await page.wait_for_function(
+        "document.getAnimations().every(a => a.playState !== 'running'"
+        " || a.effect.getComputedTiming().endTime === Infinity)",
+        polling=100,
+    )
+
+
+async def change_theme(page: Page) -> None:
+    """Change from light to dark or back, by the key."""
+    is_dark = "document.body.classList.contains('body--dark')"
+    before = await page.evaluate(is_dark)
+    await page.keyboard.press("d")
+    await page.wait_for_function(
+        f"before => {is_dark} !== before", arg=before, polling=100
+    )
+    await settled(page)
+
+
 @contextlib.asynccontextmanager
 async def _page_and_server(
     browser: Browser, folder: Path, arm: str, broker: str, **options: Any

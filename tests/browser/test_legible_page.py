@@ -3,7 +3,7 @@
 import pytest
 from playwright.async_api import Page, expect
 
-from tests.browser.conftest import OpenPage, PosedDaemon
+from tests.browser.conftest import OpenPage, PosedDaemon, change_theme
 from tests.client.display.values import event, health
 
 pytestmark = [
@@ -48,6 +48,8 @@ SMALL = """least => [...document.querySelectorAll("button")]
   .filter(([, box]) => box.width < least || box.height < least)
   .map(([name]) => name)"""
 
+FIRST = (".word", ".axis .value >> nth=2", ".controls .take", ".part h2")
+
 
 async def fill(page: Page, posed: PosedDaemon) -> None:
     """Everything that has a colour of its own."""
@@ -74,8 +76,7 @@ async def test_every_text_has_contrast_in_both_themes(
             await page.get_by_role("button", name="Single point").click()
             for _ in range(2):
                 assert await page.evaluate(FAINT) == []
-                await page.keyboard.press("d")
-                await page.wait_for_timeout(500)  # colours move there
+                await change_theme(page)
         await expect(page.locator(".word")).to_have_text("Arm gone")
         await expect(page.get_by_text("Out of date:", exact=True)).to_be_visible()
         faint = await page.evaluate(FAINT)
@@ -84,32 +85,24 @@ async def test_every_text_has_contrast_in_both_themes(
         assert len(faint) == len(kept), faint
 
 
-# A tablet of 820 px is 158 mm wide: 62.3 px are 12 mm.
-@pytest.mark.parametrize(("size", "least"), [((390, 844), 44), ((820, 1180), 62.3)])
 async def test_on_touch_screens_what_matters_is_first_and_can_be_hit(
-    posed: PosedDaemon,
-    address: str,
-    served_page: OpenPage,
-    size: tuple[int, int],
-    least: float,
+    posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:
-    touch = {
-        "viewport": {"width": size[0], "height": size[1]},
-        "has_touch": True,
-        "is_mobile": True,
-    }
     async with (
         posed.posing(),
-        served_page(posed.arm, address, **touch) as page,
+        served_page(posed.arm, address, has_touch=True, is_mobile=True) as page,
     ):
         await fill(page, posed)
-        for first in (".word", ".axis .value >> nth=2", ".controls .take", ".part h2"):
-            await expect(page.locator(first)).to_be_in_viewport(ratio=1.0)
-        assert await page.evaluate(SMALL, least) == []
-        for key in await page.locator(".key").all():
-            await expect(key).not_to_be_visible()
-        script = "document.documentElement.scrollWidth <= innerWidth"
-        assert await page.evaluate(script)
+        # A tablet of 820 px is 158 mm wide: 62.3 px are 12 mm.
+        for width, height, least in ((390, 844, 44.0), (820, 1180, 62.3)):
+            await page.set_viewport_size({"width": width, "height": height})
+            for first in FIRST:
+                await expect(page.locator(first)).to_be_in_viewport(ratio=1.0)
+            assert await page.evaluate(SMALL, least) == []
+            for key in await page.locator(".key").all():
+                await expect(key).not_to_be_visible()
+            script = "document.documentElement.scrollWidth <= innerWidth"
+            assert await page.evaluate(script)
 
 
 async def test_digits_can_fill_the_page_and_values_be_spoken(
