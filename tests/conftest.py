@@ -25,9 +25,9 @@ GRACE_S = 2.0
 LONG = ("lab/diagnosis", "lab/identification")
 LINKS = pytest.StashKey[Path]()
 SHARED = pytest.StashKey["TemporaryDirectory[str]"]()
-# How long an example takes says how busy this machine is. Many more examples are run
-# by `make fuzz`: --hypothesis-profile=thorough.
-hypothesis.settings.register_profile("quick", deadline=None, max_examples=50)
+# How long an example takes says how busy this machine is. Each run draws others; many
+# more are run by `make fuzz`: --hypothesis-profile=thorough.
+hypothesis.settings.register_profile("quick", deadline=None, max_examples=25)
 hypothesis.settings.register_profile("thorough", deadline=None, max_examples=1000)
 hypothesis.settings.load_profile("quick")
 # A shell's job in the background ignores Ctrl-C; the programs that we start must not.
@@ -79,13 +79,13 @@ def _needed(item: pytest.Item) -> frozenset[str]:
 
 
 def _children() -> set[int]:
-    found = set()
+    pids: set[int] = set()
     for task in Path("/proc/self/task").iterdir():
         try:
-            found.update(map(int, (task / "children").read_text().split()))
+            pids.update(map(int, (task / "children").read_text().split()))
         except OSError:  # that thread has just ended
             continue
-    return found - warm_start.pids()
+    return pids - warm_start.pids()
 
 
 def _command_of(pid: int) -> str:
@@ -98,9 +98,9 @@ def _command_of(pid: int) -> str:
 
 def _left_after_grace(left: Callable[[], set[object]]) -> set[object]:
     until_s = time.monotonic() + GRACE_S
-    while (found := left()) and time.monotonic() < until_s:
+    while (remaining := left()) and time.monotonic() < until_s:
         time.sleep(0.01)
-    return found
+    return remaining
 
 
 @pytest.fixture(autouse=True)

@@ -127,20 +127,27 @@ def test_a_package_that_cannot_be_imported_is_named(tmp_path):
     assert "Traceback" not in shown.stderr
 
 
-@pytest.mark.parametrize(
-    ("group", "module"),
-    [
-        ("drivers", "bad = 7\n"),
-        ("drivers", "class bad: pass\n"),
-        ("exports", "def bad(): pass\n"),
-        ("effects", "class bad: kind = 'other'\n"),
-        ("gateways", "def bad(arm): pass\n"),
-    ],
-)
-def test_what_is_something_else_is_refused(tmp_path, group, module):
-    package(tmp_path, "odd", f"[traverse.{group}]\nbad = odd:bad\n", odd=module)
-    (problem,) = offers(tmp_path, status=1).values()
-    assert "package odd 1.0, odd:bad" in problem
+def test_what_cannot_be_used_is_refused_by_its_package(tmp_path):
+    for name, group, module in (
+        ("number", "drivers", "bad = 7\n"),
+        ("plain-class", "drivers", "class bad: pass\n"),
+        ("function", "exports", "def bad(): pass\n"),
+        ("other-kind", "effects", "class bad: kind = 'other'\n"),
+        ("one-argument", "gateways", "def bad(arm): pass\n"),
+    ):
+        made = name.replace("-", "_")
+        entries = f"[traverse.{group}]\n{name} = {made}:bad\n"
+        package(tmp_path, name, entries, **{made: module})
+    for name in ("first", "second"):
+        entries = f"[traverse.exports]\nasc = {name}:Asc\n"
+        package(tmp_path, name, entries, **{name: "class Asc: pass\n"})
+    problems = offers(tmp_path, status=1)
+    assert len(problems) == 6
+    twice = problems.pop(("exports", "asc"))
+    assert "first 1.0" in twice
+    assert "second 1.0" in twice
+    for (_, name), problem in problems.items():
+        assert f"package {name} 1.0, {name.replace('-', '_')}:bad" in problem
 
 
 def test_names_of_traverse_cannot_be_taken(tmp_path):
@@ -152,15 +159,6 @@ def test_names_of_traverse_cannot_be_taken(tmp_path):
     assert set(problems.values()) == {"not used: Traverse has one of that name"}
     shown = run(tmp_path, "traverse", "gateway", "lines", "--help").stdout
     assert "--template" in shown
-
-
-def test_a_name_that_two_packages_offer_is_refused(tmp_path):
-    for name in ("first", "second"):
-        entries = f"[traverse.exports]\nasc = {name}:Asc\n"
-        package(tmp_path, name, entries, **{name: "class Asc: pass\n"})
-    (problem,) = offers(tmp_path, status=1).values()
-    assert "first 1.0" in problem
-    assert "second 1.0" in problem
 
 
 def test_an_effect_without_a_law_is_applied_and_cannot_be_played(tmp_path):

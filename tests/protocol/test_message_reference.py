@@ -23,37 +23,27 @@ def check(docs: Path, status: int = 0) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.fixture
-def copied_docs(tmp_path):
+def test_reference_on_disk_is_what_the_definitions_say():
+    compared = check(DOCS)
+    assert (compared.stdout, compared.stderr) == ("", "")
+
+
+def test_a_changed_page_and_missing_and_surplus_schemas_are_shown(tmp_path):
+    docs = tmp_path / "docs"
+    shutil.copytree(DOCS / "reference", docs / "reference")
     for path in DOCS.glob("*.py"):
-        (tmp_path / "docs").mkdir(exist_ok=True)
-        shutil.copy(path, tmp_path / "docs")
-    shutil.copytree(DOCS / "reference", tmp_path / "docs" / "reference")
+        shutil.copy(path, docs)
     shutil.copytree(GOLDEN, tmp_path / "tests" / "protocol" / "golden")
     shutil.copytree(RECORDED, tmp_path / "recording" / "schemas")
-    return tmp_path / "docs"
-
-
-def test_reference_on_disk_is_what_the_definitions_say():
-    run = check(DOCS)
-    assert (run.stdout, run.stderr) == ("", "")
-
-
-def test_a_changed_page_is_shown_as_a_difference(copied_docs):
-    page = copied_docs / "reference" / "mqtt-messages.md"
+    page = docs / "reference" / "mqtt-messages.md"
     page.write_text(page.read_text().replace("Ball centre", "Ball center", 1))
-    run = check(copied_docs, status=1)
-    assert "-- `xyz_mm` (number[3]): Ball center" in run.stdout
-    assert "+- `xyz_mm` (number[3]): Ball centre" in run.stdout
-    assert "1 files differ: run `make schemas`" in run.stdout
-
-
-def test_missing_and_surplus_schemas_are_reported(copied_docs):
-    schemas = copied_docs / "reference" / "schemas"
+    schemas = docs / "reference" / "schemas"
     (schemas / "point.schema.json").rename(schemas / "spot.schema.json")
-    run = check(copied_docs, status=1)
-    assert "spot.schema.json: no message has this schema" in run.stdout
-    assert "2 files differ" in run.stdout
+    shown = check(docs, status=1).stdout
+    assert "-- `xyz_mm` (number[3]): Ball center" in shown
+    assert "+- `xyz_mm` (number[3]): Ball centre" in shown
+    assert "spot.schema.json: no message has this schema" in shown
+    assert "3 files differ: run `make schemas`" in shown
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
