@@ -229,8 +229,8 @@ def _text(value: str) -> bytes:
 class PacketDecoder:
     """Decodes packets from the bytes of a broker, however they are cut.
 
-    Of a payload longer than ``max_payload_bytes`` the beginning is kept, so that memory
-    is bounded and the broker gets its acknowledgement.
+    Only the first ``max_payload_bytes`` of a payload are kept, so that memory is
+    bounded and the broker gets its acknowledgement.
     """
 
     def __init__(self, version: Version, max_payload_bytes: int) -> None:

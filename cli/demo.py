@@ -71,7 +71,7 @@ def demo(
 
 
 def _look_for_extra(*, with_broker: bool) -> None:
-    """Report what is not installed before anything is started."""
+    """Name missing packages before anything is started."""
     for library in ("serial", "cobs", "mcap", *(("amqtt",) if with_broker else ())):
         if find_spec(library) is None:
             raise DemoError(missing("traverse demo", library, "demo"))

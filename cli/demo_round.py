@@ -71,7 +71,7 @@ class Round:
         return len(self._points) // len(self._expected)
 
     def add_point(self, point: Point, received_ns: int) -> Expected:
-        """Note a point; return what it was taken on."""
+        """Note a point; return its artefact and feature."""
         if point.seq not in self._points:
             self._points[point.seq] = point
             self._latencies_ms.append((received_ns - point.time_ns) * 1e-6)

@@ -52,7 +52,7 @@ def lines_of(dependencies: list[dict[str, object]]) -> list[str]:
 
 
 def main() -> int:
-    """Print what is known; 0: nothing bad, 1: advisories, 3: nobody could be asked."""
+    """Print known advisories; 0: none is bad, 1: some are, 3: nobody could be asked."""
     argparse.ArgumentParser(description=__doc__).parse_args()
     for source in SOURCES:
         dependencies = report(source)

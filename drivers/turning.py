@@ -154,7 +154,7 @@ def _fraction(track: Track) -> float:
 def _counts_per_turn(
     track: Track, angle_turns: float, expected_counts: int | None
 ) -> int | None:
-    """Counts per turn that fit the angle; what is known already is preferred."""
+    """Counts per turn that fit the angle; a known value is preferred."""
     estimate = abs(track.moved_counts) / angle_turns
 
     def fits(counts: int | None) -> bool:

@@ -81,7 +81,7 @@ class Follower:
         return len(new)
 
     def draw(self) -> None:
-        """Make the meshes what the points are now."""
+        """Update the meshes from the points."""
         groups = self.standing.groups()
         for name in {*groups, *self.meshes}:
             if name not in self.meshes:

@@ -91,7 +91,7 @@ class SqliteDatabase:
 
     @contextlib.contextmanager
     def transaction(self) -> Iterator[Run]:
-        """As of `Database`."""
+        """See `Database`."""
         cursor = self._connection.cursor()
 
         def run(statement: str, values: Values = ()) -> list[tuple[Any, ...]]:
@@ -113,12 +113,12 @@ class SqliteDatabase:
                 self._connection.rollback()
 
     def many(self, run: Run, statement: str, rows: Iterable[Values]) -> None:
-        """As of `Database`."""
+        """See `Database`."""
         for row in rows:
             run(statement, row)
 
     def lock_tables(self, run: Run) -> None:
-        """As of `Database`: whoever has begun is alone."""
+        """See `Database`; SQLite has a single writer."""
 
     def close(self) -> None:
         """End the connection."""

@@ -82,7 +82,7 @@ def _spanned(missing: list[tuple[int, int]]) -> tuple[int, int]:
 def _missing(
     run: Run, place: tuple[str, str, str], first_seq: int, last_seq: int
 ) -> tuple[int, list[tuple[int, int]]]:
-    """Return up to where it is complete, and what is missing behind that."""
+    """Return the last number of the complete part, and the numbers missing after it."""
     arm, session, scan = place
     if scan:
         ranges = run(_BLOCKS, (arm, session, scan, first_seq - 1, _MOST_ROWS))

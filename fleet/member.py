@@ -67,9 +67,9 @@ class MemberSettings:
     Attributes:
         group: that shares the messages.
         member: unique in the group, the same after a restart.
-        gap_s: a number that is missing so long is asked for.
-        list_s: so often an arm is asked what it has.
-        keep_s: so long the broker keeps messages for a member that is away.
+        gap_s: after this time a missing number is asked for.
+        list_s: interval at which an arm is asked what it has.
+        keep_s: how long the broker keeps messages for a member that is away.
     """
 
     group: str = "store"
@@ -108,7 +108,7 @@ class Member:
         report: says something to people.
 
     Attributes:
-        counts: what was done.
+        counts: of messages, by outcome.
     """
 
     def __init__(
@@ -162,7 +162,7 @@ class Member:
 
         Raises:
             NameTakenError: another member has the same name.
-            StoreRefusedError: the database refuses what is asked of it.
+            StoreRefusedError: the database refuses a statement.
         """
         await self._claim_name()
         await run_together(
@@ -331,7 +331,7 @@ class Member:
         self._is_away = False
 
     async def _look_for_gaps(self) -> None:
-        """One member of all at a time asks arms for what is missing."""
+        """One member at a time asks arms for missing numbers."""
         settings = self._settings
         pause_s = max(0.2, min(settings.gap_s / 4, LEASE_S / 3))
         me = f"{settings.group}/{settings.member}"
@@ -423,7 +423,7 @@ class Member:
     async def _write_off(
         self, gap: Gap, answer: Mapping[str, Any] | CommandRefused, now_ns: int
     ) -> None:
-        """Note what the arm says that it does not have."""
+        """Note numbers that the arm no longer has."""
         reason = "the arm does not have them any more"
         if isinstance(answer, CommandRefused):
             if not gap.scan or answer.code not in CANNOT:

@@ -163,7 +163,7 @@ def _alarms(status: bytes | None) -> list[str]:
 def _concerns(
     values: dict[str, Any], report: DailyCheckReport | None, now_ns: int
 ) -> list[Concern]:
-    """List what is not as it should be."""
+    """List concerns: silent, alarmed, out of control, rejected, lost points."""
     concerns = []
     state = values["state"]
     if state == "silent":
@@ -206,7 +206,7 @@ def overview_page(
     reports: dict[str, DailyCheckReport],
     refresh_s: int | None = None,
 ) -> str:
-    """Make the page, in one file; the browser may load it anew so often."""
+    """Make the page, in one file; the browser may reload it at intervals."""
     checked = [
         name for name in (arm["arm"] for arm in values["arms"]) if name in reports
     ]

@@ -14,7 +14,7 @@ from traverse.protocol.messages import Event, Health, Point, Scan, Status
 
 
 def _insert(table: str, columns: str, conflict: str = "DO NOTHING") -> str:
-    """Write a statement that inserts a row, or does what is said where it is there."""
+    """Write a statement that inserts a row, with an action where the row exists."""
     marks = ", ".join(["%s"] * len(columns.split()))
     names = ", ".join(columns.split())
     return f"INSERT INTO {table} ({names}) VALUES ({marks}) ON CONFLICT {conflict}"
@@ -66,10 +66,10 @@ class Rows:
     series: dict[tuple[str, str, str], tuple[int, int]] = field(default_factory=dict)
 
     def add(self, kind: str, arm: str, payload: bytes) -> None:
-        """Take a message of a topic; scans are told as files by `add_block`.
+        """Add the rows of a message; `add_block` adds those of scans, which are files.
 
         Raises:
-            MessageError: it is none.
+            MessageError: the payload is no message of this kind.
         """
         match kind:
             case "point":
@@ -155,12 +155,12 @@ class Rows:
 
 
 def _printable(text: str) -> str:
-    """Without the sign that PostgreSQL does not take, and at most so long."""
+    """Remove NUL, which PostgreSQL refuses, and cut the text at its longest."""
     return text.replace("\0", "")[:_TEXT_END]
 
 
 def refused_row(time_ns: int, topic: str, reason: str, payload: bytes) -> Values:
-    """Of a message that cannot be stored: its beginning and why."""
+    """Make the row of a message that cannot be stored: its beginning, the reason."""
     return (time_ns, _printable(topic), _printable(reason), payload[:_TEXT_END])
 
 

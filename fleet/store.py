@@ -29,7 +29,7 @@ class Store:
         files: of scans.
 
     Attributes:
-        n_refused: messages that could not be stored, told in the table `refused`.
+        n_refused: messages that could not be stored; the table `refused` lists them.
     """
 
     def __init__(self, database: Database, files: ScanFiles) -> None:
@@ -38,7 +38,7 @@ class Store:
         self.n_refused = 0
 
     def write(self, batch: Sequence[IncomingMessage]) -> None:
-        """Put all of a batch in, or nothing; what cannot be stored is told instead.
+        """Store a whole batch or nothing; refused messages go into their own table.
 
         Raises:
             StoreAwayError: nothing was stored; may be tried again.
@@ -75,7 +75,7 @@ class Store:
                 self._refuse(run, message, reason)
 
     def _unknown(self, arm: str, blocks: Sequence[Scan]) -> list[Scan]:
-        """Leave out what is stored, or here twice."""
+        """Leave out rows that are stored, or twice in the batch."""
         by_scan: dict[tuple[str, str], list[int]] = {}
         for block in blocks:
             by_scan.setdefault((block.session, block.scan), []).append(block.seq)

@@ -1,7 +1,7 @@
 """The tables of a store, as steps from each version to the next.
 
 The same statements make them in PostgreSQL and in SQLite. A step is never changed once
-it was published: what is new is another step.
+it was published: a change is another step.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
 """Work on many things at once: by processes of this computer, or by a Dask cluster.
 
-A worker may die, of memory or with its computer: what it had is done again by another.
-What is done while workers die time and again is told apart from the rest.
+A worker may die, of memory or with its computer; another repeats its work. Results of
+a task whose workers died several times are marked as such.
 """
 
 import logging
@@ -159,7 +159,7 @@ class _Pool:
 def _result(
     future: "Future[Made]", deaths: tuple[type[Exception], ...]
 ) -> Made | WorkerDiedError:
-    """Return what was made.
+    """Return the results.
 
     Raises:
         WorkersError: The cluster went away.

@@ -64,7 +64,7 @@ def arm_from_dh_file(
 
     Raises:
         FileError: With everything that is wrong with the table.
-        typer.BadParameter: With what is wrong with an option.
+        typer.BadParameter: An option is wrong; names it.
     """
     file = read_dh_file(path, units)
     rows = file.rows
@@ -100,7 +100,7 @@ def arm_from_urdf_file(
 
     Raises:
         FileError: With everything that is wrong with the description.
-        typer.BadParameter: With what is wrong with an option.
+        typer.BadParameter: An option is wrong; names it.
     """
     robot = read_urdf(path)
     chain = chain_of(robot, root, tip, holds)

@@ -70,7 +70,7 @@ class CommandGroup(typer.Typer):
     def command(
         self, name: str | None = None, **settings: Any
     ) -> Callable[[CommandFunctionType], CommandFunctionType]:
-        """Register a command; what is decorated stays as it is."""
+        """Register a command; the function itself is returned."""
         register = super().command(name, **settings)
 
         def decorated(command: CommandFunctionType) -> CommandFunctionType:
@@ -122,7 +122,7 @@ def _options(group: type) -> tuple[inspect.Parameter, ...]:
 
 
 def _parts(documented: object) -> tuple[str, dict[str, str]]:
-    """Split a docstring: what is before its entries, and these by name."""
+    """Split a docstring: its text, and its entries by name."""
     docstring = inspect.getdoc(documented) or ""
     about, *rest = re.split(r"\n\n(?:Args|Attributes):\n", docstring)
     entries = _ENTRY.findall("".join(rest))

@@ -18,7 +18,7 @@ QifSchemas = Annotated[
 
 
 def check_schema(content: bytes, file: Path, schemas: Path) -> None:
-    """Hold what is to be written to the schema (extra `certificate`).
+    """Check a document against the schema (extra `certificate`).
 
     Raises:
         FileError: It does not keep to the schema, or that cannot be used.
@@ -32,7 +32,7 @@ def check_schema(content: bytes, file: Path, schemas: Path) -> None:
 
 
 def schema_words(schemas: Path | None) -> str:
-    """Tell what the file was held to."""
+    """Name the schema that the file was checked against."""
     if schemas is None:
         return "not checked against the schema (no schemas folder given)"
     return f"keeps to {schemas / SCHEMA}"

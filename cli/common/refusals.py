@@ -65,7 +65,7 @@ class RefusalError(Exception):
 
 
 def refuse(text: str, status: int = REFUSED) -> NoReturn:
-    """End a command with a sentence about what was wrong."""
+    """End a command with a sentence that names the mistake."""
     raise RefusalError(text, status)
 
 

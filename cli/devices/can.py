@@ -101,7 +101,7 @@ def _opened(bus: BusOptions) -> Iterator["Commissioning"]:
 
 
 def _report(node: "FoundNode") -> dict[str, Any]:
-    """A node for JSON; what it does not report is null."""
+    """A node for JSON; null where it reports nothing."""
     from traverse.protocol.canopen.frames import STATES
 
     heard, facts, kind = node.heard, node.facts, node.device_type

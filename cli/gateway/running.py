@@ -21,11 +21,11 @@ Kind = Literal["points", "scans"]
 
 
 def run(port: str, work: Coroutine[Any, Any, None]) -> None:
-    """Run a gateway to its end; refuse what it cannot have.
+    """Run a gateway to its end, or refuse its options.
 
     Args:
-        port: what it listens on or writes to, for people.
-        work: what it does.
+        port: its address or device, for people.
+        work: runs it.
     """
     with client_errors():
         try:

@@ -73,7 +73,7 @@ async def _converse(
     angle_deg: float,
     as_json: bool,
 ) -> dict[str, "Turned"]:
-    """Ask for one joint after the other; return what was found, by joint."""
+    """Ask for one joint after the other; return the findings by joint."""
     from traverse.cli.joints.devices import turning_devices, typed_lines
     from traverse.drivers.turning import turned_joint
 
@@ -140,7 +140,7 @@ def _checked(outcome: "Turned", turned: Mapping[str, "Turned"]) -> "Turned | str
 
 
 def _print_rest(devices: "TurningDevices", as_json: bool) -> dict[str, int]:
-    """Print what the channels do at rest; return the range of each."""
+    """Print the noise of the channels at rest; return the range of each."""
     noise_counts = {}
     for track in devices.tracks:
         noise = track.highest_counts - track.lowest_counts

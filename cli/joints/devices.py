@@ -66,7 +66,7 @@ class TurningDevices:
         )
 
     async def settled(self) -> None:
-        """Wait for samples of now: what was turned is in them."""
+        """Wait for new samples, which contain the whole motion."""
         ends = [track.n_samples + FRESH_SAMPLES for track in self.tracks]
         await self._until(
             lambda: all(

@@ -200,7 +200,7 @@ def verify(
 
 
 def read_public_key_file(path: Path) -> bytes:
-    """Read a public key; refuse what is none."""
+    """Read a public key, or refuse the file."""
     from traverse.protocol.signed_points import read_public_key
 
     try:

@@ -30,7 +30,7 @@ class Check:
     Attributes:
         cone: the artefact in which the ball sat.
         n: how many poses.
-        pivot: what was fitted.
+        pivot: the fit.
         known_mm: the previous vector, (3,).
         off_mm: how far the found one is from it.
         off_sigma: the same in standard deviations of the found one (Mahalanobis).

@@ -122,7 +122,7 @@ class InspectionDesk:
         self.version += 1
 
     def remove(self, name: str) -> None:
-        """Remove a feature or relation, and what is made of it."""
+        """Remove a feature or relation, and all relations made of it."""
         self.features.pop(name, None)
         self.relations.pop(name, None)
         for draft in self.features.values():

@@ -132,7 +132,7 @@ class Ros2(Sink):
             )
 
     def table(self, table: PointTable) -> None:
-        """Write a piece of a scan as two clouds: what is ok, and what is in doubt."""
+        """Write a piece of a scan as two clouds: good samples, and those in doubt."""
         self._count(table)
         for is_ok, topic in ((True, "scan"), (False, "doubtful/scan")):
             chosen = table.ok == is_ok

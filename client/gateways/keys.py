@@ -41,7 +41,7 @@ class Keyboard(Protocol):
         """
 
     def close(self) -> None:
-        """Release what is open."""
+        """Close it."""
 
 
 def _no_desktop() -> ValueError:

@@ -57,7 +57,7 @@ class Outlet(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Release what is open."""
+        """Close it."""
 
     async def send(self, data: bytes) -> None:
         """Send whole lines; returns when they are taken.

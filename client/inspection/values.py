@@ -89,7 +89,7 @@ class Inspection:
 
     @property
     def conformity(self) -> Conformity | None:
-        """Of the part: the worst of its figures; None without tolerances."""
+        """The worst decision on a figure; None without tolerances."""
         decisions = {
             figure.conformity
             for feature in self.features

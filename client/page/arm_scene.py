@@ -47,7 +47,7 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
         self.run_method("pose", places_mm.tolist(), live.probe_radius_mm)
 
     def forget(self) -> None:
-        """Forget what is shown: the browser was reloaded."""
+        """Send everything anew: the browser was reloaded."""
         self._shown, self._drawn = None, set()
 
     def show_points(self, points: Mapping[str, Point]) -> None:

@@ -119,7 +119,7 @@ class PartPanel:
         return button.props(f"{look} dense no-caps")
 
     async def measure(self) -> None:
-        """Compute and show what has changed."""
+        """Compute changed results and show them."""
         await self._desk.measure(self._follower.shared_errors)
         self.show()
 
@@ -362,7 +362,7 @@ class PartPanel:
             desk.set_about(part, serial, operator)
 
     async def _change_conditions(self) -> None:
-        """Ask for what the uncertainty of lengths needs beside the arm."""
+        """Ask for the uncertainties of ball and part."""
         desk, part = self._desk, self._desk.part_temperature
         present = [
             desk.ball_radius_std_mm,

@@ -28,7 +28,7 @@ class GapFiller:
     """Requests missing points.
 
     Args:
-        order: determines what is missing.
+        order: knows the missing numbers.
         requests: sends requests to the outbox.
         room: how many points may be requested now.
         arrived: signals arrivals of points.

@@ -160,7 +160,7 @@ class EventLog:
             self._flapping[key] = change
 
     def flush(self, *, at_once: bool = False) -> None:
-        """Report what informs only, and what was held back for a second; call often."""
+        """Report events that inform only, and those held for a second; call often."""
         now_ns = self.clock.monotonic_ns()
         for waiting in (self._held, self._flapping):
             for key, held in list(waiting.items()):

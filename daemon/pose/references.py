@@ -224,7 +224,7 @@ class ReferenceMonitor:
         return ""
 
     def _is_recognised(self, device: str) -> bool:
-        """Return whether what was confirmed cannot have been exchanged unnoticed."""
+        """Return whether an exchange of the confirmed device would be noticed."""
         boot, known = self._identities[device].boot, self.memory.devices.get(device)
         has_its_power = known is not None and bool(boot) and boot == known.boot
         is_known = self._is_unique(device) or has_its_power

@@ -1,6 +1,6 @@
 """The recorder: writes the steps of a measurement to files, in one thread.
 
-`StepRecorder` only queues what it is notified of. Items beyond the bound are dropped
+`StepRecorder` only queues its notifications. Items beyond the bound are dropped
 and counted, and the files state the gap. `Recorder` owns the thread, begins and ends
 recordings and reports on them.
 """

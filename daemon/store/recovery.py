@@ -323,7 +323,7 @@ class ResilientDatabase:
         self.close()
 
     def _begin_anew(self, error: sqlite3.Error) -> None:
-        """Set a damaged database aside, and take over what is readable."""
+        """Set a damaged database aside, and take over its readable rows."""
         name = move_aside(self._path)
         address = f"file:{quote(str(name))}?mode=ro"
         with contextlib.closing(sqlite3.connect(address, uri=True)) as connection:

@@ -152,7 +152,7 @@ class Watchdog:
             await asyncio.sleep(self._period_s)
 
     def check(self) -> bool:
-        """Feed if nothing is stuck, and report what is."""
+        """Feed unless something is stuck, and report that."""
         stuck = dict(self._found())
         for name in self._stuck - set(stuck):
             self._report(name, f"the {name} continues", active=False)

@@ -1,4 +1,4 @@
-"""Writes the manual page traverse(1) of what the command line says of itself."""
+"""Writes the manual page traverse(1) from the help of the command line."""
 
 import re
 import sys
@@ -30,7 +30,7 @@ def paragraphs(help_text: str) -> str:
 
 
 def parameters(command: AnyCommand) -> Iterator[str]:
-    """Options and arguments with what they do."""
+    """Options and arguments with their descriptions."""
     context = typer.Context(command, info_name=command.name)
     for parameter in command.get_params(context):
         record = parameter.get_help_record(context)

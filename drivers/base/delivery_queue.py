@@ -111,7 +111,7 @@ class DeliveryQueue:
         return not wake or self._wake_loop()
 
     def wake(self) -> None:
-        """Wake the loop for what was put without that, if it still waits."""
+        """Wake the loop for items that were put without waking it."""
         with self._lock:
             wake = self._waiting_others > 0 and not self._is_woken
             if wake:

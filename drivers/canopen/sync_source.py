@@ -82,7 +82,7 @@ class SyncScheduler:
     Attributes:
         sent: the schedule if this program sends; else None.
         seen: the numbering if SYNCs are received from the bus; else None.
-        is_fast: frames arrive so often that they are better read together.
+        is_fast: frames are better read together, at their rate.
     """
 
     def __init__(

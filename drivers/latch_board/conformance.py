@@ -116,7 +116,7 @@ class BoardTester:
             raise MismatchError(section, shown, hexadecimal(answer.body))
 
     def _expect_silence(self, section: int, body: bytes) -> None:
-        """Send what has no answer."""
+        """Send a message that has no answer."""
         self._line.send(body)
         came = [f for f in self._line.gather(QUIET_S) if f.body[0] in (0x81, 0x82)]
         if came:

@@ -215,7 +215,7 @@ class LatchBoardDriver(Driver):
                 self._report_counters()
 
     def _read(self, line: LatchBoardLine) -> None:
-        """Read and process what has arrived.
+        """Read and process arrived bytes.
 
         A block of one costs as much to decode as a block of many. Bytes are read on
         arrival, so that none wait in the port.

@@ -106,7 +106,7 @@ class PolledChannel:
 
     @property
     def missing(self) -> bool:
-        """Whether it failed so often that it is polled only occasionally."""
+        """Whether reads failed `READ_ERRORS_FOR_ALARM` times: it is polled rarely."""
         return self.misses >= READ_ERRORS_FOR_ALARM
 
     def due(self, now_ns: int) -> bool:

@@ -109,7 +109,7 @@ class RlsLine:
         return self._now_ns() - self._sent_ns
 
     def receive(self) -> None:
-        """Process what has arrived after a request."""
+        """Process the bytes that arrived after a request."""
         data = self.port.read()
         if self.reply_is_incomplete:
             self._received_ns = self._now_ns()

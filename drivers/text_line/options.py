@@ -18,7 +18,7 @@ class TextLineOptions(DriverOptions):
     Attributes:
         port: path of the serial port.
         pattern: a line as the board prints it, with fields in braces.
-        counts_per_turn: of each joint; of angles, what they are rounded to.
+        counts_per_turn: of each joint; of angles, their resolution.
         baud_rate: of the line; without meaning on a board's own USB.
         unit: of ``{joint}``.
         decimals: digits behind the point of every angle; None: any number.

@@ -3,8 +3,8 @@
 A read never happens before the latch, so ``received - ticks / rate`` is the true
 offset plus a delay that is never negative; `traverse.drivers.timing.delay_floor` lays
 the line below these, whose slope is the error of the device's rate. What remains is the
-smallest delay itself, which no one-way measurement separates from the offset: it is
-stated by whoever knows the port, as ``latency_ns``. A request and its answer do: the
+smallest delay itself, which no one-way measurement separates from the offset: the
+configuration of the port states it, as ``latency_ns``. A request and its answer do: the
 latch is after the request, so that a quick answer bounds the smallest delay, as well
 as the line was known then. Where a port holds bytes back until its next frame, that
 delay rises and falls slowly by a frame, as the two clocks pass each other, which no

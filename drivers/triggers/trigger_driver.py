@@ -129,7 +129,7 @@ class TriggerDriver(Driver):
 
     @abstractmethod
     def _changes(self) -> Iterable[InputChange]:
-        """Read what has happened, in order.
+        """Read waiting events, in order.
 
         Raises:
             DeviceError, OSError: the device has disappeared.

@@ -206,7 +206,7 @@ def _of_all(
 
 
 def _with_plane(element: Element, by_plane: Floats, plane: Element) -> Element:
-    """Add what the errors of the plane do to an element in it."""
+    """Add the effect of the plane's errors on an element in it."""
     by_points = element.by_points + np.einsum("qp,pni->qni", by_plane, plane.by_points)
     return replace(element, by_points=by_points)
 

@@ -55,7 +55,7 @@ class Helmert:
         )
 
     def inverse(self) -> "Helmert":
-        """Turn round: from what it leads to, back."""
+        """Return the inverse transformation."""
         back = self.rotation.T
         return Helmert(back, -(back @ self.translation_mm) / self.scale, 1 / self.scale)
 

@@ -209,7 +209,7 @@ class Placement(StrictModel):
 
 @dataclass(frozen=True, slots=True)
 class DHFile:
-    """A table as its file says it; what the file does not say is None."""
+    """A table as its file states it; None where the file is silent."""
 
     rows: tuple[DHRow, ...]
     convention: Convention | None = None

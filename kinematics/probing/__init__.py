@@ -1,1 +1,1 @@
-"""The ball and what it touches: surface points, and the probe's vector by pivoting."""
+"""The ball and the touched surface: compensation and pivoting."""

@@ -7,8 +7,9 @@ spread evenly over one step, whose variance is q^2/12), A = dx/dp and C_p the co
 of the identified parameters, s_t the uncertainty of the instant and v = J dalpha/dt the
 velocity of the ball, s_c the noise of a contact.
 
-Of the mean of n samples at rest the encoders' noise is 1/n. Of the rounding only what
-noise makes different from sample to sample is; what all samples share has the variance
+The mean of n samples at rest has 1/n of the encoders' noise, and of that part of the
+rounding which noise makes differ between samples; the part that all samples share has
+the variance
 
 b = q^2 / (2 pi^2) sum over k of exp(-(2 pi k s_e / q)^2) / k^2,
 

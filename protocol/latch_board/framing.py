@@ -34,7 +34,7 @@ class FrameSplitter:
     """Cuts a stream of bytes into the bodies of its valid frames.
 
     Attributes:
-        faults: what was dropped, by reason (`FAULTS`); a frame counts once.
+        faults: dropped frames and bytes, by reason (`FAULTS`); a frame counts once.
         accepted: how many frames were valid.
     """
 

@@ -64,7 +64,7 @@ class Packet:
 
 
 class PacketDecoder:
-    """Finds packets in what is read; keeps less than one of them.
+    """Finds packets in a stream of bytes; keeps less than one of them.
 
     Attributes:
         accepted: whole packets so far.

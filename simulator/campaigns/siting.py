@@ -102,7 +102,7 @@ def place_artefacts(
 ) -> tuple[Placement, ...]:
     """Place artefacts, one after the other.
 
-    Of the sites that can be touched in varied postures, one far from the others is
+    Among the sites that can be touched in varied postures, one far from the others is
     taken, so that they spread over the working volume.
 
     Raises:

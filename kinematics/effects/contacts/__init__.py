@@ -1,1 +1,1 @@
-"""Effects of the contact and of what is touched."""
+"""Effects of the contact and of the touched surface."""

@@ -40,7 +40,7 @@ class Compliance(BodyCorrection):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointCompliance(Compliance):
-    """Torsion between a joint's encoder and what the joint carries.
+    """Torsion between a joint's encoder and the link that it carries.
 
     theta_k grows by compliance_rad_nm (a_k . M_k)
     """
