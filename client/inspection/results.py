@@ -245,12 +245,12 @@ def left_out(plan: Plan, *, is_of_part: bool) -> Iterator[str]:
     if plan.ball_radius_std_mm is None:
         yield (
             "U leaves out the ball's radius: state its standard uncertainty "
-            "(ball_radius_std_mm); lengths are not judged"
+            "(ball_radius_std_mm; on the page: Conditions); lengths are not judged"
         )
     if plan.part_temperature is None:
         yield (
             "U leaves out the part's temperature: state it and the expansion "
-            "(part_temperature); lengths are not judged"
+            "(part_temperature; on the page: Conditions); lengths are not judged"
         )
     if is_of_part:
         yield (
