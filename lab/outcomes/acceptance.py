@@ -10,6 +10,7 @@ from traverse.lab.outcomes.base import (
     Outcome,
     Shortfall,
     State,
+    doubt,
     judge,
 )
 
@@ -90,7 +91,7 @@ def _complete(evidence: AcceptanceEvidence) -> Finding:
         return Established({"n_figures": len(evidence.figures)})
     names = ", ".join(evidence.missing) or "all figures"
     text = f"Incomplete: {names} not computed."
-    return [Shortfall(text, _VERIFY, {"missing": list(evidence.missing)})]
+    return doubt(text, _VERIFY, {"missing": list(evidence.missing)})
 
 
 def _limited(evidence: AcceptanceEvidence) -> Finding:
@@ -98,7 +99,7 @@ def _limited(evidence: AcceptanceEvidence) -> Finding:
     if not names:
         return Established() if evidence.figures else []
     text = f"No limit is given for {', '.join(names)}: nothing is decided there."
-    return [Shortfall(text, "Give the limits with --limits.", {"figures": names})]
+    return doubt(text, "Give the limits with --limits.", {"figures": names})
 
 
 def _within(evidence: AcceptanceEvidence) -> Finding:

@@ -116,6 +116,20 @@ class Shortfall:
 Finding = Established | Sequence[Shortfall]
 
 
+def doubt(
+    text: str, remedy: str, values: Mapping[str, Any] | None = None
+) -> list[Shortfall]:
+    """Find one thing that puts a result in doubt."""
+    return [Shortfall(text, remedy, values or {})]
+
+
+def bad(
+    text: str, remedy: str, values: Mapping[str, Any] | None = None
+) -> list[Shortfall]:
+    """Find one thing that makes a result bad."""
+    return [Shortfall(text, remedy, values or {}, State.BAD)]
+
+
 @dataclass(frozen=True)  # with slots, Condition[X](...) would raise TypeError
 class Condition(Generic[Evidence]):
     """A row of the table of conditions of a kind of result.

@@ -12,7 +12,8 @@ from traverse.lab.outcomes.base import (
     Finding,
     Outcome,
     Shortfall,
-    State,
+    bad,
+    doubt,
     judge,
 )
 from traverse.lab.report.quantities import OMITTED, length_mm
@@ -235,14 +236,11 @@ def _visible(evidence: DiagnosisEvidence) -> Finding:
     values = {"n_visible": visible["n"], "n_effects": visible["of"]}
     if visible["n"] > 0:
         return Established(values)
-    return [
-        Shortfall(
-            "These poses could show no effect of the library.",
-            "Measure more poses, in varied postures.",
-            values,
-            State.BAD,
-        )
-    ]
+    return bad(
+        "These poses could show no effect of the library.",
+        "Measure more poses, in varied postures.",
+        values,
+    )
 
 
 def _named(evidence: DiagnosisEvidence) -> Finding:
@@ -251,22 +249,17 @@ def _named(evidence: DiagnosisEvidence) -> Finding:
         for status in ("named", "tentative", "unknown")
     }
     if counts["n_unknown"]:
-        return [
-            Shortfall(
-                "Something is missing that has no name.",
-                "Look at what joint, reading or artefact the report names.",
-                counts,
-                State.BAD,
-            )
-        ]
+        return bad(
+            "Something is missing that has no name.",
+            "Look at what joint, reading or artefact the report names.",
+            counts,
+        )
     if counts["n_tentative"]:
-        return [
-            Shortfall(
-                "More than one name fits.",
-                "Measure what the report proposes to separate them.",
-                counts,
-            )
-        ]
+        return doubt(
+            "More than one name fits.",
+            "Measure what the report proposes to separate them.",
+            counts,
+        )
     return Established(counts)
 
 
@@ -283,43 +276,33 @@ def _within_noise(evidence: DiagnosisEvidence) -> Finding:
         )
         if figures.verdict != "unexplained":
             # Something was found that no arm file holds.
-            return [
-                Shortfall(
-                    f"{beyond}, by whatever the arm file cannot hold or does not have.",
-                    "Mend what was found, and measure again.",
-                    {**values, "times_stated": exceeded},
-                    State.BAD,
-                )
-            ]
-        return [
-            Shortfall(
-                f"{beyond}, without a pattern that any effect, curve or harmonic "
-                "describes: the noise is stated too small, or there is a fault without "
-                "a pattern.",
-                "Touch one place many times in one posture: if these points scatter as "
-                "stated, look for play, loose parts and whatever else the campaign has "
-                "no column for.",
+            return bad(
+                f"{beyond}, by whatever the arm file cannot hold or does not have.",
+                "Mend what was found, and measure again.",
                 {**values, "times_stated": exceeded},
-                State.BAD,
             )
-        ]
+        return bad(
+            f"{beyond}, without a pattern that any effect, curve or harmonic "
+            "describes: the noise is stated too small, or there is a fault without "
+            "a pattern.",
+            "Touch one place many times in one posture: if these points scatter as "
+            "stated, look for play, loose parts and whatever else the campaign has "
+            "no column for.",
+            {**values, "times_stated": exceeded},
+        )
     if gap.n == 0 or chi2 is None or rms_mm is None:
-        return [
-            Shortfall(
-                "No pose could be kept aside, so that nothing proves the result.",
-                "Measure more poses.",
-            )
-        ]
+        return doubt(
+            "No pose could be kept aside, so that nothing proves the result.",
+            "Measure more poses.",
+        )
     if chi2 > 1.0 + _OPEN_GAP * float(np.sqrt(2.0 / gap.n)):
-        return [
-            Shortfall(
-                "The poses kept aside still differ from the model by "
-                f"{length_mm(rms_mm)} rms, {chi2:.2g} times the mean square "
-                "that noise explains: something is missing in the arm file.",
-                "Measure again, where the discrepancies are largest.",
-                values,
-            )
-        ]
+        return doubt(
+            "The poses kept aside still differ from the model by "
+            f"{length_mm(rms_mm)} rms, {chi2:.2g} times the mean square "
+            "that noise explains: something is missing in the arm file.",
+            "Measure again, where the discrepancies are largest.",
+            values,
+        )
     return Established(values)
 
 
@@ -330,24 +313,19 @@ def _helps(evidence: DiagnosisEvidence) -> Finding:
         "held_out_chi2_after": figures.ledger[-1].held_out_chi2,
     }
     if figures.vetoed:
-        return [
-            Shortfall(
-                "The poses kept aside are predicted worse with what was found than "
-                "without: nothing was added to the arm.",
-                "Measure again, or more.",
-                values,
-                State.BAD,
-            )
-        ]
+        return bad(
+            "The poses kept aside are predicted worse with what was found than "
+            "without: nothing was added to the arm.",
+            "Measure again, or more.",
+            values,
+        )
     if figures.identified_anew:
-        return [
-            Shortfall(
-                "The arm as identified, without what was found, predicts the poses "
-                "kept aside better than the one with it, and is what is written.",
-                "Measure again, or more.",
-                values,
-            )
-        ]
+        return doubt(
+            "The arm as identified, without what was found, predicts the poses "
+            "kept aside better than the one with it, and is what is written.",
+            "Measure again, or more.",
+            values,
+        )
     return Established(values)
 
 
@@ -397,24 +375,19 @@ def _written(evidence: DiagnosisEvidence) -> Finding:
 def _scaled(evidence: DiagnosisEvidence) -> Finding:
     """Look whether a length is known, here or where the arm was identified."""
     if evidence.holds_scale:
-        return [
-            Shortfall(
-                "The measurements shrink the arm to a fraction of its design, whatever "
-                "was found: its scale is the design's.",
-                "Check arm file and campaign against each other, and measure again.",
-                state=State.BAD,
-            )
-        ]
+        return bad(
+            "The measurements shrink the arm to a fraction of its design, whatever "
+            "was found: its scale is the design's.",
+            "Check arm file and campaign against each other, and measure again.",
+        )
     if evidence.has_length or evidence.was_identified:
         return Established({"from_campaign": evidence.has_length})
-    return [
-        Shortfall(
-            "The scale of the arm is undetermined: no length is known in this "
-            "campaign, and the arm file is a design. The written arm has the design's "
-            "scale.",
-            "Add a length standard, or diagnose an arm that was identified with one.",
-        )
-    ]
+    return doubt(
+        "The scale of the arm is undetermined: no length is known in this "
+        "campaign, and the arm file is a design. The written arm has the design's "
+        "scale.",
+        "Add a length standard, or diagnose an arm that was identified with one.",
+    )
 
 
 def _determined(evidence: DiagnosisEvidence) -> Finding:
@@ -423,15 +396,13 @@ def _determined(evidence: DiagnosisEvidence) -> Finding:
     values = {"undetermined_mm": evidence.undetermined_mm}
     if evidence.undetermined_mm <= predicted_mm:
         return Established(values)
-    return [
-        Shortfall(
-            "Parameters of the arm are undetermined: if its design is off by a "
-            f"plausible deviation there, the probe is off by "
-            f"{length_mm(evidence.undetermined_mm)} where nothing was measured.",
-            "Measure more and more varied postures; traverse identify names them.",
-            values,
-        )
-    ]
+    return doubt(
+        "Parameters of the arm are undetermined: if its design is off by a "
+        f"plausible deviation there, the probe is off by "
+        f"{length_mm(evidence.undetermined_mm)} where nothing was measured.",
+        "Measure more and more varied postures; traverse identify names them.",
+        values,
+    )
 
 
 def _agreeing(evidence: DiagnosisEvidence) -> Finding:
@@ -439,14 +410,12 @@ def _agreeing(evidence: DiagnosisEvidence) -> Finding:
     values = {"n_left_out": n_excluded, "n_poses": n_all}
     if n_excluded <= _MANY_EXCLUDED * n_all:
         return Established(values)
-    return [
-        Shortfall(
-            f"{n_excluded} of {counted(n_all, 'pose')} contradict the others and took "
-            "no part.",
-            "Find out why before the arm is used.",
-            values,
-        )
-    ]
+    return doubt(
+        f"{n_excluded} of {counted(n_all, 'pose')} contradict the others and took "
+        "no part.",
+        "Find out why before the arm is used.",
+        values,
+    )
 
 
 def _in_family(evidence: DiagnosisEvidence) -> Finding:
@@ -454,13 +423,11 @@ def _in_family(evidence: DiagnosisEvidence) -> Finding:
         return Established()
     names = ", ".join(name for name, _ in evidence.contradicted)
     file = (evidence.figures.family or {}).get("file")
-    return [
-        Shortfall(
-            f"The measurements contradict the family {file} in {names}.",
-            "Look whether the arm is of that family.",
-            {f"sigmas_of_{name}": sigmas for name, sigmas in evidence.contradicted},
-        )
-    ]
+    return doubt(
+        f"The measurements contradict the family {file} in {names}.",
+        "Look whether the arm is of that family.",
+        {f"sigmas_of_{name}": sigmas for name, sigmas in evidence.contradicted},
+    )
 
 
 CONDITIONS: tuple[Condition[DiagnosisEvidence], ...] = (

@@ -9,6 +9,7 @@ from traverse.lab.outcomes.base import (
     Finding,
     Shortfall,
     State,
+    doubt,
 )
 from traverse.lab.outcomes.identified import ContradictedCertificate
 from traverse.lab.statistics.outlier_clusters import ExcludedCluster
@@ -73,7 +74,7 @@ def _radii_agree(result: Identification) -> Finding:
         "probe_radius_mm": radius_mm + shift.shift_mm,
         "sigmas": shift.evidence,
     }
-    return [Shortfall(text, remedy, values)]
+    return doubt(text, remedy, values)
 
 
 def _file_fits(result: Identification) -> Finding:
@@ -164,7 +165,7 @@ def _family_agrees(result: Identification) -> Finding:
         else "this arm is none of it, and nothing of it counts."
     )
     text = f"The measurements contradict the family by {names}: {left}"
-    return [Shortfall(text, "Compare the arm with its family.")]
+    return doubt(text, "Compare the arm with its family.")
 
 
 def _few_excluded(result: Identification) -> Finding:
@@ -173,7 +174,7 @@ def _few_excluded(result: Identification) -> Finding:
     if n_excluded <= _MOST_EXCLUDED * n_all:
         return Established(values)
     text = f"{n_excluded} of {n_all} poses contradict the others."
-    return [Shortfall(text, "Find out why before the arm is used.", values)]
+    return doubt(text, "Find out why before the arm is used.", values)
 
 
 def _orientations_agree(result: Identification) -> Finding:
@@ -191,7 +192,7 @@ def _orientations_agree(result: Identification) -> Finding:
         "Check the order of the quaternions' components (w, x, y, z), the frame that "
         "they are in, and that the instrument's probe stayed as it was mounted."
     )
-    return [Shortfall(text, remedy, values)]
+    return doubt(text, remedy, values)
 
 
 STATED = (

@@ -7,7 +7,6 @@ not established leaves a file, and a result in doubt or bad that says so.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -22,6 +21,8 @@ from traverse.lab.outcomes.base import (
     Outcome,
     Shortfall,
     State,
+    bad,
+    doubt,
     judge,
 )
 from traverse.lab.report.quantities import length_mm, probability
@@ -74,10 +75,6 @@ def _misclosure_mm(result: Identification) -> float:
     return max(result.rms_after_mm, float(np.median(sizes_mm)))
 
 
-def _bad(text: str, remedy: str, **values: Any) -> list[Shortfall]:
-    return [Shortfall(text, remedy, values, State.BAD)]
-
-
 def _converged(result: Identification) -> Finding:
     if result.converged:
         return Established()
@@ -91,20 +88,20 @@ def _converged(result: Identification) -> Finding:
             f"{text} All poses are nearly the same: no joint turned by more than "
             f"{travel_deg:.2g} degrees."
         )
-        return _bad(same, "Measure in varied postures.", travel_deg=travel_deg)
+        return bad(same, "Measure in varied postures.", {"travel_deg": travel_deg})
     if result.redundancy <= 0:
         more = f"{text} There are no more equations than unknowns (redundancy 0)."
-        return _bad(more, "Measure more poses.", **values)
+        return bad(more, "Measure more poses.", values)
     if rms_mm > _MOST_MISCLOSURE * _reaches_mm(result)[0]:
         left = f"{text} Misclosures of {length_mm(rms_mm)} are left."
-        return _bad(left, _CHECK_FILE, **values)
+        return bad(left, _CHECK_FILE, values)
     steps = (
         f"{text} Its steps do not become small, although misclosures of "
         f"{length_mm(rms_mm)} only are left: the poses hardly determine "
         f"{combination(result.moving)}."
     )
     hold = "Hold some of these (--hold), or measure more and more varied postures."
-    return _bad(steps, hold, **values)
+    return bad(steps, hold, values)
 
 
 def _explained(result: Identification) -> Finding:
@@ -118,7 +115,7 @@ def _explained(result: Identification) -> Finding:
         f"{length_mm(rms_mm)} are left, more than {100.0 * _MOST_MISCLOSURE:g} % of "
         f"the arm's {length_mm(reach_mm)}. The arm file may be another arm's."
     )
-    return _bad(text, _CHECK_FILE, **values)
+    return bad(text, _CHECK_FILE, values)
 
 
 def _same_size(result: Identification) -> Finding:
@@ -130,7 +127,7 @@ def _same_size(result: Identification) -> Finding:
         f"The identified arm is {size:.3g} times as large as its design: no arm is "
         "built so far off, and an arm that shrinks fits everything."
     )
-    return _bad(text, _CHECK_FILE, size=size)
+    return bad(text, _CHECK_FILE, {"size": size})
 
 
 def _like_design(result: Identification) -> Finding:
@@ -151,7 +148,7 @@ def _like_design(result: Identification) -> Finding:
         "times what is plausible. The arm file may be another arm's, or the arm was "
         "rebuilt."
     )
-    return [Shortfall(text, "Compare the identified links with the arm.", values)]
+    return doubt(text, "Compare the identified links with the arm.", values)
 
 
 def _redundant(result: Identification) -> Finding:
@@ -161,7 +158,7 @@ def _redundant(result: Identification) -> Finding:
             "There are no more equations than unknowns (redundancy 0): nothing checks "
             "this result."
         )
-        return _bad(text, "Measure more poses.", redundancy=redundancy)
+        return bad(text, "Measure more poses.", {"redundancy": redundancy})
     samples_per_square = 1.0 if serial is None else serial.samples_per_square
     unseen = _TWO_SIDED / (2.0 * redundancy / samples_per_square) ** 0.5
     values = {"redundancy": redundancy, "unseen_part": unseen}
@@ -171,7 +168,7 @@ def _redundant(result: Identification) -> Finding:
         f"A redundancy of {redundancy} is a weak check: noise that is wrong by less "
         f"than about {100.0 * unseen:.0f} % would not be noticed."
     )
-    return [Shortfall(text, "Measure more poses.", values)]
+    return doubt(text, "Measure more poses.", values)
 
 
 def _noise_explains(result: Identification) -> Finding:
@@ -191,7 +188,7 @@ def _noise_explains(result: Identification) -> Finding:
             "Give [noise] in campaign.toml; compare the estimated noise with what "
             "encoders and contacts should do."
         )
-        return [Shortfall(text, remedy, values)]
+        return doubt(text, remedy, values)
     if result.redundancy <= 0 or test.p_value is None:
         return []
     if test.passed or sigma0 <= 1.0:
@@ -203,7 +200,7 @@ def _noise_explains(result: Identification) -> Finding:
             "small to estimate the noise."
         )
         remedy = "Measure more poses, or state [noise] in campaign.toml."
-        return [Shortfall(text, remedy, values)]
+        return doubt(text, remedy, values)
     text = (
         f"The residuals are {sigma0:.3g} times as large as the stated noise explains "
         f"(p = {probability(test.p_value)}): either the noise is stated too small, or "
@@ -227,7 +224,7 @@ def _scaled(result: Identification) -> Finding:
         f"{length_mm(lost[0].probe_mm)}."
     )
     touches = _scale_touches(result.campaign.artefacts, max(_reaches_mm(result)))
-    return _bad(text, touches, probe_mm=lost[0].probe_mm)
+    return bad(text, touches, {"probe_mm": lost[0].probe_mm})
 
 
 def _scale_touches(artefacts: tuple[Artefact, ...], reach_mm: float) -> str:
