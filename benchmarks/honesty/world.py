@@ -301,7 +301,7 @@ class World:
                 believed_s += fault.size
             elif fault.kind == "utc_1970" and now_s < fault.lasts_s:
                 believed_s = now_s + 20.0
-        return believed_s
+        return max(believed_s, now_s)  # Linux refuses a time before its own start
 
     def _is_synchronised(self) -> bool:
         """Whether the kernel says that a program keeps UTC."""

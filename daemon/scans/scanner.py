@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from traverse.arrays import Floats
-from traverse.daemon.clock import HostClock
+from traverse.arrays import Bits, Floats, Integers
+from traverse.daemon.clock import STEP_NS, HostClock
 from traverse.daemon.config.filters import filter_chain
 from traverse.daemon.config.schema import ScanSection
 from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
@@ -18,7 +18,7 @@ from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.scans.selection import ButtonGate, ButtonKey, ScanSelection
 from traverse.kinematics.filters import PointBlock
-from traverse.protocol.messages import REMARKS, Scan
+from traverse.protocol.messages import REMARKS, QualityFlag, Scan
 
 MAX_POINTS = 1000  # of a message: half a megabyte with 32 joints
 ScanSink = Callable[[Scan, Callable[[], object]], bool]
@@ -88,6 +88,7 @@ class Scanner:
         )
         self._next = self._lost = self._dropped = self._in_doubt = 0
         self._stream: int | None = None
+        self._utc_offset_ns, self._stepped_ns = self._clock.utc_offset_ns(), 0
         self._offset = 0
         self._last: tuple[int, int] | None = None
         self._decided_ns = 0  # until here it is settled what was held
@@ -270,9 +271,8 @@ class Scanner:
         end = max(first + n, total or 0)
         self._lost += first - self._next + end - (first + n)
         self._next = end
-        self._in_doubt += int(
-            np.count_nonzero(points.quality[:n] & ~np.uint32(REMARKS))
-        )
+        quality = points.quality | self._step_flags(points.time_ns[:n])
+        self._in_doubt += int(np.count_nonzero(quality & ~np.uint32(REMARKS)))
         begin_ns = int(points.time_ns[0])
         return Scan(
             session=self.session,
@@ -295,13 +295,22 @@ class Scanner:
             covariance_mm2=None
             if np.isnan(points.covariance_mm2[:n]).any()
             else points.covariance_mm2,
-            quality=points.quality,
+            quality=quality,
             dropped=self._dropped,
             lost=self._lost,
             last=total is not None,
             total=total,
             in_doubt=self._in_doubt,
         )
+
+    def _step_flags(self, times_ns: Integers) -> Bits:
+        """Flag points that waited here while UTC was set, or the host slept."""
+        offset_ns = self._clock.utc_offset_ns()
+        if abs(offset_ns - self._utc_offset_ns) > STEP_NS:
+            self._stepped_ns = self._clock.monotonic_ns()
+        self._utc_offset_ns = offset_ns
+        are_earlier = times_ns < self._stepped_ns
+        return np.uint32(QualityFlag.TIME_UNCERTAIN) * are_earlier.astype(np.uint32)
 
 
 def _empty_block(n_joints: int, time_ns: int) -> PointBlock:

@@ -9,6 +9,7 @@ from tests.daemon.values import UTC_OFFSET_NS, PoseMaker, SetClock, arm_model
 from traverse.daemon.scans.plan import ScanPlan, plan_scan
 from traverse.daemon.scans.scanner import Scanner
 from traverse.daemon.scans.selection import MAX_EDGES, ButtonGate
+from traverse.protocol.messages.quality import flag_names
 
 PERIOD_NS = 10_000_000  # a stream of 100 Hz
 
@@ -20,7 +21,8 @@ class Bench:
         self.model = model
         self.messages = []
         self.room = True
-        self.scanner = Scanner(SetClock(), self.offer, block_s)
+        self.clock = SetClock()
+        self.scanner = Scanner(self.clock, self.offer, block_s)
         self.poses = PoseMaker(model, PERIOD_NS)
         self.scanner.start(ScanPlan("s1", rate_hz, every), model, "session-1")
         self.scanner.follow(1, rate_hz * every)
@@ -72,6 +74,23 @@ def test_a_scan_has_the_rate_that_the_device_states(model):
     bench.scanner.stop()
     assert bench.messages[0].rate_hz == pytest.approx(24.95)
     assert not bench.scanner.follow(3, 99.8, 100.0)  # no scan runs any more
+
+
+def test_points_that_wait_while_utc_is_set_are_marked(model):
+    """A block has one UTC, which is that of after the step."""
+    bench = Bench(model)
+    bench.take(range(4))
+    bench.clock.now_ns += 5 * PERIOD_NS
+    bench.clock.offset_ns += 1_760_000_000
+    bench.take(range(4, 10))
+    bench.clock.now_ns += 5 * PERIOD_NS
+    bench.take(range(10, 20))
+    flags = [flag_names(int(bits)) for m in bench.messages for bits in m.quality]
+    assert flags[:5] == [("time_uncertain",)] * 5
+    assert flags[10:] == [()] * 10
+    assert [message.in_doubt for message in bench.messages] == [
+        flags.count(flags[0])
+    ] * 2
 
 
 def test_points_are_numbered_from_the_start_and_handed_on_in_blocks(model):
