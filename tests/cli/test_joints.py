@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tests.firmware.host_rig import host_board_at
+from tests.firmware.host_rig import HostBoard
 from traverse.kinematics.arm_file.arm import read_arm
 
 pytestmark = pytest.mark.needs("compiler")
@@ -83,9 +83,7 @@ class Conversation:
 @pytest.fixture
 def board(tmp_path):
     (tmp_path / "arm.toml").write_text(ARM)
-    with host_board_at(
-        tmp_path / "port", "--channels", "4", "--bits", str(BITS)
-    ) as board:
+    with HostBoard(tmp_path / "port", "--channels", "4", "--bits", str(BITS)) as board:
         (tmp_path / "daemon.toml").write_text(DAEMON.format(port=board.link))
         yield board
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.docs.pages import CHECKOUT
 from tests.docs.telling import blocks, output_of, printed_blocks
-from tests.firmware.mega import mega_at, mega_firmware
+from tests.firmware.mega import MegaBoard, mega_firmware
 from tests.running import run_traverse
 from traverse.kinematics.arm_file.arm import read_arm
 
@@ -34,7 +34,7 @@ def test_the_board_passes_and_its_encoders_are_found_as_told(tmp_path: Path) -> 
     settings = "FRONT_END=AS5600 CHANNELS=6 INPUTS=1"
     assert f"make -C firmware mega {settings}" in (CHECKOUT / PAGE).read_text("utf-8")
     options = ("--encoders", "as5600", "--channels", "6", "--bits", "12")
-    with mega_at(port, mega_firmware(*settings.split()), *options) as board:
+    with MegaBoard(port, mega_firmware(*settings.split()), *options) as board:
         ran = run_traverse(tmp_path, "board", "test", str(port))
         assert "fail" not in ran.stdout
         board.do(*(f"count {n} {700 * n}" for n in range(6)), "fail 5 1")

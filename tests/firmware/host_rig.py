@@ -1,9 +1,9 @@
 """The host's board as a process, its script on a pipe, and a driver on its pty."""
 
 import asyncio
-import contextlib
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,8 @@ from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.latch_board.driver import LatchBoardDriver, LatchBoardOptions
 
 
-class EmulatedBoard:
-    """A board that a program plays: commands go to it line by line.
+class EmulatedBoard(AbstractContextManager["EmulatedBoard"]):
+    """A board that a program plays until the block ends; commands are lines to it.
 
     Attributes:
         link: the path of its port.
@@ -55,6 +55,9 @@ class EmulatedBoard:
 
     def next_edge(self) -> int:
         return int(self.ask("show").split()[3])
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
     def close(self) -> None:
         self._process.communicate("quit\n", timeout=10.0)
@@ -107,12 +110,3 @@ class HostBoardRig:
 
     def plug(self):
         self.board.do("plug")
-
-
-@contextlib.contextmanager
-def host_board_at(link: Path, *options: str) -> Iterator[HostBoard]:
-    board = HostBoard(link, *options)
-    try:
-        yield board
-    finally:
-        board.close()

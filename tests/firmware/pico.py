@@ -1,13 +1,11 @@
 """The firmware of a Raspberry Pi Pico in its emulator, under node."""
 
-import contextlib
 import os
 import tty
-from collections.abc import Iterator
 from pathlib import Path
 
 from tests.firmware.built import CHECKOUT, FIRMWARE
-from tests.firmware.mega import EmulatedProcessor
+from tests.firmware.emulated import EmulatedProcessor
 from tests.running import run_program
 from tests.shared import new_folder, shared
 
@@ -47,12 +45,3 @@ class PicoBoard(EmulatedProcessor):
     def close(self) -> None:
         super().close()
         os.close(self._slave)
-
-
-@contextlib.contextmanager
-def pico_at(link: Path, firmware: Path, *options: str) -> Iterator[PicoBoard]:
-    board = PicoBoard(link, firmware, *options)
-    try:
-        yield board
-    finally:
-        board.close()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.firmware.host_rig import HostBoardRig, host_board_at
+from tests.firmware.host_rig import HostBoard, HostBoardRig
 from traverse.drivers.base.values import (
     CountSamples,
     DeviceAlarm,
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.needs("compiler")
 async def rig(tmp_path):
     # The counter wraps half a second after power-up.
     first_ticks = str(2**32 - 500_000)
-    with host_board_at(tmp_path / "port", "--first-ticks", first_ticks) as board:
+    with HostBoard(tmp_path / "port", "--first-ticks", first_ticks) as board:
         rig = HostBoardRig(board)
         yield rig
         rig.driver.close()

@@ -5,8 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from tests.firmware.mega import COUNTS_PER_TURN, MegaRig, mega_at, mega_firmware
-from tests.running import run_traverse
+from tests.firmware.emulated import (
+    COUNTS_PER_TURN,
+    ProcessorRig,
+    assert_the_tester_passes,
+    pressed,
+)
+from tests.firmware.mega import MegaBoard, mega_firmware
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_LATE,
@@ -36,8 +41,8 @@ QUADRATURE = ("--counts-per-turn", str(COUNTS_PER_TURN))
 
 @pytest.fixture
 async def rig(tmp_path):
-    with mega_at(tmp_path / "port", mega_firmware(), *QUADRATURE) as board:
-        rig = MegaRig(board)
+    with MegaBoard(tmp_path / "port", mega_firmware(), *QUADRATURE) as board:
+        rig = ProcessorRig(board)
         yield rig
         rig.driver.close()
 
@@ -47,29 +52,12 @@ class TestMegaContract(DriverContract, StreamContract, KeptEdgeContract, LatchCo
 
 
 def test_the_tester_passes_it(tmp_path):
-    with mega_at(tmp_path / "port", mega_firmware(), *QUADRATURE) as board:
-        ran = run_traverse(tmp_path, "board", "test", str(board.link))
-    assert "fail" not in ran.stdout
-
-
-async def pressed(board, times):
-    """Press the button, with bounces; return what came and what was."""
-    rig = MegaRig(board, debounce_us=5000)
-    presses = []
-    with rig.driver:
-        taken = await up(rig)
-        for n in range(times):
-            board.do(f"bounce 0 {1 - n % 2} 5")
-            presses.append(board.last_press())
-            await taken.until(
-                lambda wanted=n + 1: len(taken.of(LatchedCounts)) == wanted, "the press"
-            )
-            rig.driver.acknowledge(taken.of(LatchedCounts)[-1].token)
-    return taken.of(LatchedCounts), presses
+    with MegaBoard(tmp_path / "port", mega_firmware(), *QUADRATURE) as board:
+        assert_the_tester_passes(board, tmp_path)
 
 
 async def test_a_press_has_the_counts_of_its_first_contact(tmp_path):
-    with mega_at(tmp_path / "port", mega_firmware(), *QUADRATURE) as board:
+    with MegaBoard(tmp_path / "port", mega_firmware(), *QUADRATURE) as board:
         board.do("count 1 5000", "turn 2 -3000", "turn 3 20000", "turn 6 10000")
         latches, presses = await pressed(board, 8)
     for latch, press in zip(latches, presses, strict=True):
@@ -106,9 +94,9 @@ async def test_encoders_of_each_kind(tmp_path, settings, kind, bits, alarms):
     firmware = mega_firmware(*f"FRONT_END={settings}".split())
     options = ("--encoders", kind, "--bits", str(bits))
     counts = tuple(n * (2**bits - 1) // 6 for n in range(7))
-    with mega_at(tmp_path / "port", firmware, *options) as board:
+    with MegaBoard(tmp_path / "port", firmware, *options) as board:
         board.do(*(f"count {n} {count}" for n, count in enumerate(counts)))
-        rig = MegaRig(board, debounce_us=5000)
+        rig = ProcessorRig(board, debounce_us=5000)
         board.do("turn 0 0", "count 0 0")
         with rig.driver:
             taken = await up(rig, 250.0 if kind == "as5600-multiplexer" else 500.0)
@@ -141,8 +129,8 @@ async def test_the_counter_wraps_within_a_stream_and_the_power_comes_back(tmp_pa
     firmware = mega_firmware("FRONT_END=SSI")
     first_ticks = str(2**32 - 3_000_000)  # the wrap comes after 1.5 s
     options = ("--encoders", "ssi", "--first-ticks", first_ticks)
-    with mega_at(tmp_path / "port", firmware, *options) as board:
-        rig = MegaRig(board)
+    with MegaBoard(tmp_path / "port", firmware, *options) as board:
+        rig = ProcessorRig(board)
         with rig.driver:
             taken = await up(rig, 500.0)
             await taken.until(lambda: len(taken.seqs()) > 1000, "2 s of samples")
@@ -161,8 +149,8 @@ async def test_the_counter_wraps_within_a_stream_and_the_power_comes_back(tmp_pa
 async def test_a_minute_of_emulated_time_passes_the_wrap_of_an_idle_board(tmp_path):
     first_ticks = str(2**32 - 60_000_000)
     options = (*QUADRATURE, "--first-ticks", first_ticks)
-    with mega_at(tmp_path / "port", mega_firmware(), *options) as board:
-        rig = MegaRig(board)
+    with MegaBoard(tmp_path / "port", mega_firmware(), *options) as board:
+        rig = ProcessorRig(board)
         board.do("turn 0 0", "forward 60")
         with rig.driver:
             taken = await up(rig)
@@ -175,8 +163,8 @@ async def test_a_minute_of_emulated_time_passes_the_wrap_of_an_idle_board(tmp_pa
 async def test_the_index_shows_that_counts_were_lost_and_puts_them_right(tmp_path):
     per_turn = "{512,512,512,512,512,512,512}"
     firmware = mega_firmware("INDEX_WIRED=1", f"COUNTS_PER_TURN={per_turn}")
-    with mega_at(tmp_path / "port", firmware, "--counts-per-turn", "512") as board:
-        rig = MegaRig(board, debounce_us=5000)
+    with MegaBoard(tmp_path / "port", firmware, "--counts-per-turn", "512") as board:
+        rig = ProcessorRig(board, debounce_us=5000)
         board.do("turn 0 0", "turn 3 2000")
         with rig.driver:
             taken = await up(rig, 100.0)
@@ -198,9 +186,9 @@ async def test_the_index_shows_that_counts_were_lost_and_puts_them_right(tmp_pat
 async def test_a_button_that_is_held_at_power_up_makes_its_first_edge_when_released(
     tmp_path,
 ):
-    with mega_at(tmp_path / "port", mega_firmware(), *QUADRATURE) as board:
+    with MegaBoard(tmp_path / "port", mega_firmware(), *QUADRATURE) as board:
         board.do("input 0 1", "power")
-        rig = MegaRig(board, debounce_us=5000)
+        rig = ProcessorRig(board, debounce_us=5000)
         with rig.driver:
             taken = await up(rig)
             board.do("input 0 0")

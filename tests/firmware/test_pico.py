@@ -5,9 +5,13 @@ import struct
 import numpy as np
 import pytest
 
-from tests.firmware.mega import COUNTS_PER_TURN, MegaRig
-from tests.firmware.pico import PACKAGES, pico_at, pico_firmware
-from tests.running import run_traverse
+from tests.firmware.emulated import (
+    COUNTS_PER_TURN,
+    ProcessorRig,
+    assert_the_tester_passes,
+    pressed,
+)
+from tests.firmware.pico import PACKAGES, PicoBoard, pico_firmware
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_LATE,
@@ -34,28 +38,16 @@ def _packages(pytestconfig):
 
 def test_the_tester_passes_it(tmp_path):
     firmware = pico_firmware("FRONT_END=SSI")
-    with pico_at(tmp_path / "port", firmware, "--encoders", "ssi") as board:
-        ran = run_traverse(tmp_path, "board", "test", str(board.link))
-    assert "fail" not in ran.stdout
+    with PicoBoard(tmp_path / "port", firmware, "--encoders", "ssi") as board:
+        assert_the_tester_passes(board, tmp_path)
 
 
 async def test_a_press_has_the_counts_of_its_first_contact(tmp_path):
     options = ("--counts-per-turn", str(COUNTS_PER_TURN))
-    presses = []
-    with pico_at(tmp_path / "port", pico_firmware(), *options) as board:
-        rig = MegaRig(board, debounce_us=5000)
+    with PicoBoard(tmp_path / "port", pico_firmware(), *options) as board:
         board.do("count 1 5000", "turn 2 -3000", "turn 6 3000")
-        with rig.driver:
-            taken = await up(rig, 100.0)
-            for n in range(4):
-                board.do(f"bounce 0 {1 - n % 2} 5")
-                presses.append(board.last_press())
-                await taken.until(
-                    lambda wanted=n + 1: len(taken.of(LatchedCounts)) == wanted,
-                    "the press",
-                )
-                rig.driver.acknowledge(taken.of(LatchedCounts)[-1].token)
-    for latch, press in zip(taken.of(LatchedCounts), presses, strict=True):
+        latches, presses = await pressed(board, 4, 100.0)
+    for latch, press in zip(latches, presses, strict=True):
         status = np.array(latch.status)
         assert not (status & (STATUS_ERROR | STATUS_LATE)).any()
         assert press.mark_cycles < LATE_CYCLES
@@ -67,10 +59,10 @@ async def test_ssi_encoders_are_latched_by_one_edge_and_an_absent_one_is_named(
     tmp_path,
 ):
     counts = tuple(n * (2**19 - 1) // 6 for n in range(7))
-    with pico_at(
+    with PicoBoard(
         tmp_path / "port", pico_firmware("FRONT_END=SSI"), "--encoders", "ssi"
     ) as board:
-        rig = MegaRig(board, debounce_us=5000)
+        rig = ProcessorRig(board, debounce_us=5000)
         board.do("turn 0 0", *(f"count {n} {count}" for n, count in enumerate(counts)))
         with rig.driver:
             taken = await up(rig, 500.0)

@@ -18,6 +18,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "commands.h"
 #include "encoders.h"
 #include "line.h"
 #include "machine.h"
@@ -272,8 +273,9 @@ static bool change(const char *command, const double *numbers, int n_numbers)
     return true;
 }
 
-static bool execute(const char *text, const struct options *options)
+static bool execute(const char *text, const void *context)
 {
+    const struct options *options = context;
     char command[16] = "";
     double numbers[3] = {0.0, 0.0, 0.0};
     const int n_words =
@@ -304,30 +306,6 @@ static bool execute(const char *text, const struct options *options)
     }
     (void)fflush(stdout);
     return true;
-}
-
-/* Read commands and execute whole lines; false when they have ended. */
-static bool obey(const struct options *options)
-{
-    static char text[256];
-    static size_t length;
-    const ssize_t n_read = read(STDIN_FILENO, &text[length], sizeof text - 1U - length);
-    if (n_read <= 0) {
-        return false;
-    }
-    length += (size_t)n_read;
-    text[length] = '\0';
-    char *begin = text;
-    for (char *end = strchr(begin, '\n'); end != NULL; end = strchr(begin, '\n')) {
-        *end = '\0';
-        if (!execute(begin, options)) {
-            return false;
-        }
-        begin = &end[1];
-    }
-    length -= (size_t)(begin - text);
-    memmove(text, begin, length);
-    return length < sizeof text - 1U;
 }
 
 static bool take_option(struct options *options, const char *name, const char *value)
@@ -400,7 +378,7 @@ int main(int argc, char **argv)
             break;
         }
         if ((ready[0].revents & (POLLIN | POLLHUP)) != 0) {
-            is_on = obey(&options);
+            is_on = commands_obey(execute, &options);
         }
     }
     line_unplug(options.link);

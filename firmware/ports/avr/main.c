@@ -5,6 +5,7 @@
 #include <avr/sleep.h>
 
 #include "board.h"
+#include "board_port.h"
 #include "clock.h"
 #include "encoders.h"
 #include "pins.h"
@@ -35,36 +36,12 @@ static uint32_t next_boot_id(void)
     return boot_id;
 }
 
-static uint32_t latch(uint32_t *counts, uint8_t *status)
-{
-    clock_hold();
-    const uint32_t tick = clock_ticks();
-    pins_mark(true);
-    encoders_latch(counts, status);
-    pins_mark(false);
-    clock_release();
-    return tick;
-}
-
 /* The ATmega2560 has no sensor of its own, and n_temperatures is 0. */
-static int16_t temperature(uint8_t sensor)
+int16_t board_port_temperature(uint8_t sensor)
 {
     (void)sensor;
     return LB_NO_SENSOR;
 }
-
-static const struct lb_port port = {
-    .ticks = clock_ticks,
-    .latch = latch,
-    .inputs = clock_inputs,
-    .set_timer = clock_set_timer,
-    .stop_timer = clock_stop_timer,
-    .room = uart_room,
-    .send = uart_send,
-    .temperature = temperature,
-    .lock = clock_hold,
-    .unlock = clock_release,
-};
 
 static struct lb_identity identity = {
     .board_id = {'m', 'e', 'g', 'a', '2', '5', '6', '0', 0U, 0U, (BOARD_NUMBER >> 8) & 0xFFU,
@@ -112,15 +89,10 @@ int main(void)
     clock_init(&board);
     clock_hold(); /* no input before the core knows it */
     sei();
-    lb_init(&board, &identity, &port);
+    lb_init(&board, &identity, &board_port);
     clock_release();
     for (;;) {
-        uint8_t byte;
-        while (lb_can_receive(&board) && uart_take(&byte)) {
-            lb_receive(&board, byte);
-        }
-        lb_poll(&board);
-        encoders_watch(&board, clock_hold, clock_release);
+        board_port_serve(&board);
         rest();
     }
 }

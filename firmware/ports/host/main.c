@@ -16,12 +16,12 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "commands.h"
 #include "line.h"
 #include "machine.h"
 #include "script.h"
 
 #define LONGEST_IDLE_US 1000U
-#define TEXT_BYTES 256U
 #define REFUSED 2
 
 struct arguments {
@@ -70,28 +70,10 @@ static void receive(void)
     }
 }
 
-/* Read commands and execute whole lines; false when they have ended. */
-static bool obey(const struct arguments *arguments)
+static bool execute(const char *text, const void *context)
 {
-    static char text[TEXT_BYTES];
-    static size_t length;
-    const ssize_t n_read = read(STDIN_FILENO, &text[length], sizeof text - 1U - length);
-    if (n_read <= 0) {
-        return false;
-    }
-    length += (size_t)n_read;
-    text[length] = '\0';
-    char *begin = text;
-    for (char *end = strchr(begin, '\n'); end != NULL; end = strchr(begin, '\n')) {
-        *end = '\0';
-        if (!script_execute(begin, &arguments->machine, arguments->link)) {
-            return false;
-        }
-        begin = &end[1];
-    }
-    length -= (size_t)(begin - text);
-    memmove(text, begin, length);
-    return length < sizeof text - 1U;
+    const struct arguments *arguments = context;
+    return script_execute(text, &arguments->machine, arguments->link);
 }
 
 int main(int argc, char **argv)
@@ -134,7 +116,7 @@ int main(int argc, char **argv)
             receive();
         }
         if (ready[0].revents != 0) {
-            is_on = obey(&arguments);
+            is_on = commands_obey(execute, &arguments);
         }
         machine_live();
         line_flush();

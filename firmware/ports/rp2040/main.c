@@ -1,5 +1,6 @@
 /* The latch board on a Raspberry Pi Pico. */
 #include "board.h"
+#include "board_port.h"
 #include "clock.h"
 #include "encoders.h"
 #include "pins.h"
@@ -33,19 +34,8 @@ static uint32_t draw_boot_id(void)
     return drawn;
 }
 
-static uint32_t latch(uint32_t *counts, uint8_t *status)
-{
-    clock_hold();
-    const uint32_t tick = clock_ticks();
-    pins_mark(true);
-    encoders_latch(counts, status);
-    pins_mark(false);
-    clock_release();
-    return tick;
-}
-
 /* The chip's own sensor: 0.706 V at 27 Celsius, 1.721 mV less for each degree more. */
-static int16_t temperature(uint8_t sensor)
+int16_t board_port_temperature(uint8_t sensor)
 {
     (void)sensor;
     ADC_CS = 3U | (4U << 12) | (1U << 2); /* on, sensor on; its channel; convert once */
@@ -54,19 +44,6 @@ static int16_t temperature(uint8_t sensor)
     const int32_t microvolts = (int32_t)((ADC_RESULT * 103125U) / 128U); /* of 3.3 V / 4096 */
     return (int16_t)(2700 - (((microvolts - 706000) * 100) / 1721));
 }
-
-static const struct lb_port port = {
-    .ticks = clock_ticks,
-    .latch = latch,
-    .inputs = clock_inputs,
-    .set_timer = clock_set_timer,
-    .stop_timer = clock_stop_timer,
-    .room = uart_room,
-    .send = uart_send,
-    .temperature = temperature,
-    .lock = clock_hold,
-    .unlock = clock_release,
-};
 
 static struct lb_identity identity = {
     .board_id = {'p', 'i', 'c', 'o', ' ', ' ', ' ', ' ', 0U, 0U, (BOARD_NUMBER >> 8) & 0xFFU,
@@ -88,15 +65,10 @@ _Noreturn void main_program(void)
     encoders_init(&identity);
     uart_init();
     clock_init_inputs();
-    lb_init(&board, &identity, &port);
+    lb_init(&board, &identity, &board_port);
     clock_init(&board);
     for (;;) {
-        uint8_t byte;
-        while (lb_can_receive(&board) && uart_take(&byte)) {
-            lb_receive(&board, byte);
-        }
-        lb_poll(&board);
-        encoders_watch(&board, clock_hold, clock_release);
+        board_port_serve(&board);
         __asm__ volatile("wfi"); /* at most a millisecond: timer_wakes */
     }
 }

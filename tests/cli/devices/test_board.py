@@ -12,7 +12,7 @@ import pytest
 
 from tests.end_to_end.workbench import REST, Workbench
 from tests.firmware.core_bench import opened
-from tests.firmware.host_rig import host_board_at
+from tests.firmware.host_rig import HostBoard
 from tests.protocol.latch_board_frames import framed
 from tests.running import invoke
 from traverse.drivers.io.serial_port import SerialPort
@@ -137,7 +137,7 @@ def test_the_firmware_passes_and_its_edges_are_repeated(tmp_path):
     # Its counter wraps while the stream is tested.
     wrapping = ("--first-ticks", str(2**32 - 6_500_000))
     with (
-        host_board_at(tmp_path / "port", *wrapping) as board,
+        HostBoard(tmp_path / "port", *wrapping) as board,
         closing(SerialPort(str(board.link), 1_000_000, wake_read)) as port,
     ):
         tester = BoardTester(port, 5.0, lambda _text: board.toggle())

@@ -9,8 +9,8 @@ import pytest
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.listener import listening
 from tests.end_to_end.workbench import Workbench
-from tests.firmware.host_rig import host_board_at
-from tests.firmware.mega import mega_at, mega_firmware
+from tests.firmware.host_rig import HostBoard
+from tests.firmware.mega import MegaBoard, mega_firmware
 from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto", "compiler")
@@ -24,13 +24,13 @@ POSTURES = (
 
 def host_board(bench):
     bench.confirm_board(b"host board\0\1".hex())
-    return host_board_at(bench.pty, "--first-ticks", str(2**32 - 3_000_000))
+    return HostBoard(bench.pty, "--first-ticks", str(2**32 - 3_000_000))
 
 
 def mega_board(bench):
     bench.confirm_board(b"mega2560\0\0\0\1".hex())
     firmware = mega_firmware("FRONT_END=BISS", "WORD_BITS=23")
-    return mega_at(bench.pty, firmware, "--encoders", "biss", "--bits", "23")
+    return MegaBoard(bench.pty, firmware, "--encoders", "biss", "--bits", "23")
 
 
 MEGA = pytest.param(
