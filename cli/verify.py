@@ -1,5 +1,6 @@
 """`traverse verify`: acceptance figures, their plan, and checking certificates."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,12 +23,33 @@ if TYPE_CHECKING:
     from traverse.lab.acceptance.limits import Limits
 
 
+@dataclass(frozen=True, slots=True)
+class _Inputs:
+    """Files of a verification; the last two are what it is compared with."""
+
+    data: Path
+    standard: str
+    arm: Path | None
+    limits: Path | None
+    as_found: Path | None
+    previous: Path | None
+
+    @property
+    def previous_file(self) -> Path | None:
+        """The certificate, of its folder too."""
+        if self.previous is None or self.previous.is_file():
+            return self.previous
+        return self.previous / "certificate.json"
+
+
 def verify(
     data: Annotated[Path | None, typer.Argument(callback=campaign_folder)] = None,
     *,
     standard: str | None = None,
     arm: Path | None = None,
     limits: Path | None = None,
+    as_found: Path | None = None,
+    previous: Path | None = None,
     out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     plan: str | None = None,
     bidirectional: bool = False,
@@ -47,6 +69,9 @@ def verify(
         standard: iso10360-12, asme-b89.4.22 or vdi2617-9.
         arm: The arm file; a recording has its own.
         limits: Maximum permissible errors and how to decide, TOML.
+        as_found: The arm file before it was adjusted; the same touches are computed
+            with it, too.
+        previous: certificate.json of the arm's previous certificate, or its folder.
         out: Folder for the certificate.
         plan: Write what to touch for a standard into --out instead.
         bidirectional: With --plan iso10360-12: E_BI too.
@@ -54,7 +79,7 @@ def verify(
         trust: With --check: X.509 certificate of a signer, or of who vouches for it,
             PEM. Repeatable; else the signer is shown, not judged.
     """
-    check_inputs(data, arm, limits, check, schemas, *(trust or ()))
+    check_inputs(data, arm, limits, as_found, previous, check, schemas, *(trust or ()))
     with refusals():
         if check is not None:
             _checked(check, trust or [], schemas, as_json=as_json)
@@ -74,7 +99,8 @@ def verify(
         if data is None or standard is None:
             refuse(f"{', '.join(missing)} missing; or give --plan STANDARD, or --check")
         known = _known(standard, "--standard")
-        certificate = _certificate(data, known, arm, limits, operator)
+        inputs = _Inputs(data, known, arm, limits, as_found, previous)
+        certificate = _certificate(inputs, operator)
         values = certificate.values
         if out is not None:
             from traverse.lab.acceptance.certificate.files import write_certificate
@@ -98,15 +124,14 @@ def _known(standard: str, option: str) -> str:
     return standard
 
 
-def _certificate(
-    data: Path,
-    standard: str,
-    arm_file: Path | None,
-    limits_file: Path | None,
-    computed_by: str | None,
-) -> "SealedCertificate":
+def _certificate(inputs: _Inputs, computed_by: str | None) -> "SealedCertificate":
     from traverse.lab.acceptance.administration import administration_of
     from traverse.lab.acceptance.certificate.check import ARM, LIMITS
+    from traverse.lab.acceptance.certificate.comparison import (
+        AS_FOUND,
+        PREVIOUS,
+        read_before,
+    )
     from traverse.lab.acceptance.certificate.values import SealedCertificate
     from traverse.lab.acceptance.limits import NO_LIMITS, Limits
     from traverse.lab.acceptance.standards import verified
@@ -114,8 +139,11 @@ def _certificate(
     from traverse.lab.report import provenance as sources
     from traverse.strict_toml.reader import read_strict
 
+    data, standard, arm_file = inputs.data, inputs.standard, inputs.arm
     arm, text = _arm(data, arm_file)
-    permitted = NO_LIMITS if limits_file is None else read_strict(limits_file, Limits)
+    permitted = NO_LIMITS
+    if inputs.limits is not None:
+        permitted = read_strict(inputs.limits, Limits)
     _ask_before(data, standard, arm, permitted)
     covariance = _covariance_beside(arm, arm_file)
     measured = read_by_tool(data, arm, None if covariance is None else arm_file)
@@ -128,8 +156,12 @@ def _certificate(
         files[covariance.name] = bytes_of(covariance)
     elif covariance is not None:
         typer.echo(f"lengths are not predicted by the arm file: {reason}", err=True)
-    if limits_file is not None:
-        files[LIMITS] = bytes_of(limits_file)
+    earlier = inputs.as_found, inputs.previous_file
+    before = read_before(
+        data, standard, permitted, arm, as_found=earlier[0], previous=earlier[1]
+    )
+    kept = zip((LIMITS, AS_FOUND, PREVIOUS), (inputs.limits, *earlier), strict=True)
+    files |= {name: bytes_of(path) for name, path in kept if path is not None}
     return SealedCertificate(
         verified(measured, standard, permitted),
         arm,
@@ -137,6 +169,7 @@ def _certificate(
         files,
         administration_of(measured, arm, permitted),
         sources.report_provenance(source, computed_by),
+        before,
     )
 
 

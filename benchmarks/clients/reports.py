@@ -1,12 +1,13 @@
 """`python -m benchmarks.clients.reports FOLDER`: pictures of reports for docs/.
 
-A simulated test by ISO 10360-12 with the data of a laboratory, and an identification
-from benchmarks.tools.command_line import run_main
-from cones alone, by the commands of a user: the first page of the certificate's PDF as
-PDFium draws it, and the top of the identification's report in Chromium.
+A simulated test by ISO 10360-12 with the statements of a laboratory, the same without
+them, and an identification from cones alone, by the commands of a user: the first pages
+of the certificates' PDF as PDFium draws them, and the top of the identification's
+report in Chromium.
 """
 
 import contextlib
+import os
 import re
 import shutil
 import subprocess
@@ -20,6 +21,7 @@ from playwright.sync_api import sync_playwright
 
 from benchmarks.tools.command_line import run_main
 from traverse.kinematics.arm_file.arm import read_arm, write_arm
+from traverse.lab.report.provenance import OPERATOR_VARIABLE
 from traverse.simulator.campaigns import write_campaign
 from traverse.simulator.campaigns.acceptance.poses import (
     acceptance_poses,
@@ -28,52 +30,88 @@ from traverse.simulator.campaigns.acceptance.poses import (
 
 CHECKOUT = Path(__file__).parent.parent.parent
 TUTORIAL = CHECKOUT / "docs" / "tutorial" / "identify-an-arm.md"
-ADDED = """\
-start_utc = 2026-11-20T09:00:00Z
+STATED = """\
 operator = "M. Example"
 place = "Measuring room 2"
-[noise]"""
-SPHERE = 'serial_number = "KS-25-0815"\ncalibration_date = 2026-05-04\n'
-BAR = 'serial_number = "L-1700-12"\ncalibration_date = 2026-05-06\n'
+start_utc = 2026-11-20T09:00:00Z
+[circumstances]
+probe = "TP-6, ball 6 mm, No. 118"
+humidity_percent = 44.0
+pressure_hpa = 1009.0
+warm_up_min = 90.0
+"""
+CERTIFICATE = """\
+serial_number = "{number}"
+certificate_number = "{certificate}"
+calibrated_by = "Example Laboratory, D-K-00000-01-00"
+calibration_date = 2026-05-04
+valid_until = 2028-05-04
+material = "{material}"
+"""
+STANDARDS = {
+    "sphere": ("KS-25-0815", "4711", "zirconia"),
+    "points": ("L-1700-12", "4712", "carbon-fibre"),
+}
 LIMITS = """\
 schema = "traverse/acceptance-limits/1"
+{statements}
 [mpe]
 p_size_mm = 0.012
 p_form_mm = 0.030
 l_dia_mm = 0.045
-e_uni_mm = 0.0245
+e_uni_mm = 0.035
 [standards]
+temperature_std_c = 0.1
+temperature_degrees = 9
 form_mm = 0.0006
 form_std_mm = 0.0001
+fixture_std_mm = 0.0003
 """
 COLOURS = 256
 
 
 def traverse(*arguments: str) -> None:
     """Run a command; exit status 1 is a verdict."""
-    command = [sys.executable, "-m", "traverse", *arguments, "--operator", "M. Example"]
-    if subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode > 1:
+    command = [sys.executable, "-m", "traverse", *arguments]
+    environment = {**os.environ, OPERATOR_VARIABLE: "M. Example"}
+    ran = subprocess.run(
+        command, check=False, stdout=subprocess.DEVNULL, env=environment
+    )
+    if ran.returncode > 1:
         raise SystemExit(f"{command} failed")
 
 
-def certificate(out: Path) -> None:
-    """The first page of a certificate that is neither accepted nor rejected."""
+def certificates(out: Path) -> None:
+    """The first page of a certificate, and of figures that lack statements."""
     arm = read_arm(CHECKOUT / "cli" / "demo_data" / "arm.toml")
-    write_arm(Path("arm.toml"), arm.model_copy(update={"serial_number": "D7-0042"}))
     drawn = drawn_acceptance(acceptance_poses(arm, "iso10360-12", seed=1), seed=1)
     write_campaign(Path("acceptance"), drawn, arm)
+    write_arm(Path("arm.toml"), arm)
+    Path("limits.toml").write_text(LIMITS.format(statements=""), "utf-8")
+    verified("figures", out / "certificate-refused.png")
+    write_arm(Path("arm.toml"), arm.model_copy(update={"serial_number": "D7-0042"}))
     file = Path("acceptance/campaign.toml")
-    text = file.read_text("utf-8").replace("[noise]", ADDED, 1)
-    for kind, lines in (("sphere", SPHERE), ("points", BAR)):
+    head, table, rest = file.read_text("utf-8").partition("\n[")
+    text = f"{head}\n{STATED}{table[1:]}{rest}"
+    for kind, (number, certificate, material) in STANDARDS.items():
+        lines = CERTIFICATE.format(
+            number=number, certificate=certificate, material=material
+        )
         text = text.replace(f'kind = "{kind}"\n', f'kind = "{kind}"\n{lines}')
     file.write_text(text, "utf-8")
-    Path("limits.toml").write_text(LIMITS, "utf-8")
+    statements = "measuring_range_mm = 2400.0\nnext_date = 2027-11-20"
+    Path("limits.toml").write_text(LIMITS.format(statements=statements), "utf-8")
+    verified("certificate", out / "certificate.png")
+
+
+def verified(folder: str, picture: Path) -> None:
+    """Verify, and draw the first page."""
     traverse(
         *("verify", "acceptance", "--standard", "iso10360-12", "--arm", "arm.toml"),
-        *("--limits", "limits.toml", "--out", "certificate"),
+        *("--limits", "limits.toml", "--out", folder),
     )
-    with pypdfium2.PdfDocument("certificate/certificate.pdf") as document:
-        small(document[0].render(scale=1.4).to_pil(), out / "certificate.png")
+    with pypdfium2.PdfDocument(f"{folder}/certificate.pdf") as document:
+        small(document[0].render(scale=1.4).to_pil(), picture)
 
 
 def identification(out: Path) -> None:
@@ -105,7 +143,7 @@ def main(folder: Path) -> None:
     out = folder.resolve()
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary, contextlib.chdir(temporary):
-        certificate(out)
+        certificates(out)
         identification(out)
 
 

@@ -72,6 +72,7 @@ class Administration:
         probe_length_mm: From the last joint to the centre of the ball.
         measuring_range_mm: Diameter of the volume that shares of a length refer to.
         reach_mm: From the shoulder, which shares of zones refer to.
+        next_date: Of the next test, where it was agreed on.
     """
 
     operator: str | None
@@ -92,6 +93,7 @@ class Administration:
     arm_calibration_date: str | None
     measuring_range_mm: float | None
     reach_mm: float
+    next_date: str | None
     standards: tuple[StandardUsed, ...]
     tools: tuple[ToolUsed, ...] | None = field(default=None, metadata=OMITTED)
 
@@ -140,6 +142,7 @@ def administration_of(
         arm_calibration_date=str(identified) if identified else None,
         measuring_range_mm=limits.measuring_range_mm,
         reach_mm=measured[0].reach_mm,
+        next_date=_day(limits.next_date),
         standards=standards_used(touched),
         tools=tools or None,
     )

@@ -1,6 +1,7 @@
 """The file of limits: permissible errors, decision rule, and data of the standards."""
 
 from collections.abc import Mapping
+from datetime import date
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, PlainValidator
@@ -93,6 +94,7 @@ class Limits(StrictModel):
         guard_factor: Guard band in standard uncertainties.
         coverage_probability: Of the expanded uncertainties that are reported.
         measuring_range_mm: Diameter of the volume; else twice the reach of the arm.
+        next_date: Of the next test, where it was agreed on.
         l_dia_radius: Whether the spheres of L_DIA are fitted with their radius free.
     """
 
@@ -101,6 +103,7 @@ class Limits(StrictModel):
     guard_factor: float = Field(default=GUARD_FACTOR, gt=0.0)
     coverage_probability: float = Field(default=COVERAGE_PROBABILITY, ge=0.5, le=0.9999)
     measuring_range_mm: float | None = Field(default=None, gt=0.0)
+    next_date: date | None = None
     l_dia_radius: Literal["free", "calibrated"] = "free"
     mpe: Mpe = Mpe()
     standards: Standards = Standards()

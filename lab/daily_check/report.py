@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from traverse.lab.acceptance.certificate.values import SCHEMA as CERTIFICATE
+from traverse.lab.acceptance.certificate.digests import SCHEMA as CERTIFICATE
 from traverse.lab.acceptance.limits import NO_LIMITS, Limits
 from traverse.lab.daily_check.control_chart import ChartPoint, Rule, charted, rules
 from traverse.lab.daily_check.figures import KINDS, MOST_U, FigureKind

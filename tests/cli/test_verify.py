@@ -12,7 +12,7 @@ from tests.docs.pages import CHECKOUT
 from tests.lab.acceptance.stated import limits_text, state_all, write_numbered
 from tests.lab.uncertain_arm import write_uncertain_arm
 from tests.running import invoke
-from traverse.kinematics.arm_file.arm import read_arm
+from traverse.kinematics.arm_file.arm import read_arm, write_arm
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.simulator.arm.truth import Deviations, true_arm
 from traverse.simulator.campaigns import NoiseTable, write_campaign
@@ -146,6 +146,61 @@ def test_what_a_verdict_needs_is_asked_for_before_anything_is_touched(tmp_path):
     ):
         assert asked in ran.output
     assert "humidity" not in ran.output  # of an interim check it is not required
+
+
+def test_as_found_as_left_and_the_previous_certificate(campaigns, tmp_path):
+    left = campaigns / "arm.toml"
+    arm = read_arm(left)
+    longer = [joint.link_mm for joint in arm.joints]
+    longer[2] = (longer[2][0], longer[2][1], longer[2][2] + 0.03)
+    joints = tuple(
+        joint.model_copy(update={"link_mm": link_mm})
+        for joint, link_mm in zip(arm.joints, longer, strict=True)
+    )
+    found = tmp_path / "found.toml"
+    write_arm(found, arm.model_copy(update={"joints": joints}))
+    words = (campaigns / "vdi2617-9", "--standard", "vdi2617-9", "--arm")
+    limits = limits_file(tmp_path, interim_length_mm=0.05)
+    before, out = tmp_path / "before", tmp_path / "out"
+    alone = run(
+        *words, found, "--limits", limits, "--out", before, "--json", status=None
+    )
+    (of_found,) = json.loads(alone.output)["figures"]
+    ran = run(
+        *(*words, left, "--limits", limits, "--out", out),
+        *("--as-found", found, "--previous", before),
+    )
+    values = json.loads((out / "certificate.json").read_text())
+    (figure,) = values["figures"]
+    (as_found,), (then,) = (
+        values[what]["figures"] for what in ("as_found", "previous")
+    )
+    assert as_found["value_mm"] == then["value_mm"] == of_found["value_mm"]
+    assert abs(figure["value_mm"]) < 0.03 < abs(then["value_mm"])
+    change_mm = abs(figure["value_mm"]) - abs(then["value_mm"])
+    assert then["change_mm"] == pytest.approx(change_mm)
+    expanded_mm = np.hypot(
+        figure["expanded_with_arm_mm"], of_found["expanded_with_arm_mm"]
+    )
+    assert then["expanded_change_mm"] == pytest.approx(expanded_mm)
+    assert then["changed"] == (abs(change_mm) > expanded_mm)
+    assert f"as found: {of_found['value_mm']:+.4f} mm, as left" in ran.output
+    assert "As found, as left, and before" in (out / "certificate.html").read_text()
+    run("--check", out)
+    # Another standard's certificate, one that was altered, and another arm.
+    previous = before / "certificate.json"
+    text = previous.read_text()
+    for changed, message in (
+        (text.replace('"reject"', '"accept"'), "was altered"),
+        (text.replace("vdi2617-9", "asme-b89.4.22"), "was altered"),
+        ("{}", "is no certificate"),
+    ):
+        previous.write_text(changed)
+        ran = run(*words, left, "--previous", before, status=2)
+        assert message in ran.output
+    found.write_text(found.read_text().replace("demo-7", "demo-8"))
+    ran = run(*words, left, "--as-found", found, status=2)
+    assert "is of the arm 'demo-8', expected 'demo-7'" in ran.output
 
 
 def test_a_limit_exceeded_is_reported_by_the_exit_status(campaigns, tmp_path):

@@ -8,11 +8,15 @@ from typing import Any
 
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.acceptance.administration import administration_of
+from traverse.lab.acceptance.certificate.comparison import (
+    AS_FOUND,
+    PREVIOUS,
+    read_before,
+)
+from traverse.lab.acceptance.certificate.digests import SCHEMA, digest_values
 from traverse.lab.acceptance.certificate.values import (
     PREDICTED,
-    SCHEMA,
     SealedCertificate,
-    digest_values,
     result_values,
 )
 from traverse.lab.acceptance.limits import NO_LIMITS, Limits
@@ -111,6 +115,14 @@ def _figure_problems(values: Mapping[str, Any], folder: Path) -> Iterator[str]:
         {},
         administration_of(measured, arm, limits),
         report_provenance(ReportSource(data.name, digest_of_files(files_read(data)))),
+        read_before(
+            data,
+            standard,
+            limits,
+            arm,
+            as_found=_there(folder / AS_FOUND),
+            previous=_there(folder / PREVIOUS),
+        ),
     )
     computed = json.loads(json.dumps(result_values(again)))
     stated = dict(values)
@@ -119,6 +131,10 @@ def _figure_problems(values: Mapping[str, Any], folder: Path) -> Iterator[str]:
         if name == "provenance" and not _same_campaign(*source):
             yield "the campaign is not the one that its provenance names"
     yield from differences(stated, computed)
+
+
+def _there(path: Path) -> Path | None:
+    return path if path.is_file() else None
 
 
 def _same_campaign(computed: Any, stated: Any) -> bool:  # noqa: ANN401 - of a file

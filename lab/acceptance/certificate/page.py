@@ -1,6 +1,7 @@
 """The certificate as a page, in one file with the raw data; and as lines of text."""
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -13,7 +14,7 @@ from traverse.lab.report.templates import Words, page
 WIDTH_MM = 165.0
 WORDS = Words("acceptance/certificate/words.jinja")
 NOT_STATED = "not stated"
-_MOST_PLACES = 3
+_MOST_PLACES = 2
 
 
 _BALL = ("ball {probe_diameter_mm:.4f} mm", "{probe_length_mm:.2f} mm from its joint")
@@ -37,7 +38,7 @@ def figure_cells(figure: Mapping[str, Any]) -> list[str]:
         figure["decision"],
         WORDS.value(figure),
         NOT_STATED if uncertainty_mm is None else number(uncertainty_mm, ".4f"),
-        number(figure["coverage_factor"], ".2f"),
+        "" if uncertainty_mm is None else number(figure["coverage_factor"], ".2f"),
         number(figure["limit_mm"], ".4f"),
         number(figure["guard_mm"], ".4f"),
     ]
@@ -74,22 +75,69 @@ def correlation_table(values: Mapping[str, Any]) -> tuple[list[str], list[list[s
     return ["", *names], rows
 
 
+COMPARISON_COLUMNS = (
+    "figure",
+    "as found [mm]",
+    "as left [mm]",
+    "previous [mm]",
+    "change [mm]",
+    "U of the change [mm]",
+)
+
+
+def comparison_cells(values: Mapping[str, Any]) -> list[list[str]]:
+    """Write each figure beside those before; nothing where there are none."""
+    as_found, previous = (
+        {
+            (figure["key"], figure["tool"]): figure
+            for figure in (values[what] or {"figures": ()})["figures"]
+        }
+        for what in ("as_found", "previous")
+    )
+    rows = []
+    for figure in values["figures"] if as_found or previous else ():
+        key = figure["key"], figure.get("tool")
+        found, then = as_found.get(key), previous.get(key)
+        rows.append(
+            [
+                figure["name"],
+                "" if found is None else WORDS.value({**figure, **found}),
+                WORDS.value(figure),
+                "" if then is None else WORDS.value({**figure, **then}),
+                "" if then is None else number(then["change_mm"], "+.4f"),
+                "" if then is None else number(then["expanded_change_mm"], ".4f"),
+            ]
+        )
+    return rows
+
+
+def _repeats(values: Mapping[str, Any]) -> str:
+    """Say how many lengths were measured how often."""
+    repeats = Counter(length["artefact"] for length in values["lengths"])
+    times = sorted(set(repeats.values()))
+    if not times:
+        return "no lengths"
+    return f"{len(repeats)} lengths, {' or '.join(map(str, times))} times each"
+
+
 def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return who measured, where, when and what: pairs of label and text."""
     administration, source = values["administration"], values["provenance"]
     measured = [administration["measured_from_utc"], administration["measured_to_utc"]]
+    times = " to ".join(_time(entry) for entry in dict.fromkeys(measured))
     versions = ", ".join(f"{name} {text}" for name, text in source["versions"].items())
     return [
         ("Arm", administration["arm_name"]),
         ("Serial number of the arm", administration["arm_serial_number"] or NOT_STATED),
-        ("Arm calibrated", _time(administration["arm_calibration_date"])),
+        *_known("Arm calibrated", administration["arm_calibration_date"]),
         ("Probe", _joined(administration, "{probe:s}", *_BALL)),
         ("Range", _joined(administration, *_RANGE)),
-        ("Measured", " to ".join(_time(entry) for entry in dict.fromkeys(measured))),
+        ("Measured", f"{times}; {_repeats(values)}"),
         ("Place", administration["place"] or NOT_STATED),
         ("Operator", administration["operator"] or NOT_STATED),
         ("Temperature", _joined(administration, _WARM)),
         ("Air, warming up", _joined(administration, *_AROUND)),
+        *_known("Next test", administration["next_date"]),
         *(
             (
                 f"Vector of {entry['name']}",
@@ -105,6 +153,12 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("SHA-256 of the campaign", source["campaign"]["sha256"]),
         ("SHA-256 of the arm", values["arm"]["digest"]),
     ]
+
+
+def _known(label: str, time: str | None) -> Iterator[tuple[str, str]]:
+    """Write a row only where its time is stated."""
+    if time is not None:
+        yield label, _time(time)
 
 
 def _joined(values: Mapping[str, Any], *parts: str) -> str:
@@ -184,6 +238,8 @@ def certificate_page(certificate: SealedCertificate) -> str:
         budget_columns=BUDGET_COLUMNS,
         budgets=[budget_cells(figure) for figure in values["figures"]],
         correlations=correlation_table(values),
+        comparison_columns=COMPARISON_COLUMNS,
+        comparison=comparison_cells(values),
         missing=[
             (lacking["name"], what)
             for lacking in values["missing"]

@@ -12,11 +12,13 @@ from matplotlib.font_manager import FontProperties, findfont
 
 from traverse.lab.acceptance.certificate.page import (
     BUDGET_COLUMNS,
+    COMPARISON_COLUMNS,
     STANDARD_COLUMNS,
     WIDTH_MM,
     WORDS,
     administration_rows,
     budget_cells,
+    comparison_cells,
     correlation_table,
     figure_cells,
     standard_cells,
@@ -202,6 +204,11 @@ def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
             for what in entry["what"]
         ]
         document.rows(("not computed", "because"), rows, (45, 125), texts=2)
+    if comparison := comparison_cells(values):
+        document.heading("As found, as left, and before")
+        widths = (45, 25, 25, 25, 25, 25)
+        document.rows(COMPARISON_COLUMNS, comparison, widths)
+        document.text_block(WORDS.comparison(values), note=True)
     document.heading("Measurement", keep_mm=60.0)
     document.rows((), administration_rows(values), (45, 125), texts=2)
     if values["administration"]["standards"]:
@@ -209,7 +216,7 @@ def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
         document.rows(
             STANDARD_COLUMNS,
             standard_cells(values),
-            (20, 20, 22, 24, 20, 20, 22, 22),
+            (15, 22, 16, 37, 19, 19, 20, 22),
             texts=8,
         )
         document.text_block(WORDS.traceability(), note=True)

@@ -1,7 +1,6 @@
 """A certificate as plain values, with its digests."""
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -9,6 +8,12 @@ from typing import Any
 from traverse.kinematics.arm_file.arm import Arm, arm_digest
 from traverse.lab.acceptance.administration import Administration
 from traverse.lab.acceptance.budget import correlation, coverage_factor
+from traverse.lab.acceptance.certificate.comparison import (
+    NOTHING_BEFORE,
+    Before,
+    comparison_values,
+)
+from traverse.lab.acceptance.certificate.digests import SCHEMA, digest_values
 from traverse.lab.acceptance.conformity import (
     PREDICTED_FACTOR,
     Figure,
@@ -29,8 +34,6 @@ from traverse.lab.outcomes.base import outcome_json
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.report.quantities import picked, plain_values
 
-SCHEMA = "traverse/acceptance/1"
-ALGORITHM = "SHA-256"
 PREDICTED = "predicted_by_arm"
 
 
@@ -41,6 +44,7 @@ class SealedCertificate:
     Attributes:
         limits: As read, or none.
         files: Contents of the files, by the names that they get in the folder `data`.
+        before: What it is compared with.
     """
 
     verification: Verification
@@ -49,6 +53,7 @@ class SealedCertificate:
     files: Mapping[str, bytes]
     administration: Administration
     provenance: ReportProvenance
+    before: Before = NOTHING_BEFORE
 
     @property
     def values(self) -> dict[str, Any]:
@@ -76,6 +81,10 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
     predicted = {}
     if verification.predicted is not None:
         predicted[PREDICTED] = _predicted(verification.predicted, verification.lengths)
+    figures = [
+        _figure(figure, verdict, limits)
+        for figure, verdict in zip(verification.figures, judged.verdicts, strict=True)
+    ]
     return {
         "schema": SCHEMA,
         "standard": standard,
@@ -96,12 +105,8 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         "decision": picked(
             limits, "guard_factor", "coverage_probability", rule="decision"
         ),
-        "figures": [
-            _figure(figure, verdict, limits)
-            for figure, verdict in zip(
-                verification.figures, judged.verdicts, strict=True
-            )
-        ],
+        "figures": figures,
+        **comparison_values(certificate.before, figures, withheld=bool(absent)),
         "missing": plain_values(verification.missing),
         "lengths": [_length(error) for error in verification.lengths],
         "length_correlation": _correlation(verification.lengths),
@@ -133,28 +138,6 @@ def _predicted(
             for error, std_mm in zip(errors, lengths.stds_mm, strict=True)
         ],
     }
-
-
-def digest_values(
-    result: Mapping[str, Any], files: Mapping[str, str]
-) -> dict[str, Any]:
-    """Return the digests of files and result, and the one over both."""
-    of_result = hashlib.sha256(canonical(result)).hexdigest()
-    both = {"files": dict(files), "result": of_result}
-    whole = hashlib.sha256(canonical(both)).hexdigest()
-    return {"algorithm": ALGORITHM, **both, "digest": whole}
-
-
-def canonical(values: Mapping[str, Any]) -> bytes:
-    """Write values in the one way that is hashed: sorted keys, no spaces, UTF-8."""
-    text = json.dumps(
-        values,
-        sort_keys=True,
-        separators=(",", ":"),
-        allow_nan=False,
-        ensure_ascii=False,
-    )
-    return text.encode()
 
 
 def _of_tool(values: dict[str, Any]) -> dict[str, Any]:

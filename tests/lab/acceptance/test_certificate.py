@@ -14,6 +14,7 @@ from tests.lab.report.pages import Page
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.acceptance.administration import administration_of
 from traverse.lab.acceptance.certificate.check import certificate_problems
+from traverse.lab.acceptance.certificate.digests import digest_values
 from traverse.lab.acceptance.certificate.files import write_certificate
 from traverse.lab.acceptance.certificate.page import WORDS
 from traverse.lab.acceptance.certificate.pdf import certificate_pdf
@@ -209,8 +210,6 @@ def test_other_figures_with_new_digests_do_not_follow_from_the_data(made, writte
     values = json.loads((written / "certificate.json").read_text())
     smaller = figure.value_mm / 2
     values["figures"][0]["value_mm"] = smaller
-    from traverse.lab.acceptance.certificate.values import digest_values  # noqa: PLC0415
-
     files = values.pop("digest")["files"]
     values["digest"] = digest_values(values, files)
     (written / "certificate.json").write_text(json.dumps(values))

@@ -1,0 +1,164 @@
+"""A certificate beside what was before: the arm as found, and its previous certificate.
+
+As found is the arm file before an adjustment, as left the one that is certified: both
+with the same touches, so that the difference is of the adjustment alone. What changed
+since the previous certificate is compared with the uncertainty of both, lines of the
+arm included: tests of the same arm differ by so much.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import hypot
+from pathlib import Path
+from typing import Any
+
+from traverse.kinematics.arm_file.arm import Arm, arm_digest, read_arm
+from traverse.lab.acceptance.certificate.digests import SCHEMA, digest_values
+from traverse.lab.acceptance.conformity import Verification
+from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.standards import verified
+from traverse.lab.measured_points.reading import read_by_tool
+from traverse.lab.report.quantities import picked
+from traverse.strict_toml.files import json_of
+from traverse.strict_toml.problems import FileError
+
+# Their names in the folder `data` of a certificate.
+AS_FOUND, PREVIOUS = "as-found.toml", "previous.json"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Before:
+    """What a certificate is compared with; None where it is not.
+
+    Attributes:
+        arm: As found.
+        as_found: Figures of the same touches with it.
+        previous: Values of the previous `certificate.json`.
+    """
+
+    arm: Arm | None = None
+    as_found: Verification | None = None
+    previous: Mapping[str, Any] | None = None
+
+
+NOTHING_BEFORE = Before()
+
+
+def read_before(
+    data: Path,
+    standard: str,
+    limits: Limits,
+    arm: Arm,
+    *,
+    as_found: Path | None,
+    previous: Path | None,
+) -> Before:
+    """Read the arm as found and the previous certificate, as far as they are given.
+
+    Args:
+        data: As of `read_by_tool`.
+        standard: As of `verified`.
+        limits: As of `verified`.
+        arm: As left.
+        as_found: Arm file.
+        previous: certificate.json.
+
+    Raises:
+        FileError: One is of another arm or standard, or was altered.
+    """
+    found_arm = verification = None
+    if as_found is not None:
+        found_arm = read_arm(as_found)
+        if found_arm.name != arm.name:
+            message = f"is of the arm {found_arm.name!r}, expected {arm.name!r}"
+            raise FileError(as_found, message)
+        verification = verified(read_by_tool(data, found_arm), standard, limits)
+    values = None
+    if previous is not None:
+        values = json_of(previous)
+        if problem := _previous_problem(values, standard, arm):
+            raise FileError(previous, problem)
+    return Before(found_arm, verification, values)
+
+
+def _previous_problem(values: Any, standard: str, arm: Arm) -> str | None:  # noqa: ANN401 - of a file
+    if not isinstance(values, dict) or values.get("schema") != SCHEMA:
+        return f"is no certificate: expected the schema {SCHEMA}"
+    stated = values.get("digest", {})
+    result = {key: value for key, value in values.items() if key != "digest"}
+    if digest_values(result, stated.get("files", {}))["digest"] != stated.get("digest"):
+        return "was altered: its digest is not the one stated"
+    if values["standard"] != standard:
+        return f"is by {values['standard']}, expected {standard}"
+    administration = values["administration"]
+    names = administration["arm_name"], administration["arm_serial_number"]
+    if names != (arm.name, arm.serial_number):
+        return f"is of another arm: {' '.join(map(str, names))}"
+    return None
+
+
+def comparison_values(
+    before: Before, figures: Sequence[Mapping[str, Any]], *, withheld: bool
+) -> dict[str, Any]:
+    """Put both comparisons into plain values; null where there is none.
+
+    Args:
+        before: What was read.
+        figures: As left, as plain values.
+        withheld: Whether nothing is decided for want of a statement.
+    """
+    as_found = previous = None
+    if before.arm is not None and before.as_found is not None:
+        as_found = {
+            "arm_digest": arm_digest(before.arm),
+            "figures": list(_found_figures(before.as_found, withheld=withheld)),
+        }
+    if before.previous is not None:
+        previous = {
+            "digest": before.previous["digest"]["digest"],
+            "measured_to_utc": before.previous["administration"]["measured_to_utc"],
+            "figures": list(_changes(figures, before.previous["figures"])),
+        }
+    return {"as_found": as_found, "previous": previous}
+
+
+def _found_figures(
+    verification: Verification, *, withheld: bool
+) -> Iterator[dict[str, Any]]:
+    for figure in verification.figures:
+        verdict = figure.decision.verdict if figure.decision else None
+        values = picked(figure, "key", "tool", "value_mm")
+        yield {**values, "verdict": "withheld" if withheld else verdict}
+
+
+def _changes(
+    figures: Sequence[Mapping[str, Any]], earlier: Sequence[Mapping[str, Any]]
+) -> Iterator[dict[str, Any]]:
+    """Compare figures with those of the same name then."""
+    by_key = {(figure["key"], figure.get("tool")): figure for figure in earlier}
+    for figure in figures:
+        then = by_key.get((figure["key"], figure.get("tool")))
+        if then is None:
+            continue
+        change_mm = abs(figure["value_mm"]) - abs(then["value_mm"])
+        expanded_mm = _expanded_change_mm(figure, then)
+        yield {
+            "key": figure["key"],
+            "tool": figure.get("tool"),
+            "value_mm": then["value_mm"],
+            "change_mm": change_mm,
+            "expanded_change_mm": expanded_mm,
+            "changed": None if expanded_mm is None else abs(change_mm) > expanded_mm,
+        }
+
+
+def _expanded_change_mm(*figures: Mapping[str, Any]) -> float | None:
+    """Return U of a difference; None where the scatter of the arm is not known."""
+    sizes_mm = [
+        figure["expanded_with_arm_mm"]
+        for figure in figures
+        if any(line["of_arm"] for line in figure["budget"])
+    ]
+    if len(sizes_mm) < len(figures) or None in sizes_mm:
+        return None
+    return hypot(*sizes_mm)
