@@ -191,7 +191,7 @@ def test_as_found_as_left_and_the_previous_certificate(campaigns, tmp_path):
     previous = before / "certificate.json"
     text = previous.read_text()
     for changed, message in (
-        (text.replace('"reject"', '"accept"'), "was altered"),
+        (text.replace('"accept"', '"reject"'), "was altered"),
         (text.replace("vdi2617-9", "asme-b89.4.22"), "was altered"),
         ("{}", "is no certificate"),
     ):

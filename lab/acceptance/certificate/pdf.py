@@ -32,7 +32,7 @@ _NOTE_LINE_MM = 3.9
 _TEXT_PT, _NOTE_PT, _HEADING_PT, _TITLE_PT = 9.0, 7.5, 11.5, 17.0
 _BLACK, _GREY, _RULE = (20, 20, 20), (95, 95, 95), (200, 200, 200)
 _SHADE = (242, 242, 242)
-_SIGNATURE_MM = 28.0
+_SIGNATURE_MM = 20.0
 
 
 class _Document(FPDF):
@@ -216,7 +216,7 @@ def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
         document.rows(
             STANDARD_COLUMNS,
             standard_cells(values),
-            (15, 22, 16, 37, 19, 19, 20, 22),
+            (18, 22, 20, 34, 19, 19, 19, 19),
             texts=8,
         )
         document.text_block(WORDS.traceability(), note=True)
