@@ -30,7 +30,8 @@ DIFFERENCES_CODE = 2
 
 MOST_ELEMENTS = 1 << 22
 _HEAD = struct.Struct("<BBBBII")
-_WIDTHS = (np.int8, np.int16, np.int32)
+_WIDTHS = tuple((np.dtype(f"<i{size}"), 1 << 8 * size - 1) for size in (1, 2, 4))
+"""Types of differences, and the first number that is too large for each."""
 
 
 def differences_to_bytes(array: NDArray[np.integer[Any]]) -> bytes:
@@ -38,7 +39,7 @@ def differences_to_bytes(array: NDArray[np.integer[Any]]) -> bytes:
     rows = array.astype(np.int64, copy=False).reshape(n, k)
     width, body = 0, b""
     if n > 1 and k:
-        columns = np.diff(rows.T, axis=1)
+        columns = (rows[1:] - rows[:-1]).T
         if (columns == columns[:, :1]).all():
             body = columns[:, 0].astype("<i8").tobytes()
         else:
@@ -91,8 +92,7 @@ def bytes_to_differences(content: bytes) -> NDArray[Any]:
 
 def _narrowest(differences: Integers) -> np.dtype[Any]:
     least, most = int(differences.min()), int(differences.max())
-    for kind in _WIDTHS:
-        limits = np.iinfo(kind)
-        if limits.min <= least and most <= limits.max:
-            return np.dtype(kind).newbyteorder("<")
+    for kind, end in _WIDTHS:
+        if -end <= least and most < end:
+            return kind
     return np.dtype("<i8")
