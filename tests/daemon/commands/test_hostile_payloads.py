@@ -4,7 +4,7 @@ import asyncio
 import tracemalloc
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.daemon.commands.test_dispatcher import SteppedClock
@@ -76,7 +76,6 @@ def send_all(messages) -> list[Reply]:
         max_size=5,
     )
 )
-@settings(max_examples=60)
 def test_whatever_comes_is_answered_or_dropped_without_a_fault(messages):
     for reply in send_all(messages):
         assert reply.ok or reply.error.code != "command.failed"

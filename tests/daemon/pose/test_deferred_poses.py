@@ -47,7 +47,7 @@ def measured(model, seed, presses, read_ends, *, defers):
     read_ends=st.sets(st.integers(1, N - 1), max_size=10),
     seed=st.integers(0, 1000),
 )
-@settings(max_examples=15)
+@settings(max_examples=8)
 def test_no_point_depends_on_when_poses_are_computed(
     full_model, presses, read_ends, seed
 ):

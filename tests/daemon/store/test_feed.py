@@ -120,7 +120,7 @@ PLANS = st.lists(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(PLANS)
 @example([("poll", 0), ("thread", 9), ("take", 5), ("loop", 9), ("thread", 9)])
 def test_every_point_is_sent_in_order_and_marked(tmp_path_factory, plan):
