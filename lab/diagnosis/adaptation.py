@@ -17,7 +17,11 @@ from traverse.lab.diagnosis.model.observation_equations import (
     without_serial_noise,
 )
 from traverse.lab.diagnosis.model.result import DiagnosisOptions, HoldoutComparison
-from traverse.lab.diagnosis.search.decision import Decision, NamedTerm
+from traverse.lab.diagnosis.search.decision import (
+    Decision,
+    NamedTerm,
+    of_single_joints,
+)
 from traverse.lab.diagnosis.search.forward_search import SearchState, refitted
 
 # Compares a fit with the one without terms, on the poses kept aside.
@@ -76,8 +80,10 @@ def adaptation(
     Strategy: significance among the poses that chose a term says that something is
     there, not that its name or curve goes on where nothing was measured. Each term has
     to lower the misfit of poses that took no part, beside the others; of those that do
-    not the worst leaves first. At last the arm is compared with what an identification
-    would give from the same poses, which leaves others out.
+    not the worst leaves first. A term of all joints beside one of its kind at a joint
+    has to bring them clearly nearer, as little tells the two apart. At last the arm is
+    compared with what an identification would give from the same poses, which leaves
+    others out.
     """
     search = decision.search
     campaign = search.fit.adjustment.network.campaign
@@ -101,6 +107,12 @@ def adaptation(
         unhelpful.add(worst)
         writable.remove(worst)
         written, gap = fit, without
+    for at in _of_all_joints(decision.names, writable):
+        fit, without = _with_terms(search, fits, compared, writable - {at})
+        if not is_better(gap.after, without.after):
+            unhelpful.add(at)
+            writable.remove(at)
+            written, gap = fit, without
     reference = as_identified(decision.start, choosing)
     identified = compared(reference)
     is_identified_anew = is_better(identified.after, gap.after)
@@ -114,6 +126,16 @@ def adaptation(
         vetoed=vetoed,
         is_identified_anew=is_identified_anew and bool(search.terms),
         gap=gap,
+    )
+
+
+def _of_all_joints(
+    names: tuple[NamedTerm, ...], writable: Collection[int]
+) -> tuple[int, ...]:
+    """List the terms of all joints that stand beside one of their kind at a joint."""
+    beside = [naming for naming in names if naming.added.index in writable]
+    return tuple(
+        naming.added.index for naming in beside if of_single_joints(naming, beside)
     )
 
 

@@ -13,8 +13,18 @@ from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import outlier_cluster
 from traverse.lab.diagnosis.model.fit import estimates_of
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-from traverse.lab.diagnosis.model.result import DiagnosisOptions, HoldoutMisfit, Term
-from traverse.lab.diagnosis.search.decision import Decision, NamedTerm
+from traverse.lab.diagnosis.model.result import (
+    Alternative,
+    DiagnosisOptions,
+    HoldoutMisfit,
+    Term,
+)
+from traverse.lab.diagnosis.search.decision import (
+    Decision,
+    NamedTerm,
+    correlation,
+    of_single_joints,
+)
 from traverse.lab.diagnosis.search.forward_search import DECIDED, ScoredCandidate
 from traverse.lab.outcomes.diagnosis import Estimate, Status, Verdict
 from traverse.lab.statistics.outlier_clusters import ARTEFACT
@@ -40,8 +50,10 @@ def terms_of(
     """
     search = decision.search
     terms = []
-    for naming in decision.names:
-        index = naming.added.index
+    for named in decision.names:
+        index, naming = named.added.index, named
+        if index in adaptation.unhelpful:
+            naming = _beside_its_kind(named, decision.names)
         terms.append(
             Term(
                 status=naming.status,
@@ -78,6 +90,24 @@ def terms_of(
         at = _at_place(misfit.log_p, ARTEFACT, misfit.artefact)
         terms.append(replace(at, misfit=misfit))
     return tuple(terms)
+
+
+def _beside_its_kind(naming: NamedTerm, names: tuple[NamedTerm, ...]) -> NamedTerm:
+    """Make a term of all joints a rival of those of its kind at single joints."""
+    singles = of_single_joints(naming, names)
+    if not singles or naming.status != "named":
+        return naming
+    rivals = tuple(
+        Alternative(
+            single.added.candidate,
+            single.own.evidence,
+            correlation(naming.own.found, naming.own.residuals, single.own.found),
+            alias=False,
+        )
+        for single in singles
+    )
+    alternatives = (*naming.alternatives, *rivals)
+    return replace(naming, status="tentative", alternatives=alternatives)
 
 
 def _stuck_term(stuck: ScoredCandidate, decision: Decision) -> Term:

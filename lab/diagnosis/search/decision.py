@@ -124,6 +124,24 @@ def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
     return NamedTerm(added, chosen, status, harmonic, rivals, best, oversized, negative)
 
 
+def of_single_joints(
+    naming: NamedTerm, names: Sequence[NamedTerm]
+) -> tuple[NamedTerm, ...]:
+    """List the terms of single joints whose kind a term of all joints has, too.
+
+    What such a term shares among the joints is what the others leave over of one.
+    """
+    shared = naming.added.candidate
+    if shared.joint is not None or shared.is_curve:
+        return ()
+    candidates = ((other, other.added.candidate) for other in names)
+    return tuple(
+        other
+        for other, candidate in candidates
+        if candidate.kind == shared.kind and candidate.joint is not None
+    )
+
+
 def _is_oversized(search: SearchState, added: AddedTerm) -> bool:
     """Return whether an effect as fitted is larger than that of any machine."""
     estimates = estimates_of(search.stage.rows, added.index)

@@ -23,7 +23,10 @@ from tests.lab.diagnosis.engine_campaigns import (
 from tests.lab.diagnosis.fitted_rows import measured
 from tests.lab.simulated import arm_value, disturbed, seen_places, seven_joints
 from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.kinematics.model.forward import probe_centre
+from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.adjustment.prepare import IdentificationError
+from traverse.lab.campaign.campaign import campaign_of_places
 from traverse.lab.campaign.holdout import split
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
@@ -390,3 +393,45 @@ def test_whole_artefacts_are_kept_aside_on_request():
     assert diagnosis.gap.closed > 0.8
     with pytest.raises(IdentificationError, match="no artefact of"):
         diagnose(campaign.part(touched == aside[0]), arm, options)
+
+
+@pytest.mark.parametrize("shared_by", ["all", "chosen"])
+def test_a_latency_of_all_joints_is_named_beside_one_joints_only_where_proved(
+    shared_by,
+):
+    """The poses kept aside share it, or contradict it."""
+    measurement = measured()
+    rng = np.random.default_rng(3)
+    n_poses = 150
+    angles_rad = rng.uniform(-2.0, 2.0, (n_poses, 7))
+    speeds_rad_s = 0.3 * rng.normal(size=(n_poses, 7))
+    places_mm = probe_centre(geometry_from_arm(measurement.arm), angles_rad)
+    places_mm += rng.normal(0.0, 0.01, places_mm.shape)
+    plain = campaign_of_places(
+        [joint.name for joint in measurement.arm.joints],
+        angles_rad,
+        places_mm,
+        encoder_rad=1e-6,
+        contact_mm=0.01,
+    )
+    held_out = split(plain, DECISION.seed)[1]
+    late_s = np.full((n_poses, 7), 2e-4)
+    if shared_by == "chosen":
+        late_s[held_out] = 0.0
+    late_s[:, 3] += 0.015
+    late = replace(
+        plain.poses,
+        angles_rad=angles_rad - late_s * speeds_rad_s,
+        speeds_rad_s=speeds_rad_s,
+    )
+    diagnosis = diagnose(replace(plain, poses=late), measurement.arm, DECISION)
+    terms = {
+        term.candidate.joint: term
+        for term in diagnosis.terms
+        if term.candidate.kind == "encoder_latency"
+    }
+    single, shared = terms["J4"], terms[None]
+    assert (single.status, single.accepted) == ("named", True)
+    proved = shared_by == "all"
+    assert (shared.status == "named", shared.accepted) == (proved, proved)
+    assert (single.candidate in [r.candidate for r in shared.alternatives]) != proved
