@@ -169,7 +169,7 @@ class DeviceClock:
         return self.is_newer(ticks) and self._is_unusual(late_ns)
 
     def _is_unusual(self, late_ns: float) -> bool:
-        return late_ns > self._usual.limit_ns + self._line_bound_ns
+        return late_ns > self._usual.limit_ns + self._bound_ns()
 
     @property
     def error_bound_ns(self) -> int:
@@ -237,8 +237,8 @@ class DeviceClock:
             and late_ns - (received_ns - sent_ns) > bound_ns + self._grain_ns
         ):
             self._step(ticks, received_ns)
-        elif self._line_bound_ns < UNKNOWN_NS:
-            if late_ns < -bound_ns:
+        elif self._line_bound_ns < UNKNOWN_NS or self._tie is not None:
+            if late_ns < -bound_ns and self._line_bound_ns < UNKNOWN_NS:
                 # Delays have been smaller than was seen until now.
                 self._line_bound_ns = -2.0 * late_ns
             self._judge(ticks, late_ns, received_ns)
@@ -305,7 +305,7 @@ class DeviceClock:
             lates_ns[-1] = late_ns
         self._read_ns, self._read_ticks = received_ns, ticks
         slack_ns = max(PROOF_SLACK_NS, self._grain_ns)
-        if late_ns <= self._line_bound_ns + self._ns_per_tick + slack_ns:
+        if late_ns <= self._bound_ns() + self._ns_per_tick + slack_ns:
             if self._run > 1:
                 self._usual.add(self._run_late_ns, self._run - 1, received_ns)
             self._proven_ns, self._run, self._run_late_ns = received_ns, 0, 0.0

@@ -206,6 +206,23 @@ def test_an_answer_ties_a_clock_at_once_and_proves_a_step():
     assert abs(clock.to_ns(4_000_000) - 5_020_150_000) <= clock.error_bound_ns
 
 
+def test_a_counter_that_stands_still_after_the_answer_that_tied_it_is_in_doubt():
+    """Before its line is known the next read may already be late by the loss."""
+    clock = DeviceClock(1e6)
+    clock.update(0, 1_000_400_000, 1_000_000_000)
+    for k in range(1, 5):
+        clock.update(10_000 * k, 1_000_100_000 + 10_000_000 * k)
+        assert not clock.is_uncertain
+    lost_ns = 34_000_000
+    clock.update(50_000, 1_050_100_000 + lost_ns)
+    assert clock.is_late
+    clock.update(51_000, 1_051_200_000 + lost_ns, 1_051_000_000 + lost_ns)
+    assert clock.steps == 1
+    assert not clock.is_uncertain
+    off_ns = clock.to_ns(51_000) - 1_051_000_000 - lost_ns
+    assert abs(off_ns) <= clock.error_bound_ns
+
+
 def test_edges_that_are_sent_again_are_not_newer():
     clock = DeviceClock(1e6)
     assert clock.is_newer(5)
