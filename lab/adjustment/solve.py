@@ -12,7 +12,7 @@ that would raise the weighted sum of squares is damped as by Levenberg and Marqu
 weak directions first. Damping only chooses the way: at the end there is none.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,7 +69,7 @@ def adjust(
     iterations: list[Iteration] = []
     n_determined: int | None = None
     converged, corrected, settled = False, False, False
-    damping, back = 0.0, 1.0
+    trial, back = _Trial(), 1.0
     whole = last = np.zeros(parameters.n_free)
     while not converged and len(iterations) < most_iterations:
         number = len(iterations) + 1
@@ -80,8 +80,8 @@ def adjust(
         # Along a curved undetermined direction the way back to the design overshoots.
         back *= 0.5 if held @ last < -0.25 * (last @ last) else 1.0
         last = held
-        state, size, fraction, damping = _stepped(
-            network, state, system, parts, back * to_design, damping=damping
+        state, size, fraction, trial = _stepped(
+            network, state, system, parts, back * to_design, first=trial
         )
         small = _CONVERGED if number <= _SLOW_AFTER else _CONVERGED_SLOWLY
         converged = size < small and fraction > 0.0
@@ -164,6 +164,18 @@ def _modelled(system: System, step: Floats) -> float:
     return float(left @ left)
 
 
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """How a step is shortened: damped, and of what is left a fraction.
+
+    Strategy: damping leaves the steps of the unknowns as they are. Where these are too
+    long, those of the next iteration are, too: it does not begin with the whole step.
+    """
+
+    damping: float = 0.0
+    fraction: float = 1.0
+
+
 def _stepped(
     network: Network,
     state: State,
@@ -171,15 +183,15 @@ def _stepped(
     parts: RankDecision,
     to_design: Floats,
     *,
-    damping: float,
-) -> tuple[State, float, float, float]:
+    first: _Trial,
+) -> tuple[State, float, float, _Trial]:
     """Take as much of a step as does not raise the sum of squares.
 
     Returns the state, the length of the whole step in standard deviations, the fraction
-    taken, the damping to begin with next time.
+    taken, what to begin with next time.
     """
     size = _length(system, parts.step(to_design)[0])
-    fraction = 1.0
+    damping, fraction = first.damping, first.fraction
     for _ in range(_MOST_TRIALS):
         step, held = parts.step(to_design, damping)
         # A smaller arm has smaller misclosures: the way back to the design's scale may
@@ -198,12 +210,13 @@ def _stepped(
         if size < _CONVERGED or sum_of_squares(network, there, system, limit) <= limit:
             taken = fraction if damping == 0.0 else _length(system, step) / size
             # Smallest singular values are about one: less damping does nothing.
-            return there, size, taken, damping / 16.0 if damping > 16.0 else 0.0
+            less = damping / 16.0 if damping > 16.0 else 0.0
+            return there, size, taken, _Trial(less, min(4.0 * fraction, 1.0))
         if damping >= _MOST_DAMPING or not len(step):
             fraction *= 0.5
         else:
             damping = max(4.0 * damping, 1.0)
-    return state, size, 0.0, damping
+    return state, size, 0.0, _Trial(damping, fraction)
 
 
 def _length(system: System, step: Floats) -> float:

@@ -5,14 +5,13 @@ plain text that a page escapes like any other value.
 """
 
 import base64
-import functools
 import re
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, UndefinedError
-from jinja2.environment import TemplateModule
 
 from traverse.lab.report import quantities
 from traverse.plurals import counted
@@ -45,17 +44,12 @@ class Words:
     """
 
     def __init__(self, template: str, **filters: Callable[..., Any]) -> None:
-        """Name a template, which is read when it is first used.
+        """Read a template.
 
         The path is below `lab/`; filters are besides those of all reports.
         """
-        self._template, self._filters = template, filters
-
-    @functools.cached_property
-    def _macros(self) -> TemplateModule:
-        """The compiled template; most programs print few reports."""
-        environment = _environment(self._filters, is_html=False)
-        return environment.get_template(self._template).module
+        environment = _environment(_LAB, tuple(filters.items()), is_html=False)
+        self._macros = environment.get_template(template).module
 
     def __getattr__(self, macro: str) -> Callable[..., str]:
         return lambda *values: " ".join(self.lines(macro, *values))
@@ -82,19 +76,24 @@ def page(template: str, filters: Filters, **values: object) -> str:
     Raises:
         MissingValueError: The template names a value that there is not.
     """
-    return _environment(filters, is_html=True).get_template(template).render(values)
+    environment = _environment(_LAB, tuple(filters.items()), is_html=True)
+    return environment.get_template(template).render(values)
 
 
-def _environment(filters: Filters, *, is_html: bool) -> Environment:
+@cache
+def _environment(
+    folder: Path, filters: tuple[tuple[str, Callable[..., Any]], ...], *, is_html: bool
+) -> Environment:
+    """Make an environment, which keeps the templates that it has compiled."""
     environment = Environment(
-        loader=FileSystemLoader([_LAB, _LAB.parent]),
+        loader=FileSystemLoader([folder, folder.parent]),
         autoescape=is_html,
         finalize=_visible,
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    environment.filters |= _FILTERS | filters
+    environment.filters |= _FILTERS | dict(filters)
     return environment
 
 

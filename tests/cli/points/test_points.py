@@ -183,7 +183,7 @@ def test_no_damage_ends_a_command_with_a_traceback(harm, tmp_path):
     good, bad = tmp_path / "good.db", tmp_path / "bad.db"
     make(good)
     out = str(tmp_path / "out.csv")
-    for seed in range(20):
+    for seed in range(8):
         content = bytearray(good.read_bytes())
         HARMS[harm](random.Random(seed), content)
         bad.write_bytes(content)

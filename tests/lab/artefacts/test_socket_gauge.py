@@ -108,7 +108,7 @@ def test_what_cannot_be_printed_is_refused(tmp_path, words, told):
 
 def test_its_campaign_is_checked_and_identified_with(tmp_path):
     arm = read_arm(ARM)
-    poses = make_poses(arm, CampaignSpec(mix="seats", n_poses=160), seed=3)
+    poses = make_poses(arm, CampaignSpec(mix="seats", n_poses=80), seed=3)
     simulated = tmp_path / "simulated"
     write_campaign(simulated, draw_noise(poses, 5), arm)
     toml = tomllib.loads((simulated / "campaign.toml").read_text("utf-8"))

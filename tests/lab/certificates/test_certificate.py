@@ -108,20 +108,18 @@ def test_who_when_what_and_the_digests_of_the_data(signed_verification):
 
 def test_parameters_of_an_identification(signed_identification):
     values = json.loads((signed_identification / "identification.json").read_text())
-    found = results(signed_identification)
+    of_certificate = results(signed_identification)
     for entry in values["parameters"]:
-        one = found[entry["name"]]
-        (stated,), (expanded,) = (
-            said(one, ".//si:value"),
-            said(one, ".//si:valueExpandedMU"),
-        )
+        parameter = of_certificate[entry["name"]]
+        (stated,) = said(parameter, ".//si:value")
+        (expanded,) = said(parameter, ".//si:valueExpandedMU")
         assert math.isclose(
             float(stated), entry["value"], abs_tol=0.01 * entry["std"] * 20
         )
         assert math.isclose(float(expanded), 2.0 * entry["std"], rel_tol=0.06)
-        assert said(one, ".//si:unit") == [UNITS[entry["unit"]]]
+        assert said(parameter, ".//si:unit") == [UNITS[entry["unit"]]]
     bar = values["artefacts"]["bar"]["distance_mm"]
-    (stated,) = said(found["bar: distance"], ".//si:value")
+    (stated,) = said(of_certificate["bar: distance"], ".//si:value")
     assert math.isclose(float(stated), bar["value"], abs_tol=bar["std"])
     root = ElementTree.parse(signed_identification / "dcc.xml").getroot()
     assert said(root, ".//dcc:conformity") == []

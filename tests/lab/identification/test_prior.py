@@ -32,6 +32,7 @@ from traverse.strict_toml.problems import FileError
 
 OFFSETS = Deviations(links_mm=0.5, axes_rad=2e-3, zeros_rad=2e-3)
 SPREAD = Deviations(links_mm=0.03, axes_rad=1e-4, zeros_rad=1e-4)
+QUICK = Options(n_suggestions=0)
 N_ARMS = 12
 
 
@@ -56,16 +57,16 @@ def campaign_of(seed, n_poses, deviations=SPREAD):
 @cache
 def member(seed):
     """An arm of the family, identified from a long campaign."""
-    return identify(campaign_of(seed, 240), demo_arm())
+    return identify(campaign_of(seed, 240), demo_arm(), QUICK)
 
 
 @cache
 def family():
     """Twelve arms of it."""
-    found = [member(seed) for seed in range(N_ARMS)]
-    names = tuple(parameter.name for parameter in found[0].parameters)
+    members = [member(seed) for seed in range(N_ARMS)]
+    names = tuple(parameter.name for parameter in members[0].parameters)
     values, stds = (
-        np.array([[getattr(p, key) for p in one.parameters] for one in found])
+        np.array([[getattr(p, key) for p in arm.parameters] for arm in members])
         for key in ("value", "std")
     )
     populations = [
@@ -104,33 +105,32 @@ def test_it_is_the_least_squares_of_poses_and_expectations():
 @pytest.mark.slow
 def test_a_few_poses_are_enough_with_a_family_and_its_figures_hold():
     """With 24 poses of most arms little is known; the family tells the rest."""
+    assert len(identify(campaign_of(60, 24), demo_arm(), QUICK).undetermined) > 0
     z = []
-    for seed in range(60, 72):
-        campaign = campaign_of(seed, 24)
-        alone = identify(campaign, demo_arm())
-        result = identify(replace(campaign, prior=family()), demo_arm())
+    for seed in range(60, 66):
+        few_poses = replace(campaign_of(seed, 24), prior=family())
+        result = identify(few_poses, demo_arm(), QUICK)
         assert not result.campaign.prior.contradicted
-        assert len(alone.undetermined) > 0
         assert len(result.undetermined) == 0
-        true = identify(campaign_of(seed, 240), demo_arm())
+        true = identify(campaign_of(seed, 240), demo_arm(), QUICK)
         z += [
-            (one.value - other.value) / np.hypot(one.std, other.std)
-            for one, other in zip(result.parameters, true.parameters, strict=True)
+            (estimate.value - known.value) / np.hypot(estimate.std, known.std)
+            for estimate, known in zip(result.parameters, true.parameters, strict=True)
         ]
-    # 300 figures, correlated within an arm.
-    assert 0.6 < float(np.sqrt(np.mean(np.square(z)))) < 1.3
+    # 150 figures, correlated within an arm.
+    assert 0.5 < float(np.sqrt(np.mean(np.square(z)))) < 1.4
 
 
 def test_many_poses_hardly_notice_it():
     campaign = campaign_of(80, 240)
-    alone = identify(campaign, demo_arm())
-    result = identify(replace(campaign, prior=family()), demo_arm())
+    alone = identify(campaign, demo_arm(), QUICK)
+    result = identify(replace(campaign, prior=family()), demo_arm(), QUICK)
     # At the probe: parts of links along their axes, which nothing measures, may differ.
     true = true_arm_file(demo_arm(), measured(80, 240).truth.arm)
     off_mm = compare_arms(alone.arm, true).rms_mm
     assert compare_arms(alone.arm, result.arm).rms_mm < 0.3 * off_mm
-    for one, other in zip(alone.parameters, result.parameters, strict=True):
-        assert other.std <= one.std * 1.01
+    for without, with_family in zip(alone.parameters, result.parameters, strict=True):
+        assert with_family.std <= without.std * 1.01
 
 
 def test_who_left_the_family_in_one_parameter_keeps_the_others():
@@ -152,12 +152,12 @@ def test_who_left_the_family_in_one_parameter_keeps_the_others():
 @pytest.mark.slow
 def test_a_stranger_is_none_of_the_family_and_judged_by_its_poses():
     campaign = campaign_of(82, 48, OFFSETS)
-    result = identify(replace(campaign, prior=family()), demo_arm())
+    result = identify(replace(campaign, prior=family()), demo_arm(), QUICK)
     assert result.campaign.prior.names == ()
     assert len(result.campaign.prior.contradicted) > 4
-    alone = identify(campaign, demo_arm())
-    for one, other in zip(alone.parameters, result.parameters, strict=True):
-        assert one.value == pytest.approx(other.value, abs=0.01 * one.std)
+    alone = identify(campaign, demo_arm(), QUICK)
+    for without, judged in zip(alone.parameters, result.parameters, strict=True):
+        assert without.value == pytest.approx(judged.value, abs=0.01 * without.std)
 
 
 def test_other_held_parameters_are_refused():
@@ -179,7 +179,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("family")
     write_arm(folder / "design.toml", demo_arm())
     for seed in range(8):
-        found = member(seed)
+        identified = member(seed)
         results = folder / "results" / f"bench-{seed}"
         results.mkdir(parents=True)
         values = {
@@ -188,7 +188,7 @@ def folder(tmp_path_factory):
             "inputs": {"arm_digest": arm_digest(read_arm(folder / "design.toml"))},
             "parameters": [
                 {"name": p.name, "value": p.value, "unit": p.unit, "std": p.std}
-                for p in found.parameters
+                for p in identified.parameters
             ],
         }
         (results / "identification.json").write_text(json.dumps(values))

@@ -49,34 +49,34 @@ def test_draws_are_of_unit_weight_and_free_of_the_unknowns():
     assert np.array_equal(draws[:, :5], noise_draws(rows, 2000, 5)[:, :5])
 
 
-@pytest.mark.parametrize("level", [0.01, 0.05])
-def test_fresh_noise_alarms_as_often_as_said(level):
+def test_fresh_noise_alarms_as_often_as_said():
     rows = measured_rows()
     bank = project(rows, library_bank(rows, measured().arm))
-    found = log_p_threshold(rows, bank, noise_draws(rows, 2000, 1), level)
+    draws = noise_draws(rows, 2000, 1)
     n_fresh = 4000
     fresh = noise_draws(rows, n_fresh, 2)
     totals = np.sum(fresh**2, axis=0)
     lowest = np.zeros(n_fresh)
-    for one in bank:
-        q = len(one.singular_values)
+    for candidate in bank:
+        q = len(candidate.singular_values)
         if q == 0:
             continue
-        explained = np.sum((one.directions.T @ fresh) ** 2, axis=0)
+        explained = np.sum((candidate.directions.T @ fresh) ** 2, axis=0)
         rest = rows.redundancy - q
         f = explained / q / ((totals - explained) / rest)
         lowest = np.minimum(lowest, stats.f.logsf(f, q, rest))
-    rate = np.mean(lowest < found)
-    assert 0.5 * level < rate < 1.8 * level
+    for level in (0.01, 0.05):
+        rate = np.mean(lowest < log_p_threshold(rows, bank, draws, level))
+        assert 0.5 * level < rate < 1.8 * level
 
 
 def test_scans_lower_a_threshold():
     rows = measured_rows()
     draws = noise_draws(rows, 400, 1)
     scans = tuple(scan.largest for scan in scan_steps(rows))
-    one = log_p_threshold(rows, (), draws, 0.01, scans[:1])
+    of_first = log_p_threshold(rows, (), draws, 0.01, scans[:1])
     all_of_them = log_p_threshold(rows, (), draws, 0.01, scans)
-    assert all_of_them < one < np.log(0.01)
+    assert all_of_them < of_first < np.log(0.01)
     # Never beyond what as many tests as moments and steps could need.
     n_tests = len(scans) * len(measured().campaign.poses)
     assert all_of_them > np.log(0.01 / n_tests) - 1.0
@@ -95,13 +95,14 @@ def test_serial_noise_is_recognised_and_estimated(share, phi):
     rows = measured_rows()
     errors = correlated_errors(rows, share, phi, 12, seed=4)
     white = noise_draws(rows, 300, 6)
-    found = [replace(rows, values=error) for error in errors.T]
-    assert sum(is_serially_correlated(one, white, 0.01) for one in found) >= 11
-    estimates = [serial_correlation(one) for one in found]
+    drawn = [replace(rows, values=error) for error in errors.T]
+    assert sum(is_serially_correlated(draw, white, 0.01) for draw in drawn) >= 11
+    estimates = [serial_correlation(draw) for draw in drawn]
     # The unknowns take a part of what is slow.
-    shares = [one.share for one in estimates]
+    shares = [estimate.share for estimate in estimates]
     assert 0.6 * share < np.mean(shares) < 1.2 * share
-    assert np.mean([one.phi for one in estimates]) == pytest.approx(phi, abs=0.08)
+    phis = [estimate.phi for estimate in estimates]
+    assert np.mean(phis) == pytest.approx(phi, abs=0.08)
 
 
 def test_evidence_of_serial_noise_is_that_of_restricted_likelihoods():
@@ -130,22 +131,22 @@ def test_evidence_of_serial_noise_is_that_of_restricted_likelihoods():
 
 def test_white_noise_is_not_called_serial():
     rows = measured_rows()
-    white = noise_draws(rows, 1000, 6)
-    fresh = np.random.default_rng(8).normal(size=(60, len(rows.values)))
-    alarms = sum(
-        is_serially_correlated(replace(rows, values=one), white, 0.02) for one in fresh
-    )
-    assert alarms <= stats.binom.isf(1e-4, 60, 0.02)
-    shares = [serial_correlation(replace(rows, values=one)).share for one in fresh]
+    white = noise_draws(rows, 500, 6)
+    errors = np.random.default_rng(8).normal(size=(30, len(rows.values)))
+    fresh = [replace(rows, values=error) for error in errors]
+    alarms = sum(is_serially_correlated(draw, white, 0.02) for draw in fresh)
+    assert alarms <= stats.binom.isf(1e-4, 30, 0.02)
+    shares = [serial_correlation(draw).share for draw in fresh]
     assert np.median(shares) < 0.1
 
 
 def test_rows_without_serial_noise_are_white():
     rows = measured_rows()
-    share, phi, n_draws = 0.5, 0.9, 2500
-    found = without_serial_noise(rows, SerialCorrelation(share, phi))
+    share, phi, n_draws = 0.5, 0.9, 1500
+    decorrelated = without_serial_noise(rows, SerialCorrelation(share, phi))
     errors = correlated_errors(rows, share, phi, n_draws, seed=9)
-    for whitened, is_white in ((found.decorrelated(errors), True), (errors, False)):
+    of_white = decorrelated.decorrelated(errors)
+    for whitened, is_white in ((of_white, True), (errors, False)):
         covariance = whitened @ whitened.T / n_draws
         np.testing.assert_allclose(np.diag(covariance), 1.0, atol=6 / n_draws**0.5)
         apart = covariance - np.diag(np.diag(covariance))
@@ -154,14 +155,14 @@ def test_rows_without_serial_noise_are_white():
 
 def test_unknowns_are_taken_out_of_decorrelated_rows_too():
     rows = measured_rows()
-    found = without_serial_noise(rows, SerialCorrelation(0.3, 0.95))
-    np.testing.assert_allclose(found.root @ found.values, rows.values, atol=1e-9)
-    left = found.project(found.columns)
+    white = without_serial_noise(rows, SerialCorrelation(0.3, 0.95))
+    np.testing.assert_allclose(white.root @ white.values, rows.values, atol=1e-9)
+    left = white.project(white.columns)
     assert np.abs(left).max() < 0.02
-    assert found.redundancy == rows.redundancy
+    assert white.redundancy == rows.redundancy
 
 
 def test_no_share_leaves_the_rows_as_they_are():
     rows = measured_rows()
-    found = without_serial_noise(rows, SerialCorrelation(0.0, 0.9))
-    np.testing.assert_allclose(found.values, rows.values, atol=1e-12)
+    same = without_serial_noise(rows, SerialCorrelation(0.0, 0.9))
+    np.testing.assert_allclose(same.values, rows.values, atol=1e-12)
