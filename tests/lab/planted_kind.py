@@ -15,7 +15,7 @@ import pytest
 
 from tests.lab.diagnosis.diagnosed import DECISION, START
 from tests.lab.diagnosis.fitted_rows import measured
-from tests.simulator.effects.test_played_effects import RIGID, SAME_MM, worst_mm
+from tests.simulator.effects.test_played_effects import SAME_MM, rigid, worst_mm
 from traverse.kinematics.arm_file.arm import effect_from_table, read_arm, write_arm
 from traverse.kinematics.effects.arm_effects import effects_from_arm
 from traverse.lab.diagnosis.advice.minimal_detectable import planned
@@ -55,7 +55,7 @@ def walk_arm_file():
 
 def walk_simulator():
     """What the simulator plays is undone by the correction, and by nothing else."""
-    poses = with_effects(RIGID, [effect()])
+    poses = with_effects(rigid(), [effect()])
     assert worst_mm(poses, poses.effects) < SAME_MM
     assert worst_mm(poses, ()) > 0.01
 

@@ -29,9 +29,6 @@ def poses_of(standard):
     return acceptance_poses(ARM, standard, 5, noise=QUIET, std_mm=0.0)
 
 
-POSES = {standard: poses_of(standard) for standard in STANDARDS}
-
-
 def figures(poses, standard, folder, seed=1):
     write_campaign(folder, drawn_acceptance(poses, seed), ARM)
     verification = verified([read_measured(folder, ARM)], standard, NO_LIMITS)
@@ -41,19 +38,18 @@ def figures(poses, standard, folder, seed=1):
 
 @pytest.mark.parametrize("standard", STANDARDS)
 def test_a_perfect_arm_has_no_errors(standard, tmp_path):
-    found = figures(POSES[standard], standard, tmp_path)
-    for figure in found.values():
+    for figure in figures(poses_of(standard), standard, tmp_path).values():
         assert figure.value_mm == pytest.approx(0.0, abs=1e-6), figure.name
         assert figure.remarks == ()
 
 
 def test_a_ball_that_is_too_large_shows_in_the_size_alone(tmp_path):
     table = {"kind": "probe_radius", "radius_error_mm": 0.004}
-    poses = with_effects(POSES["iso10360-12"], [effect_from_table(table)])
-    found = figures(poses, "iso10360-12", tmp_path)
-    assert found["p_size"].value_mm == pytest.approx(0.008, abs=1e-6)
-    assert found["p_form"].value_mm == pytest.approx(0.0, abs=1e-6)
-    assert found["e_uni"].value_mm == pytest.approx(0.0, abs=1e-6)
+    poses = with_effects(poses_of("iso10360-12"), [effect_from_table(table)])
+    by_key = figures(poses, "iso10360-12", tmp_path)
+    assert by_key["p_size"].value_mm == pytest.approx(0.008, abs=1e-6)
+    assert by_key["p_form"].value_mm == pytest.approx(0.0, abs=1e-6)
+    assert by_key["e_uni"].value_mm == pytest.approx(0.0, abs=1e-6)
 
 
 def test_longer_standards_show_as_their_length(tmp_path):
@@ -61,18 +57,18 @@ def test_longer_standards_show_as_their_length(tmp_path):
         {"kind": "artefact_length", "artefact": f"check-{p}", "error_ppm": 20.0}
         for p in range(1, 8)
     ]
-    poses = with_effects(POSES["vdi2617-9"], [effect_from_table(e) for e in effects])
-    found = figures(poses, "vdi2617-9", tmp_path)["interim_length"]
-    true_mm = POSES["vdi2617-9"].artefacts[0].artefact.distance_mm
-    assert found.value_mm == pytest.approx(true_mm - true_mm / 1.00002, abs=1e-6)
-    assert dict(found.parts)["range of all errors"] == pytest.approx(0.0, abs=1e-6)
+    poses = with_effects(poses_of("vdi2617-9"), [effect_from_table(e) for e in effects])
+    length = figures(poses, "vdi2617-9", tmp_path)["interim_length"]
+    true_mm = poses_of("vdi2617-9").artefacts[0].artefact.distance_mm
+    assert length.value_mm == pytest.approx(true_mm - true_mm / 1.00002, abs=1e-6)
+    assert dict(length.parts)["range of all errors"] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_errors_of_length_are_those_of_the_places(tmp_path):
     # Another true arm: what the arm file makes of its readings, straight from them.
     truth = true_arm(ARM, Deviations(links_mm=0.02, axes_rad=1e-5, zeros_rad=0.0), 7)
-    poses = touched_by(POSES["iso10360-12"], truth)
-    found = figures(poses, "iso10360-12", tmp_path)["e_uni"]
+    poses = touched_by(poses_of("iso10360-12"), truth)
+    error = figures(poses, "iso10360-12", tmp_path)["e_uni"]
     data = read_measured(Path(tmp_path), ARM)
     errors = []
     for name, touched in data.touched.items():
@@ -82,8 +78,8 @@ def test_errors_of_length_are_those_of_the_places(tmp_path):
             length = np.linalg.norm(ends[1] - ends[0])
             errors += (np.linalg.norm(second - first, axis=1) - length).tolist()
     assert len(errors) == 105
-    assert found.value_mm == pytest.approx(max(errors, key=abs), abs=1e-9)
-    assert abs(found.value_mm) > 0.005
+    assert error.value_mm == pytest.approx(max(errors, key=abs), abs=1e-9)
+    assert abs(error.value_mm) > 0.005
 
 
 @pytest.mark.parametrize("standard", STANDARDS)
@@ -92,7 +88,7 @@ def test_plan_and_simulation_agree_on_what_is_touched(standard):
     wanted = {}
     for step in plan.steps:
         wanted.setdefault(step.artefact, []).extend([step.feature] * step.touches)
-    poses = POSES[standard]
+    poses = poses_of(standard)
     touched = {}
     for index, feature in zip(poses.artefact_index, poses.feature_index, strict=True):
         artefact = poses.artefacts[index].artefact

@@ -5,8 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.blind.hidden.poses import without_masses
-from tests.lab.diagnosis.engine_campaigns import hidden, measured_with, poses
+from benchmarks.blind.hidden.poses import weighed, without_masses
+from benchmarks.proofs.conditions import demo_arm
+from tests.lab.diagnosis.engine_campaigns import hidden, measured_with
 from traverse.kinematics.arm_file.arm import effect_from_table, read_arm
 from traverse.kinematics.effects.arm_effects import effects_from_arm
 from traverse.lab.first_moments import assumed_moments, with_first_moments
@@ -22,7 +23,7 @@ ZERO = tuple(
     effect_from_table({"kind": kind, "joint": joint, "compliance_rad_nm": 0.0})
     for kind, joint in [("joint_compliance", "J2"), ("bearing_compliance", "J3")]
 )
-HEAVY = poses().arm.model_copy(update={"effects": ZERO})
+HEAVY = weighed(demo_arm()).model_copy(update={"effects": ZERO})
 BARE = without_masses(HEAVY)
 
 
@@ -34,22 +35,22 @@ def campaign():
 
 
 @pytest.fixture(scope="module")
-def found(campaign):
+def result(campaign):
     return identify(campaign, BARE, FREE)
 
 
-def test_one_distribution_serves_both_as_well_as_the_true_masses(campaign, found):
+def test_one_distribution_serves_both_as_well_as_the_true_masses(campaign, result):
     known = identify(campaign, HEAVY, FREE)
-    assert found.converged
-    assert found.rms_after_mm < 1.02 * known.rms_after_mm
-    assert found.sigma0 < 1.02 * known.sigma0
-    compliances = [e for e in found.arm.effects if e.kind != "first_moment"]
+    assert result.converged
+    assert result.rms_after_mm < 1.02 * known.rms_after_mm
+    assert result.sigma0 < 1.02 * known.sigma0
+    compliances = [e for e in result.arm.effects if e.kind != "first_moment"]
     assert all(one.compliance_rad_nm > 0.0 for one in compliances)
     # What compliances do to the ball is that of compliances times moments.
     true = [effect.compliance_rad_nm for effect in known.arm.effects]
     levers = [
         effects_from_arm(of.arm).levers_kg_mm(of.adjustment.state.arm.geometry)
-        for of in (found, known)
+        for of in (result, known)
     ]
     products = [
         compliances[at].compliance_rad_nm * levers[0][4] / (true[at] * levers[1][4])
@@ -58,15 +59,15 @@ def test_one_distribution_serves_both_as_well_as_the_true_masses(campaign, found
     assert [p[0] for p in products] == pytest.approx([1.0, 1.0], abs=0.2)
 
 
-def test_what_was_estimated_of_masses_is_reported(tmp_path, found):
-    lines = " ".join(summary_lines(found, result_map(found)))
+def test_what_was_estimated_of_masses_is_reported(tmp_path, result):
+    lines = " ".join(summary_lines(result, result_map(result)))
     assert "The arm file states no masses" in lines
-    distribution = identification_json(found)["mass_distribution"]
+    distribution = identification_json(result)["mass_distribution"]
     assert distribution["combinations"] == 18
     assert 5 <= len(distribution["determined"]) < 18
-    free = [p.name for p in found.parameters]
+    free = [p.name for p in result.parameters]
     assert "J2.first_moment.moment_kg_m.x" in free
-    arm = write_result(found, tmp_path)
+    arm = write_result(result, tmp_path)
     assert read_arm(tmp_path / "arm.toml") == arm
     assert [e.joint for e in arm.effects[2:]] == ["J2", "J3", "J4", "J5", "J6", "J7"]
     assert (
@@ -88,9 +89,9 @@ def test_held_moments_are_those_of_an_arm_of_usual_build(campaign):
     assert "mass_distribution" not in identification_json(result)
 
 
-def test_moments_are_held_with_the_compliances(campaign, found):
-    again = identify(campaign, found.arm, Options(n_suggestions=0))
-    assert again.arm.effects == found.arm.effects
+def test_moments_are_held_with_the_compliances(campaign, result):
+    again = identify(campaign, result.arm, Options(n_suggestions=0))
+    assert again.arm.effects == result.arm.effects
     assert not any("moment" in parameter.name for parameter in again.parameters)
 
 

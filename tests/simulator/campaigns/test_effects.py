@@ -36,7 +36,6 @@ def rigid():
     return make_poses(ARM, SPEC, seed=3)
 
 
-RIGID = rigid()
 QUIET = NoiseTable(encoder_rad=0.0, contact_mm=0.0, direction_rad=0.0)
 
 
@@ -45,18 +44,18 @@ def tables(simulated) -> dict:
 
 
 def test_readings_of_a_quiet_campaign_are_those_of_the_poses():
-    poses = with_effects(RIGID, [example("backlash"), example("thermal_expansion")])
+    poses = with_effects(rigid(), [example("backlash"), example("thermal_expansion")])
     drawn = draw_noise(poses, 1, QUIET)
     np.testing.assert_array_equal(drawn.campaign.readings_rad, poses.readings_rad)
-    np.testing.assert_array_equal(drawn.truth.contacts_mm, RIGID.contacts_mm)
+    np.testing.assert_array_equal(drawn.truth.contacts_mm, rigid().contacts_mm)
     assert drawn.truth.effects == poses.effects
 
 
 def test_noise_is_the_same_with_and_without_effects():
-    poses = with_effects(RIGID, [example("encoder_eccentricity")])
-    with_effect, without = draw_noise(poses, 5), draw_noise(RIGID, 5)
+    poses = with_effects(rigid(), [example("encoder_eccentricity")])
+    with_effect, without = draw_noise(poses, 5), draw_noise(rigid(), 5)
     changed_rad = with_effect.campaign.readings_rad - without.campaign.readings_rad
-    effect_rad = poses.readings_rad - RIGID.readings_rad
+    effect_rad = poses.readings_rad - rigid().readings_rad
     np.testing.assert_allclose(changed_rad, effect_rad, rtol=0, atol=1e-7)
     assert np.max(np.abs(effect_rad)) > 1e-4
 
@@ -66,8 +65,8 @@ def test_a_standard_is_longer_than_its_certificate_says():
         example("artefact_length"),
         example("artefact_length", artefact="grid", error_ppm=-50.0),
     ]
-    said = tables(draw_noise(with_effects(RIGID, effects), 1, QUIET))
-    true = tables(draw_noise(RIGID, 1, QUIET))
+    said = tables(draw_noise(with_effects(rigid(), effects), 1, QUIET))
+    true = tables(draw_noise(rigid(), 1, QUIET))
     assert said["bar"]["distance_mm"] == pytest.approx(400.0 / (1.0 + 80e-6), abs=1e-12)
     assert said["bar"]["radius_mm"] == 12.7
     for name, at_mm in true["grid"]["points_mm"].items():
@@ -85,8 +84,8 @@ def test_temperature_rises_by_the_drift():
 
 
 def test_effects_bound_to_time_need_a_start():
-    untimed = RIGID.spec.conditions.model_copy(update={"start_utc": None})
-    spec = RIGID.spec.model_copy(update={"conditions": untimed})
+    untimed = rigid().spec.conditions.model_copy(update={"start_utc": None})
+    spec = rigid().spec.model_copy(update={"conditions": untimed})
     poses = make_poses(ARM, spec, seed=3)
     effects = [example("base_drift"), example("count_slip"), example("backlash")]
     with pytest.raises(FileError, match="base_drift, count_slip count from") as caught:
@@ -109,7 +108,7 @@ def test_effects_that_cannot_be_played_are_refused_all_at_once():
 
 def test_effects_that_are_not_small_are_refused():
     with pytest.raises(MissedContactError, match="mm off a contact"):
-        with_effects(RIGID, [example("thermal_expansion", expansion_per_c=0.4)])
+        with_effects(rigid(), [example("thermal_expansion", expansion_per_c=0.4)])
 
 
 def test_the_folder_hides_effects_in_the_truth(tmp_path):

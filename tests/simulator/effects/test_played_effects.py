@@ -46,7 +46,6 @@ def rigid() -> PoseSet:
     return make_poses(ARM, spec, seed=4)
 
 
-RIGID = rigid()
 OF_ARM = sorted(set(TABLES) - {"artefact_length", "first_moment"})
 # For every kind: both follow the same table to the letter, second orders included, so
 # that what is left is the tolerance of the posture, 1e-10 mm an axis, and rounding.
@@ -85,7 +84,7 @@ def test_every_kind_of_the_contract_has_an_example():
 
 @pytest.mark.parametrize("kind", OF_ARM)
 def test_an_effect_is_undone_by_its_correction_and_by_nothing_else(kind):
-    poses = with_effects(RIGID, [example(kind)])
+    poses = with_effects(rigid(), [example(kind)])
     assert worst_mm(poses, poses.effects) < SAME_MM
     assert worst_mm(poses, ()) > 0.01
 
@@ -99,21 +98,21 @@ def test_first_moments_weigh_beside_the_masses(kind):
         example("first_moment"),
         example("first_moment", joint="J7"),
     ]
-    poses = with_effects(RIGID, effects)
+    poses = with_effects(rigid(), effects)
     assert worst_mm(poses, poses.effects) < SAME_MM
     assert worst_mm(poses, poses.effects[:2]) > 1e-3
     assert worst_mm(poses, poses.effects[:1]) > 1e-3
 
 
 def test_first_moments_alone_move_nothing():
-    poses = with_effects(RIGID, [example("first_moment")])
-    np.testing.assert_array_equal(poses.turns_rad, RIGID.turns_rad)
+    poses = with_effects(rigid(), [example("first_moment")])
+    np.testing.assert_array_equal(poses.turns_rad, rigid().turns_rad)
 
 
 def test_axial_runout_is_undone_too():
     values = {"cos_mm": [0.0, 0.04, 0.0], "sin_mm": [0.0, -0.03, 0.0]}
     runout = example("axis_runout", component="axial", order=1, **values)
-    poses = with_effects(RIGID, [runout])
+    poses = with_effects(rigid(), [runout])
     assert worst_mm(poses, poses.effects) < SAME_MM
     assert worst_mm(poses, ()) > 0.01
 
@@ -126,14 +125,14 @@ def test_a_curve_over_any_covariate_is_undone(covariate):
     around = {"temperature_c": 20.0, "time_s": 100.0}.get(covariate, 0.2)
     knots = [around - 1.0, around - 0.1, around, around + 0.2, around + 1.0]
     poses = with_effects(
-        RIGID, [example("empirical", covariate=covariate, knots=knots)]
+        rigid(), [example("empirical", covariate=covariate, knots=knots)]
     )
     assert worst_mm(poses, poses.effects) < SAME_MM
     assert worst_mm(poses, ()) > 0.01
 
 
 def test_all_effects_together_are_undone_together():
-    poses = with_effects(RIGID, [example(kind) for kind in OF_ARM])
+    poses = with_effects(rigid(), [example(kind) for kind in OF_ARM])
     assert worst_mm(poses, poses.effects) < SAME_MM
     assert worst_mm(poses, poses.effects[1:]) > 0.01
     assert worst_mm(poses, poses.effects[:-1]) > 0.01
@@ -144,7 +143,7 @@ def test_two_of_one_kind_add_up():
         example("encoder_harmonic"),
         example("encoder_harmonic", order=7, joint="J5"),
     ]
-    poses = with_effects(RIGID, effects)
+    poses = with_effects(rigid(), effects)
     assert worst_mm(poses, poses.effects) < SAME_MM
     assert worst_mm(poses, poses.effects[:1]) > 0.01
 
@@ -152,24 +151,24 @@ def test_two_of_one_kind_add_up():
 def test_effects_of_the_arm_are_played_from_the_start():
     effects = (example("joint_compliance"), example("encoder_eccentricity"))
     arm = ARM.model_copy(update={"effects": effects})
-    poses = make_poses(arm, RIGID.spec, seed=4)
-    again = with_effects(RIGID, effects)
+    poses = make_poses(arm, rigid().spec, seed=4)
+    again = with_effects(rigid(), effects)
     np.testing.assert_array_equal(poses.turns_rad, again.turns_rad)
     np.testing.assert_array_equal(poses.readings_rad, again.readings_rad)
     assert poses.effects == again.effects == effects
 
 
 def test_without_effects_nothing_is_moved():
-    poses = with_effects(with_effects(RIGID, [example("backlash")]), [])
-    np.testing.assert_array_equal(poses.turns_rad, RIGID.turns_rad)
-    perfect_rad = RIGID.turns_rad + RIGID.truth.zeros_rad
+    poses = with_effects(with_effects(rigid(), [example("backlash")]), [])
+    np.testing.assert_array_equal(poses.turns_rad, rigid().turns_rad)
+    perfect_rad = rigid().turns_rad + rigid().truth.zeros_rad
     np.testing.assert_array_equal(poses.readings_rad, perfect_rad)
-    assert worst_mm(RIGID, ()) < SAME_MM
+    assert worst_mm(rigid(), ()) < SAME_MM
 
 
 def test_other_effects_do_not_depend_on_those_before():
-    before = with_effects(RIGID, [example("thermal_expansion")])
+    before = with_effects(rigid(), [example("thermal_expansion")])
     np.testing.assert_array_equal(
         with_effects(before, [example("mount_compliance")]).turns_rad,
-        with_effects(RIGID, [example("mount_compliance")]).turns_rad,
+        with_effects(rigid(), [example("mount_compliance")]).turns_rad,
     )

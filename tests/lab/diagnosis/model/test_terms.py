@@ -1,6 +1,7 @@
 """Terms of a fit one by one: taken out, and their standard deviations."""
 
 from dataclasses import replace
+from datetime import UTC, datetime
 from functools import cache
 
 import numpy as np
@@ -34,7 +35,7 @@ from traverse.simulator.campaigns import (
 )
 from traverse.simulator.campaigns import with_effects as touched_with
 
-START = measured().campaign.start
+START = datetime(2000, 1, 1, tzinfo=UTC)  # of a campaign that states none
 ECCENTRICITY = {
     "kind": "encoder_eccentricity",
     "joint": "J3",
@@ -83,17 +84,15 @@ def frozen(table):
 )
 def test_a_term_taken_out_leaves_the_rows_of_a_fit_without_it(table):
     given, fit = fit_with(frozen(table))
-    found = rows_without(equations_of(fit.adjustment), 0)
-    expected = given.rows()
-    if np.array_equal(fit.included, given.fit().included):
-        assert found.redundancy == expected.redundancy
-        changed = np.abs(
-            expected.residuals - equations_of(fit.adjustment).residuals
-        ).max()
+    with_term, plain = equations_of(fit.adjustment), given.fit()
+    left, expected = rows_without(with_term, 0), equations_of(plain.adjustment)
+    if np.array_equal(fit.included, plain.included):
+        assert left.redundancy == expected.redundancy
+        changed = np.abs(expected.residuals - with_term.residuals).max()
         np.testing.assert_allclose(
-            found.residuals, expected.residuals, atol=0.03 * changed + 0.02
+            left.residuals, expected.residuals, atol=0.03 * changed + 0.02
         )
-    assert found.sum_of_squares == pytest.approx(expected.sum_of_squares, rel=0.02)
+    assert left.sum_of_squares == pytest.approx(expected.sum_of_squares, rel=0.02)
 
 
 def test_the_other_term_stays():
@@ -102,9 +101,9 @@ def test_the_other_term_stays():
     effects = tuple(effect_from_table(t) for t in (ECCENTRICITY, DRIFT))
     for index in (0, 1):
         expected = equations_of(given.fit((effects[1 - index],)).adjustment)
-        found = rows_without(rows, index)
-        assert found.redundancy == expected.redundancy
-        np.testing.assert_allclose(found.residuals, expected.residuals, atol=0.05)
+        left = rows_without(rows, index)
+        assert left.redundancy == expected.redundancy
+        np.testing.assert_allclose(left.residuals, expected.residuals, atol=0.05)
 
 
 def test_a_term_taken_out_is_found_again_with_its_size():
