@@ -150,31 +150,20 @@ def files_of(out):
 
 
 @pytest.mark.slow
-def test_identifications_are_byte_by_byte_the_same_by_several_processes(
-    campaigns, tmp_path
-):
-    serial, processes = tmp_path / "serial", tmp_path / "processes"
-    for out, workers in ((serial, Workers(1)), (processes, Workers(2))):
-        for outcome in results(campaigns, out, workers):
-            assert (outcome.failed, outcome.good) == (False, True), outcome.verdict
-    assert len(files_of(serial)) >= 4 * N_CAMPAIGNS
-    assert files_of(processes) == files_of(serial)
-
-
-@pytest.mark.slow
-def test_diagnoses_are_byte_by_byte_the_same_by_a_cluster_that_loses_a_worker(
-    campaigns, tmp_path, cluster
-):
-    serial, by_cluster = tmp_path / "serial", tmp_path / "cluster"
-    of_cluster = Workers(scheduler=cluster.address)
-    options = DiagnosisOptions(n_draws=200, details=False)
-    for out, workers in ((serial, Workers(1)), (by_cluster, of_cluster)):
+@pytest.mark.parametrize("options", [Options(), DiagnosisOptions()])
+def test_results_do_not_depend_on_who_computes(campaigns, tmp_path, cluster, options):
+    """One process, two, and a cluster that loses a worker: byte by byte the same."""
+    outs = [tmp_path / name for name in ("serial", "processes", "cluster")]
+    many = [Workers(1), Workers(2), Workers(scheduler=cluster.address)]
+    for out, workers in zip(outs, many, strict=True):
         for number, outcome in enumerate(results(campaigns, out, workers, options)):
             assert (outcome.failed, outcome.good) == (False, True), outcome.verdict
-            if workers is of_cluster and number == 0:
+            if workers.scheduler is not None and number == 0:
                 cluster.workers[0].kill()
-    assert len(files_of(serial)) >= 4 * N_CAMPAIGNS
-    assert files_of(by_cluster) == files_of(serial)
+    first, *others = map(files_of, outs)
+    assert len(first) >= 4 * N_CAMPAIGNS
+    for other in others:
+        assert other == first
 
 
 @pytest.mark.slow
