@@ -53,7 +53,8 @@ def n_kept(bench: Workbench) -> int:
 
 
 async def all_are_right_or_marked(bench: Workbench) -> None:
-    async with measuring(bench) as (listener, simulator, daemon):
+    # A busy machine leaves the numbers in doubt before anything stands still, too.
+    async with measuring(bench, state=None) as (listener, simulator, daemon):
         stopping = asyncio.create_task(stand_still([simulator, daemon]))
         with contextlib.suppress(AssertionError):  # some may be refused
             await listener.n_points(6, TRIED_S)
