@@ -3,7 +3,7 @@
 Written as campaign and plan for `traverse collect`.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -255,6 +255,11 @@ def write_plan(plan: Plan, standard: str, folder: Path) -> dict[str, Any]:
         "artefacts": len(plan.artefacts),
         "steps": len(plan.steps),
         "touches": sum(step.touches for step in plan.steps),
+        "hours": round(_hours(plan), 1),
+        "standards": [
+            {"kind": kind, "size_mm": size_mm}
+            for kind, size_mm in _standards(plan.artefacts)
+        ],
     }
 
 
@@ -266,7 +271,8 @@ def plan_words(report: Mapping[str, Any]) -> list[str]:
     ]
     folder = report["folder"]
     return [
-        ", ".join(counts),
+        f"{', '.join(counts)}; about {report['hours']} h with an hour of warming up",
+        f"to borrow: {', '.join(_borrowed(report['standards']))}",
         f"wrote {folder}: {', '.join(report['files'])}",
         f"put the values and serial numbers of your certificates into {CAMPAIGN}, "
         f"where EXAMPLE stands, then: traverse collect {Path(folder) / CAMPAIGN} "
@@ -274,27 +280,58 @@ def plan_words(report: Mapping[str, Any]) -> list[str]:
     ]
 
 
+def _borrowed(standards: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Name each kind of standard once, with its sizes."""
+    sizes: dict[str, list[str]] = {}
+    for standard in standards:
+        sizes.setdefault(standard["kind"], []).append(f"{standard['size_mm']:g}")
+    for kind, of_kind in sizes.items():
+        what = "radius" if kind == "sphere" else "length"
+        yield f"{kind} of {what} {', '.join(of_kind)} mm"
+
+
 def _marked(
     artefacts: Mapping[str, Mapping[str, Any]],
 ) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Mark calibrated artefacts as examples, standards of one kind and size alike."""
-    sizes_mm: dict[str, list[float]] = {}
+    standards = _standards(artefacts)
     for name, table in artefacts.items():
-        points_mm = table.get("points_mm")
-        size_mm = table.get("distance_mm", table.get("radius_mm"))
-        if points_mm is not None:
-            size_mm = points_mm["b"][0]
-        if size_mm is None:  # a cone has no certificate
+        standard = _standard_of(table)
+        if standard is None:
             yield name, table
             continue
-        word = {"sphere": "sphere", "parallel_planes": "block"}.get(
-            table["kind"], "bar"
-        )
-        sizes = sizes_mm.setdefault(word, [])
-        if size_mm not in sizes:
-            sizes.append(size_mm)
-        number = f"{EXAMPLE} {word} {sizes.index(size_mm) + 1}"
+        word, _ = standard
+        alike = [known for known in standards if known[0] == word]
+        number = f"{EXAMPLE} {word} {alike.index(standard) + 1}"
         yield name, {**table, "serial_number": number}
+
+
+def _standard_of(table: Mapping[str, Any]) -> tuple[str, float] | None:
+    """Return what a standard is and its size; None of a cone, which has none."""
+    if "points_mm" in table:
+        return "bar", table["points_mm"]["b"][0]
+    if "distance_mm" in table:
+        word = "block" if table["kind"] == "parallel_planes" else "bar"
+        return word, table["distance_mm"]
+    return ("sphere", table["radius_mm"]) if "radius_mm" in table else None
+
+
+def _standards(
+    artefacts: Mapping[str, Mapping[str, Any]],
+) -> list[tuple[str, float]]:
+    """List the physical standards, in the order of their use."""
+    all_standards = map(_standard_of, artefacts.values())
+    return list(dict.fromkeys(each for each in all_standards if each is not None))
+
+
+# General knowledge: a touch by hand, another place for a standard, and warming up.
+_TOUCH_S, _PLACE_S, _WARM_UP_S = 8.0, 150.0, 3600.0
+
+
+def _hours(plan: Plan) -> float:
+    touches = sum(step.touches for step in plan.steps)
+    seconds = _WARM_UP_S + _PLACE_S * len(plan.artefacts) + _TOUCH_S * touches
+    return seconds / 3600.0
 
 
 def campaign_text(plan: Plan, **more: object) -> str:

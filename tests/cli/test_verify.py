@@ -25,6 +25,14 @@ from traverse.simulator.campaigns.acceptance.poses import (
 ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
 NOISE = NoiseTable(encoder_rad=2e-6, contact_mm=0.003)
 LINKS_MM, AXES_RAD = 0.02, 1e-5
+# (3600 + 73 x 150 + 1125 x 8)/3600, with 24 and 257, with 7 and 210.
+HOURS = {"iso10360-12": 6.5, "asme-b89.4.22": 2.6, "vdi2617-9": 1.8}
+BORROWED = {
+    "iso10360-12": "sphere of radius 12.7 mm, bar of length 350, 700, 1040, 1390, "
+    "1740 mm, block of length 350, 700, 1040, 1390, 1740 mm",
+    "asme-b89.4.22": "sphere of radius 12.7 mm, bar of length 750, 1610 mm",
+    "vdi2617-9": "bar of length 750 mm",
+}
 
 
 def run(*arguments, status=0):
@@ -194,6 +202,7 @@ def test_as_found_as_left_and_the_previous_certificate(campaigns, tmp_path):
         (text.replace('"accept"', '"reject"'), "was altered"),
         (text.replace("vdi2617-9", "asme-b89.4.22"), "was altered"),
         ("{}", "is no certificate"),
+        ("{", "is not JSON"),
     ):
         previous.write_text(changed)
         ran = run(*words, left, "--previous", before, status=2)
@@ -238,6 +247,9 @@ def test_a_plan_is_a_campaign_that_can_be_collected(standard, tmp_path):
     assert f"{len(file.artefacts)} artefacts" in ran.output
     for path in (out / "plan.toml", out / "campaign.toml"):
         assert path.is_file()
+    hours = re.search(r"about ([\d.]+) h with an hour of warming up", ran.output)
+    assert float(hours[1]) == HOURS[standard]
+    assert f"to borrow: {BORROWED[standard]}\n" in ran.output
     checked = invoke("check", out / "plan.toml")
     assert "valid collection plan" in checked.output
     # Example values do not count until they are replaced.

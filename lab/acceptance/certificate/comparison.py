@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, read_arm
-from traverse.lab.acceptance.certificate.digests import SCHEMA, digest_values
+from traverse.lab.acceptance.certificate.digests import digest_values, read_values
 from traverse.lab.acceptance.conformity import Verification
 from traverse.lab.acceptance.limits import Limits
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.measured_points.reading import read_by_tool
 from traverse.lab.report.quantities import picked
-from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import FileError
 
 # Their names in the folder `data` of a certificate.
@@ -75,23 +74,26 @@ def read_before(
         verification = verified(read_by_tool(data, found_arm), standard, limits)
     values = None
     if previous is not None:
-        values = json_of(previous)
+        values = read_values(previous)
         if problem := _previous_problem(values, standard, arm):
             raise FileError(previous, problem)
     return Before(found_arm, verification, values)
 
 
-def _previous_problem(values: Any, standard: str, arm: Arm) -> str | None:  # noqa: ANN401 - of a file
-    if not isinstance(values, dict) or values.get("schema") != SCHEMA:
-        return f"is no certificate: expected the schema {SCHEMA}"
-    stated = values.get("digest", {})
+def _previous_problem(values: Mapping[str, Any], standard: str, arm: Arm) -> str | None:
+    stated = values["digest"]
     result = {key: value for key, value in values.items() if key != "digest"}
-    if digest_values(result, stated.get("files", {}))["digest"] != stated.get("digest"):
+    if digest_values(result, stated["files"])["digest"] != stated.get("digest"):
         return "was altered: its digest is not the one stated"
+    try:
+        administration = values["administration"]
+        names = administration["arm_name"], administration["arm_serial_number"]
+        administration["measured_to_utc"]
+        list(_changes(values["figures"], values["figures"]))
+    except (KeyError, TypeError) as error:
+        return f"lacks {error}; make it again with this version of Traverse"
     if values["standard"] != standard:
         return f"is by {values['standard']}, expected {standard}"
-    administration = values["administration"]
-    names = administration["arm_name"], administration["arm_serial_number"]
     if names != (arm.name, arm.serial_number):
         return f"is of another arm: {' '.join(map(str, names))}"
     return None

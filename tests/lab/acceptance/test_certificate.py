@@ -220,6 +220,22 @@ def test_other_figures_with_new_digests_do_not_follow_from_the_data(made, writte
     assert f"value_mm: the data give {figure.value_mm!r}" in problem
 
 
+def test_draws_of_another_version_of_numpy_are_not_compared(written):
+    def seal(values):
+        files = values.pop("digest")["files"]
+        values["digest"] = digest_values(values, files)
+        (written / "certificate.json").write_text(json.dumps(values))
+        write_sums(written, sums_of(written, read_sums(written)))
+        return list(certificate_problems(written))
+
+    values = json.loads((written / "certificate.json").read_text())
+    values["figures"][0]["monte_carlo"]["standard_mm"] *= 1.01
+    (problem,) = seal(values)
+    assert "monte_carlo.standard_mm: the data give" in problem
+    values["provenance"]["versions"]["numpy"] = "1.0"
+    assert seal(values) == []
+
+
 def test_another_file_is_no_certificate(tmp_path):
     with pytest.raises(FileError, match="cannot be read"):
         certificate_problems(tmp_path)
