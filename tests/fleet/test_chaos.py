@@ -10,16 +10,6 @@ def check(result):
     assert (result.incomplete, result.written_off) == ([], 0), result
 
 
-@pytest.mark.needs("mosquitto", "postgresql")
-@pytest.mark.slow
-async def test_members_database_and_broker_die(make_mosquitto, postgres, tmp_path):
-    result = await chaos(
-        make_mosquitto(), postgres, tmp_path, n_arms=4, n_members=2, n_kills=5, seed=1
-    )
-    check(result)
-    assert result.taken > 100
-
-
 @pytest.mark.needs("mosquitto")
 @pytest.mark.slow
 async def test_members_of_one_computer_share_a_file(make_mosquitto, tmp_path):
@@ -33,7 +23,8 @@ async def test_members_of_one_computer_share_a_file(make_mosquitto, tmp_path):
 @pytest.mark.needs("mosquitto", "postgresql")
 async def test_fifty_arms_and_three_members(make_mosquitto, postgres, tmp_path):
     result = await chaos(
-        make_mosquitto(), postgres, tmp_path, n_arms=50, n_members=3, n_kills=20, seed=3
+        make_mosquitto(), postgres, tmp_path, n_arms=50, n_members=3, n_kills=8, seed=2
     )
     check(result)
     assert len(result.kills) == 3
+    assert result.taken > 1000
