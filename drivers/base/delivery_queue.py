@@ -168,8 +168,7 @@ class DeliveryQueue:
 
         Consecutive samples of one stream are joined into a block, after a stall into
         several: computing a block takes a hundred times its memory, which is never
-        fully released. A release of a button goes before samples, which it would
-        divide: its time counts, not its place.
+        fully released.
         """
         self.taken += 1
         with self._lock:
@@ -186,9 +185,6 @@ def _joined(taken: Iterable[Delivery]) -> Iterator[Delivery]:
     run: list[CountSamples] = []
     n = 0
     for delivery in taken:
-        if isinstance(delivery, LatchedCounts) and not delivery.active:
-            yield delivery
-            continue
         size = len(delivery.seq) if isinstance(delivery, CountSamples) else 0
         if run and (
             n + size > MAX_JOINED_SAMPLES or _stream(delivery) != run[0].stream

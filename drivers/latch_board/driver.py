@@ -267,8 +267,7 @@ class LatchBoardDriver(Driver):
         now_ns = self._now_ns()
         if now_ns - self._acknowledged_ns >= ACKNOWLEDGED_NS:
             self._acknowledged_ns = now_ns
-            if self._edges.has_open_edges:
-                self._delivery_queue.wake()
+            self._delivery_queue.wake()
             if (done := self._edges.take_acknowledgement()) is not None:
                 self._port.write(wire.edge_ack(done))
         return self._acknowledged_ns + ACKNOWLEDGED_NS

@@ -100,14 +100,6 @@ class EdgeSequencer:
         self._delivered = seq
         self._early_since_ns = None
 
-    def release_delivered(self, seq: int) -> None:
-        """Acknowledge release ``seq``, which the consumer has, if none before is open.
-
-        No point is lost with it: a daemon that dies has the board forget its edges.
-        """
-        if self._acknowledged == (seq - 1) % WRAP:
-            self._acknowledged = seq
-
     def mark_refused(self, seq: int) -> None:
         """The consumer had no room for edge ``seq``: the board must repeat it."""
         self.expected = seq

@@ -274,8 +274,6 @@ class LatchBoardSession:
         self._edges.mark_delivered(edge.seq)
         if self._deliver_latch(edge, edge.input, edge.seq, received_ns):
             self._counters["edges_received"] += 1
-            if not edge.level:
-                self._edges.release_delivered(edge.seq)
         else:
             self._edges.mark_refused(edge.seq)
 

@@ -1,7 +1,6 @@
 import asyncio
 import threading
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,17 +81,6 @@ async def test_what_wakes_nobody_waits_for_the_next_or_to_be_asked_for():
         delivery_queue.wake()
         await asyncio.sleep(0)
         assert taken == [[FAULT, LOST], [FAULT]]
-
-
-async def test_a_release_goes_before_samples_and_nothing_else_does():
-    delivery_queue, _ = await crossing_of()
-    release = replace(LATCH, active=False)
-    for delivery in (FAULT, samples(2), release, samples(3, 2), LATCH, samples(1, 5)):
-        assert delivery_queue.put(delivery)
-    fault, first, block, press, last = await delivery_queue.take()
-    assert (fault, first, press) == (FAULT, release, LATCH)
-    assert block.seq.tolist() == [0, 1, 2, 3, 4]
-    assert last.seq.tolist() == [5]
 
 
 async def test_samples_beyond_the_bound_are_dropped_and_counted():

@@ -174,22 +174,6 @@ def test_edges_are_open_until_the_consumer_has_dealt_with_the_last():
     assert not edges.has_open_edges
 
 
-def test_a_release_is_acknowledged_by_the_reader_unless_an_edge_before_it_is_open():
-    edges = EdgeSequencer(WRAP - 1)
-    edges.mark_delivered(WRAP - 1)
-    edges.mark_delivered(0)
-    edges.release_delivered(0)
-    assert (edges.has_open_edges, edges.take_acknowledgement()) == (True, None)
-    edges.acknowledge(WRAP - 1)
-    assert (edges.has_open_edges, edges.take_acknowledgement()) == (True, WRAP - 1)
-    edges.acknowledge(0)
-    edges.mark_delivered(1)
-    edges.acknowledge(1)
-    edges.mark_delivered(2)
-    edges.release_delivered(2)
-    assert (edges.has_open_edges, edges.take_acknowledgement()) == (False, 2)
-
-
 def test_the_board_is_told_once_what_is_dealt_with_and_again_when_it_did_not_hear():
     edges = EdgeSequencer(7)
     assert (edges.needs_acknowledgement, edges.take_acknowledgement()) == (False, None)
