@@ -7,11 +7,11 @@ import pytest
 
 from tests.docs.pages import CHECKOUT
 from tests.lab.acceptance.stated import limits_text, state_all, write_numbered
-from tests.lab.acceptance.test_simulated_arms import ARM, POSES
+from tests.lab.acceptance.test_simulated_arms import ARM, poses_of
 from tests.lab.certificates.made import LABORATORY
 from tests.running import invoke
 from traverse.client.exports.qif import decimal_text
-from traverse.lab.acceptance.standards import verified
+from traverse.lab.acceptance.standards import STANDARDS, verified
 from traverse.lab.certificates.certificate import certify, checked_certificate
 from traverse.lab.measured_points.reading import read_by_tool, read_measured
 from traverse.simulator.arm.truth import Deviations, true_arm
@@ -35,7 +35,7 @@ def single(standard, folder, vector_mm):
     """Touch everything with one tool; the arm file does not know it."""
     truth = true_arm(arm_with(vector_mm), Deviations(), 1)
     # So far away the ball is there after some more steps.
-    poses = touched_by(touched_by(POSES[standard], truth), truth)
+    poses = touched_by(touched_by(poses_of(standard), truth), truth)
     write_campaign(folder, drawn_acceptance(poses, 1), ARM)
     return folder
 
@@ -71,7 +71,7 @@ def run(*arguments, status=0):
     return invoke("verify", *arguments, status=status)
 
 
-@pytest.mark.parametrize("standard", POSES)
+@pytest.mark.parametrize("standard", STANDARDS)
 def test_a_perfect_arm_has_no_errors_with_any_tool(standard, tmp_path):
     found = figures(standard, campaign(standard, tmp_path))
     assert {tool for tool, _ in found} == {"own probe", "star"}
