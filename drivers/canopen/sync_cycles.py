@@ -25,7 +25,7 @@ class SyncCycleAssembler:
 
     ``counts`` are the last known; no answer arrives later than ``late_ns`` after its
     SYNC. Unless ``stamped`` by the bus, a SYNC is later than its stamp: it was there
-    before the first answer to it.
+    before the first answer to it, which pending answers to earlier ones precede.
 
     Attributes:
         status: by channel, further status of a node; set from outside.
@@ -64,7 +64,8 @@ class SyncCycleAssembler:
         self._time_ns = 0
         self._answered = self._all
         self._late_ns, self._stamped = late_ns, stamped
-        self._first_answer_ns = self._bound_ns = 0
+        self._bound_ns = 0
+        self._answered_ns = [0] * len(nodes)  # arrival of the last answer, by channel
         self._attribution = SyncAttribution(len(nodes))
         self._overflowed = False  # frames were lost since the last SYNC
         self._no_pause_before_ns = self._no_wait_before_ns = 0
@@ -112,8 +113,6 @@ class SyncCycleAssembler:
             return True
         bit = 1 << channel
         self.seen |= bit
-        if not self._answered:
-            self._first_answer_ns = time_ns
         attribution = self._attribution
         if self._answered & bit:
             if not self._take_extra_answer(channel):
@@ -121,6 +120,7 @@ class SyncCycleAssembler:
         elif attribution.pending & bit:
             self.doubtful[channel] += 1
         self._counts[channel] = wire.POSITION.unpack_from(data)[0]
+        self._answered_ns[channel] = time_ns
         self._answered |= bit
         if self._answered == self._all and self._open and not attribution.pending:
             self._close()
@@ -197,6 +197,7 @@ class SyncCycleAssembler:
         self._open = False
         missed = self._all & ~self._answered
         status = self._attribution.flag(self.status, missed)
+        latest_ns = 0 if self._stamped else self._latest_latch_ns()
         if missed | self._attribution.unanswered:
             self._attribution.record_missed(missed)
         if not self._answered:
@@ -205,8 +206,7 @@ class SyncCycleAssembler:
         self._seqs.append(self._seq)
         self._times_ns.append(self._time_ns)
         if not self._stamped:
-            passed_ns = self._first_answer_ns - self._time_ns
-            self._bound_ns = max(self._bound_ns, passed_ns)
+            self._bound_ns = max(self._bound_ns, latest_ns - self._time_ns)
         self._rows += self._counts
         self._states += status
         if not missed:
@@ -215,6 +215,19 @@ class SyncCycleAssembler:
         for channel in range(len(status)):
             if missed >> channel & 1:
                 self.missing[channel] += 1
+
+    def _latest_latch_ns(self) -> int:
+        """Return when the nodes have latched at the latest: before the first answer."""
+        attribution = self._attribution
+        certain = self._answered & ~(attribution.pending | attribution.invalidated)
+        return min(
+            (
+                answered_ns
+                for channel, answered_ns in enumerate(self._answered_ns)
+                if certain >> channel & 1
+            ),
+            default=self._time_ns + self._late_ns,
+        )
 
     def _after_pause(self, time_ns: int, ambiguous: int) -> None:
         """Process a pause of ``late_ns`` without SYNCs, up to this one."""

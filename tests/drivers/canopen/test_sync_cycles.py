@@ -81,6 +81,27 @@ def test_a_sync_of_an_adapter_was_there_before_the_first_answer() -> None:
     assert [block.time_bound_ns for block in blocks] == [7_000, 2_000]
 
 
+def test_a_late_answer_to_an_earlier_sync_does_not_bound_the_next_one() -> None:
+    blocks: list[CountSamples] = []
+    cycles = SyncCycleAssembler(
+        "arm",
+        NODES,
+        (TURN,) * 3,
+        (1, 2, 3),
+        blocks.append,
+        late_ns=LATE_NS,
+        stamped=False,
+    )
+    cycles.restart(1)
+    cycles.sync(10_000)
+    cycles.sync(20_000)  # nobody has answered the first one yet
+    for answered_ns in (21_000, 28_000):  # to the first one, then to the second
+        for node in NODES:
+            assert cycles.take(0x180 + node, bytes(4), answered_ns)
+    cycles.flush(10**9, at_once=True)
+    assert [block.time_bound_ns for block in blocks] == [8_000]
+
+
 def test_a_node_that_does_not_answer_keeps_its_last_count() -> None:
     taken = Taken()
     taken.cycles.sync(0)
