@@ -11,8 +11,14 @@ from traverse.daemon.config.schema import (
     Configuration,
     read_configuration,
 )
-from traverse.daemon.pose.arm_model import ArmModel, read_model
-from traverse.daemon.pose.probe_library import read_probes
+from traverse.daemon.pose.arm_model import ArmModel, model_with_probe, read_model
+from traverse.daemon.pose.probe_library import (
+    LibraryProbe,
+    ProbeLibrary,
+    read_probe_in_use,
+    read_probes,
+)
+from traverse.daemon.state_dir import PROBE, state_path
 from traverse.daemon.store.point_signer import PointSigner, read_signer
 from traverse.strict_toml.problems import FileError, Problem, system_reason
 
@@ -45,12 +51,14 @@ class Inputs(NamedTuple):
     Attributes:
         probes: names in the probe library; None without one.
         signer: of points; None if they are not signed.
+        probe: of the library, as chosen last; None: that of the arm file.
     """
 
     configuration: Configuration
     model: ArmModel
     probes: tuple[str, ...] | None = None
     signer: PointSigner | None = None
+    probe: LibraryProbe | None = None
 
 
 def address_of(section: BrokerSection, folder: Path) -> BrokerAddress:
@@ -90,12 +98,13 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
         is_absent = not failures and isinstance(error.__cause__, FileNotFoundError)
         status = UNREACHABLE if is_absent else REFUSED
         raise StartupError([*failures, error], status) from error
-    library, probes = configuration.arm.probes, None
-    if library is not None:
-        try:
-            probes = read_probes(path.parent / library).names
-        except FileError as error:
-            failures.append(error)
+    library = probe = None
+    try:
+        if configuration.arm.probes is not None:
+            library = read_probes(path.parent / configuration.arm.probes)
+        probe = _probe_in_use(state_path(path) / PROBE, library, model)
+    except FileError as error:
+        failures.append(error)
     problems = _end_stop_problems(configuration, model)
     signer = None
     if configuration.signing.key is not None:
@@ -115,7 +124,33 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
         failures.append(FileError(path, problems))
     if failures:
         raise StartupError(failures, REFUSED)
-    return Inputs(configuration, model, probes, signer)
+    probes = None if library is None else library.names
+    return Inputs(configuration, model, probes, signer, probe)
+
+
+def _probe_in_use(
+    path: Path, library: ProbeLibrary | None, model: ArmModel
+) -> LibraryProbe | None:
+    """Find the probe that was chosen before the daemon ended: it may still be on.
+
+    Raises:
+        FileError: it is not known, or the arm cannot have it any more.
+    """
+    remedy = "; choose again after deleting this file: then the arm file's is in use"
+    try:
+        name = read_probe_in_use(path)
+        if name is None:
+            return None
+        probe = None if library is None else library.named(name)
+        if probe is None:
+            raise ValueError(f"no probe library of the configuration has {name!r}")
+        model_with_probe(model, probe)
+    except OSError as error:
+        raise FileError(path, [Problem("name", system_reason(error))]) from error
+    except ValueError as error:
+        text = f"the probe in use is not known: {error}{remedy}"
+        raise FileError(path, [Problem("name", text)]) from error
+    return probe
 
 
 def _end_stop_problems(configuration: Configuration, model: ArmModel) -> list[Problem]:

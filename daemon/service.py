@@ -50,6 +50,7 @@ from traverse.daemon.reports import (
 from traverse.daemon.startup_check import check_startup, startup_limit_s
 from traverse.daemon.state_dir import (
     OUTBOX,
+    PROBE,
     RECORDINGS,
     REFERENCES,
     SCANS,
@@ -93,7 +94,7 @@ class Service:
     def __init__(
         self, inputs: Inputs, broker: BrokerSection, path: Path, *, embedded: bool
     ) -> None:
-        configuration, model, probes, signer = inputs
+        configuration, model, _, signer, _ = inputs
         arm, encoding = model.name, broker.encoding
         self.clock = clock = HostClock()
         self.notifier = notifier = Notifier()
@@ -168,7 +169,7 @@ class Service:
             devices=self.devices,
             session=active,
         )
-        measurement.probes = probes
+        _take_probes(measurement, inputs)
 
         self.expiry = CommandExpiry(arm, clock)
         self.others = SecondDaemonWatch(arm, encoding, clock, events, status_due.set)
@@ -222,6 +223,7 @@ class Service:
             _probe_library(path, configuration),
             self.utc.confirm,
             self.utc.confirm_unverified,
+            state_path(path) / PROBE,
         )
         self.commands = CommandDispatcher(
             arm=arm,
@@ -350,6 +352,14 @@ class Service:
         if in_doubt and self.phase == "measuring":
             line += f", in doubt: {', '.join(in_doubt)}"
         self.notifier.status(line)
+
+
+def _take_probes(measurement: Measurement, inputs: Inputs) -> None:
+    """Take the library's names, and the probe that was in use before a restart."""
+    measurement.probes = inputs.probes
+    if inputs.probe is not None:
+        measurement.set_probe(inputs.probe)
+        log.info("probe %s is in use, as before the restart", inputs.probe.name)
 
 
 def _probe_library(path: Path, configuration: Configuration) -> Path | None:

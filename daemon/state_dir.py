@@ -8,6 +8,7 @@ SCANS = "scans.db"
 RECORDINGS = "recordings"
 REFERENCES = "references.json"
 UTC = "utc.json"
+PROBE = "probe.json"
 OWNER_ONLY = 0o700
 
 

@@ -26,7 +26,11 @@ from traverse.daemon.executor import (
 from traverse.daemon.measurement import Measurement
 from traverse.daemon.points.averaging import MAX_AVERAGING_NS
 from traverse.daemon.points.capture import MOST_SHARED
-from traverse.daemon.pose.probe_library import read_probes
+from traverse.daemon.pose.probe_library import (
+    LibraryProbe,
+    read_probes,
+    write_probe_in_use,
+)
 from traverse.drivers.base.values import DeviceError
 from traverse.plurals import counted
 from traverse.protocol.messages import (
@@ -41,7 +45,7 @@ from traverse.protocol.messages import (
     SessionArgs,
     UndoArgs,
 )
-from traverse.strict_toml.problems import FileError
+from traverse.strict_toml.problems import FileError, system_reason
 
 LATCH_TIMEOUT_S = 2.0
 PROBE_REFUSED = "capture.probe_refused"
@@ -56,12 +60,14 @@ class PointCommands:
         confirm_utc: accepts the computer's UTC.
         confirm_unverified_utc: the same of a possible time; says which, if it was in
             doubt.
+        probe_in_use: file that keeps the chosen probe over restarts; None: nowhere.
     """
 
     measurement: Measurement
     probe_library: Path | None = None
     confirm_utc: Callable[[], None] = lambda: None
     confirm_unverified_utc: Callable[[], str] = str
+    probe_in_use: Path | None = None
 
     def __post_init__(self) -> None:
         self._devices = self.measurement.joint_devices
@@ -174,9 +180,12 @@ class PointCommands:
                 f"{', '.join(library.names)}",
                 "use one of these names, or add the probe to the library",
             )
+        before = self.measurement.probe
+        await self._keep_probe(probe)
         try:
             model = await SetProbe(probe).execute(self.measurement)
         except CaptureRefusedError as error:  # or a fault while the change waited
+            await self._keep_probe(before)
             raise RequestRefusedError(
                 PROBE_REFUSED, str(error), error.remedy
             ) from error
@@ -185,6 +194,20 @@ class PointCommands:
             "model": model.digest,
             "radius_mm": model.probe_radius_mm,
         }
+
+    async def _keep_probe(self, probe: LibraryProbe | None) -> None:
+        if self.probe_in_use is None:
+            return
+        name = None if probe is None else probe.name
+        try:
+            await asyncio.to_thread(write_probe_in_use, self.probe_in_use, name)
+        except OSError as error:
+            raise RequestRefusedError(
+                PROBE_REFUSED,
+                f"{self.probe_in_use} cannot be written, and after a restart another "
+                f"probe would be in use: {system_reason(error)}",
+                "correct that, then choose the probe again",
+            ) from error
 
     @handles(CovarianceArgs)
     async def covariance(self, args: CovarianceArgs) -> Result:

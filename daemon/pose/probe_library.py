@@ -3,6 +3,7 @@
 `probes.toml` is explained in docs/reference/probe-library.md.
 """
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -12,11 +13,14 @@ from pydantic import Field
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Moment, Probe
+from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import Problem, numbers_in, tables_in, vector_in
 from traverse.strict_toml.reader import StrictModel, read_strict
+from traverse.strict_toml.writing import write_atomically
 
 Vector = tuple[float, float, float]
 Covariance = tuple[float, float, float, float, float, float]
+IN_USE_SCHEMA = "traverse/probe-in-use/1"
 
 
 class LibraryProbe(StrictModel):
@@ -60,6 +64,35 @@ def read_probes(path: Path) -> ProbeLibrary:
         FileError: lists all mistakes.
     """
     return read_strict(path, ProbeLibrary, _cross_check)
+
+
+def read_probe_in_use(path: Path) -> str | None:
+    """Read the name of the probe that was chosen last; None if none ever was.
+
+    Raises:
+        ValueError: the file is damaged; also OSError.
+    """
+    try:
+        values = json_of(path)
+    except FileNotFoundError:
+        return None
+    name = values.get("name") if isinstance(values, dict) else None
+    if not isinstance(name, str) or values.get("schema") != IN_USE_SCHEMA:
+        raise ValueError(f"it has no name and schema {IN_USE_SCHEMA}")
+    return name
+
+
+def write_probe_in_use(path: Path, name: str | None) -> None:
+    """Keep the name of the chosen probe over restarts; None: the arm file's.
+
+    Raises:
+        OSError: the disk does not take it.
+    """
+    if name is None:
+        path.unlink(missing_ok=True)
+        return
+    text = json.dumps({"schema": IN_USE_SCHEMA, "name": name})
+    write_atomically(path, text)
 
 
 def with_probe(arm: Arm, chosen: LibraryProbe) -> Arm:

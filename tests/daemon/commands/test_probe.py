@@ -12,6 +12,7 @@ from tests.daemon.two_devices import BEGIN_NS, ON_TWO
 from tests.daemon.values import ARM, arm_file, arm_model
 from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.errors import RequestRefusedError
+from traverse.daemon.inputs import StartupError, read_inputs
 from traverse.daemon.pose.arm_model import model_with_probe, read_model
 from traverse.daemon.pose.probe_library import read_probes
 from traverse.kinematics.arm_file.arm import arm_digest, parse_arm
@@ -198,6 +199,64 @@ async def test_probes_that_are_not_there_are_refused_with_those_that_are(
         await probes.change_probe(ProbeArgs(name="long"))
     assert refusal.value.code == "capture.probe_refused"
     assert changes == []
+
+
+def started(folder):
+    """Read the inputs of a daemon as it starts."""
+    arm_file(folder)
+    configuration = folder / "daemon.toml"
+    configuration.write_text(
+        '[arm]\nfile = "arm.toml"\nprobes = "probes.toml"\n[broker]\n[[device]]\n'
+        'id = "base"\ndriver = "latch-board"\nport = "/dev/null"\n'
+    )
+    return read_inputs(configuration, embedded=False)
+
+
+async def test_a_chosen_probe_is_in_use_after_a_restart(bench, tmp_path):
+    path = library(tmp_path)
+    assert started(tmp_path).probe is None
+    in_use = tmp_path / "state" / "probe.json"
+    in_use.parent.mkdir()
+    commands = PointCommands(bench.measurement, path, probe_in_use=in_use)
+    await commands.change_probe(ProbeArgs(name="long"))
+    assert started(tmp_path).probe == read_probes(path).named("long")
+    library(tmp_path, LIBRARY.replace("120.0", "119.0"))  # it was qualified since
+    assert started(tmp_path).probe.vector_mm == (10.0, 0.0, 119.0)
+
+    bench.statuses = None  # so that telling the new status fails
+    with pytest.raises(RequestRefusedError, match="AttributeError"):
+        await commands.change_probe(ProbeArgs(name="ball-6"))
+    assert started(tmp_path).probe.name == "long"
+
+
+async def test_without_a_disk_a_probe_is_not_changed(bench, tmp_path):
+    """After a restart another one would be in use."""
+    nowhere = tmp_path / "missing" / "probe.json"
+    commands = PointCommands(bench.measurement, library(tmp_path), probe_in_use=nowhere)
+    with pytest.raises(RequestRefusedError, match="after a restart another probe"):
+        await commands.change_probe(ProbeArgs(name="long"))
+    assert bench.measurement.probe is None
+
+
+@pytest.mark.parametrize(
+    ("written", "message"),
+    [
+        (
+            '{"schema": "traverse/probe-in-use/1", "name": "short"}',
+            "no probe library of the configuration has 'short'",
+        ),
+        ('{"name": "long"}', "no name and schema"),
+        ('["long"]', "no name and schema"),
+        ("\0", "not known"),
+    ],
+)
+def test_no_other_probe_takes_the_place_of_the_one_in_use(tmp_path, written, message):
+    library(tmp_path)
+    (tmp_path / "state").mkdir()
+    (tmp_path / "state" / "probe.json").write_text(written)
+    with pytest.raises(StartupError, match=message) as refusal:
+        started(tmp_path)
+    assert "deleting this file" in str(refusal.value)
 
 
 async def test_a_probe_that_the_effects_cannot_have_is_refused(tmp_path):
