@@ -28,6 +28,7 @@ radius_mm = 1.5
 vector_mm = [150.0, 0.0, 0.0]
 direction = [1.0, 0.0, 0.0]
 kind = "hard"
+vector_covariance_mm2 = [1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6]
 """
 
 
@@ -59,6 +60,11 @@ async def test_a_list_with_means_labels_undos_and_a_new_session(
         await listener.n_points(6)
         statuses = listener.statuses
         await listener.event("capture.session")
+    async with measuring(bench) as (again, _, _):  # the probe is still on the arm
+        await again.command(PointArgs())
+        await again.n_points(1)
+    assert again.points[-1].probe_radius_mm == 1.5
+    assert again.points[-1].model == probe["model"]
     points = listener.points
     online = [s for s in statuses if s.online]
     shown_labels = [(s.label and s.label.artefact, s.probe, s.probes) for s in online]
