@@ -207,7 +207,7 @@ def _stepped(
         )
         arm = network.parameters.moved(state.arm, fraction * step)
         there = replace(state, arm=arm, unknowns=unknowns)
-        if size < _CONVERGED or sum_of_squares(network, there, system, limit) <= limit:
+        if size < _CONVERGED or sum_of_squares(network, there, system) <= limit:
             taken = fraction if damping == 0.0 else _length(system, step) / size
             # Smallest singular values are about one: less damping does nothing.
             less = damping / 16.0 if damping > 16.0 else 0.0

@@ -275,13 +275,8 @@ def linearise(network: Network, state: State) -> System:
     )
 
 
-def sum_of_squares(
-    network: Network, state: State, system: System, limit: float = np.inf
-) -> float:
-    """Weigh the misclosures of a state with the weights of a system.
-
-    Stations are not looked at any more once the sum is above the limit.
-    """
+def sum_of_squares(network: Network, state: State, system: System) -> float:
+    """Weigh the misclosures of a state with the weights of a system."""
     total = float(np.sum(network.parameters.expectations(state.arm)[:, -1] ** 2))
     for at, station in enumerate(network.stations):
         unknowns, corrections = state.unknowns[at], state.corrections[at]
@@ -290,6 +285,4 @@ def sum_of_squares(
         white = system.whiteners[at] @ misclosures[:, :, np.newaxis]
         certificates = network.certified(station, state.arm, unknowns)[:, -1]
         total += float(np.sum(white**2) + np.sum(certificates**2))
-        if total > limit:
-            break
     return total
