@@ -36,6 +36,8 @@ LATE_CYCLES = 50 * 16  # LATE_TICKS of firmware/ports/avr/main.c
 # The mark follows the tick that the firmware compares: both ticks are rounded, and
 # the mark's own instructions come between.
 MARK_CYCLES = 4 * 16
+# When the contact closes, after it first does, in presses of five changes.
+CLOSED_AGAIN_CYCLES = (0, 2100, 7000)
 QUADRATURE = ("--counts-per-turn", str(COUNTS_PER_TURN))
 
 
@@ -64,9 +66,16 @@ async def test_a_press_has_the_counts_of_its_first_contact(tmp_path):
         status = np.array(latch.status)
         assert not (status & STATUS_ERROR).any()
         late = (status & STATUS_LATE) != 0
-        if press.mark_cycles <= LATE_CYCLES:
+        # While another interrupt runs the capture of the next closure replaces the
+        # first: the press is that closure's.
+        since_cycles = [
+            press.mark_cycles - closed
+            for closed in CLOSED_AGAIN_CYCLES
+            if closed <= press.mark_cycles
+        ]
+        if max(since_cycles) <= LATE_CYCLES:
             assert not late.any(), (latch, press)
-        if press.mark_cycles > LATE_CYCLES + MARK_CYCLES:
+        if min(since_cycles) > LATE_CYCLES + MARK_CYCLES:
             assert late.all(), (latch, press)
         assert latch.counts[1] == 5000
         # The way until the latch at 20 kHz, and a count of rounding.
