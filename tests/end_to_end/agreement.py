@@ -29,7 +29,8 @@ def assert_one_point_an_edge(
         assert np.abs(np.array(point.xyz_mm) - xyz_mm).max() < 1e-9
         assert np.abs(np.array(point.ijk) - shank).max() < 1e-12
         assert point.angles_rad == pytest.approx(arm.angles_rad(point.counts), 1e-14)
-        assert set(point.quality.flags) <= {"time_uncertain"}, point.quality.flags
+        doubts = {"time_uncertain", "motion_unknown"}
+        assert set(point.quality.flags) <= doubts, point.quality.flags
     certain = [not is_marked_for_time(point) for point in points]
     assert 2 * sum(certain) >= len(points)
     # The mapping of the board's clock is still settling, and a busy machine reads

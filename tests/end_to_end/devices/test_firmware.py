@@ -15,6 +15,8 @@ from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto", "compiler")
 
+TURNING_COUNTS_S = 90_000
+LATE_COUNTS = TURNING_COUNTS_S // 1000  # in a millisecond; a latch takes 30 us
 TURNS = np.array([2**23] * 4 + [2**22] * 3)
 POSTURES = (
     (400_000, 5_500_000, 7_300_000, 2_100_000, 70_000, 4_000_000, 300_000),
@@ -50,13 +52,21 @@ async def test_each_press_is_a_point_with_the_counts_latched_at_its_contact(
                 for n, counts in enumerate(POSTURES):
                     board.do(*(f"count {k} {count}" for k, count in enumerate(counts)))
                     # The joints turn on before the press is debounced and sent.
-                    board.do("input 0 1", *(f"turn {k} 90000" for k in range(7)))
+                    turns = (f"turn {k} {TURNING_COUNTS_S}" for k in range(7))
+                    board.do("input 0 1", *turns)
                     await listener.n_points(n + 1)
                     board.do("input 0 0")
                     await until(lambda n=n: board.next_edge() == 2 * n + 2, "released")
                 assert await daemon.stop() == 0
     arm = MatrixArm(bench.arm_file)
-    for point, counts in zip(listener.points, POSTURES, strict=True):
-        assert ((np.array(point.counts) - counts) % TURNS == 0).all()
+    points = listener.points
+    # Where a sample was being latched at the contact, the press says that it is late.
+    assert any("late" not in point.quality.flags for point in points)
+    for point, counts in zip(points, POSTURES, strict=True):
+        off = (np.array(point.counts) - counts + TURNS // 2) % TURNS - TURNS // 2
+        if "late" in point.quality.flags:
+            assert (np.abs(off) <= LATE_COUNTS).all()
+            continue
+        assert (off == 0).all()
         xyz_mm, _ = arm.pose(counts)
         assert np.abs(np.array(point.xyz_mm) - xyz_mm).max() < 1e-9
