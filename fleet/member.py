@@ -178,7 +178,8 @@ class Member:
     async def _claim_name(self) -> None:
         """Be the only member of this name at this database.
 
-        One that was killed has left its claim: it is waited for whether it is renewed.
+        One that was killed has left its claim: it is waited for whether it is renewed,
+        which nobody can while the database is away.
 
         Raises:
             NameTakenError: it is, by another process.
@@ -186,7 +187,16 @@ class Member:
         loop = asyncio.get_running_loop()
         until_s = loop.time() + NAME_LEASE_S + RENEWAL_S
         is_reported = False
-        while not await self._renew_name():
+        while True:
+            try:
+                if await self._renew_name():
+                    self._back()
+                    return
+            except StoreAwayError as error:
+                self._away(str(error))
+                until_s = loop.time() + NAME_LEASE_S + RENEWAL_S
+                await asyncio.sleep(RETRY_S)
+                continue
             if loop.time() > until_s:
                 raise NameTakenError
             if not is_reported:

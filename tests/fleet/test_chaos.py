@@ -2,7 +2,8 @@
 
 import pytest
 
-from tests.fleet.chaos import chaos
+from tests.fleet.chaos import Members, chaos
+from traverse.testing.waiting import until
 
 
 def check(result):
@@ -27,3 +28,21 @@ async def test_fifty_arms_and_three_members(make_mosquitto, postgres, tmp_path):
     )
     check(result)
     assert len(result.kills) == 3
+
+
+@pytest.mark.slow
+@pytest.mark.needs("mosquitto", "postgresql")
+async def test_a_member_that_waits_for_its_name_outlives_the_database(
+    make_mosquitto, postgres, tmp_path
+):
+    members = Members(make_mosquitto(), postgres.url, tmp_path, 1)
+    await members.are_connected()
+    members.kill(0)  # its claim of the name stays for some seconds
+    members.start(0)
+    await until(lambda: "a member called m0 is there" in members.log(0), "the claim")
+    postgres.kill()
+    await until(lambda: "this tries again" in members.log(0), "the loss", 30.0)
+    postgres.start()
+    await until(lambda: members.log(0).count("connected to") == 2, "the name", 30.0)
+    assert members.stop() == [0]
+    assert "Traceback" not in members.log(0)
