@@ -52,7 +52,7 @@ def lines_of(dependencies: list[dict[str, object]]) -> list[str]:
 
 
 def main() -> int:
-    """Print known advisories; 0: none is bad, 1: some are, 3: nobody could be asked."""
+    """Print known advisories; 0: none is bad, 1: some are, 3: no server answered."""
     argparse.ArgumentParser(description=__doc__).parse_args()
     for source in SOURCES:
         dependencies = report(source)

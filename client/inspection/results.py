@@ -355,11 +355,13 @@ def _relation(entry: RelationEntry, features: Features, judge: _Judge) -> Featur
         return replace(result, problem=f"{', '.join(missing)}: not measured")
     elements = [features.elements[name] for name in entry.of]
     try:
-        if entry.kind in _BETWEEN:
-            first, second = elements
-            figures = [_BETWEEN[entry.kind](first, second, features.errors)]
-            return replace(result, figures=judge.results(entry.name, figures))
-        element = related(entry.kind, *elements)  # type: ignore[arg-type]  # the plan has checked the kind
+        match entry.kind:
+            case "distance" | "angle" as kind:
+                first, second = elements
+                figures = [_BETWEEN[kind](first, second, features.errors)]
+                return replace(result, figures=judge.results(entry.name, figures))
+            case kind:
+                element = related(kind, *elements)
     except ValueError as error:
         return replace(result, problem=str(error))
     features.elements[entry.name] = element

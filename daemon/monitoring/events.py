@@ -4,9 +4,6 @@ The first of its kind is sent at once; repetitions within a second are counted a
 as one. Of distinct events, such as presses of a button, the first twenty in a second
 are sent. A lasting condition is raised and cleared once; a flickering one is sent once
 a second with its state and number of changes.
-
-What informs only waits for the next other event, or for `EventLog.flush`: several cost
-little more than one.
 """
 
 import logging
@@ -21,7 +18,6 @@ log = logging.getLogger("traverse.daemon.events")
 
 QUIET_NS = 1_000_000_000
 MAX_DISTINCT = 20  # in a second: more than hands can do, less than a broken button
-MAX_WAITING = 50  # for another event or `EventLog.flush`
 MAX_CHANGES = (
     6  # of a lasting condition, in `CALM_NS`, before they are reported together
 )
@@ -72,7 +68,6 @@ class EventLog:
         self._active: dict[tuple[str, str], Occurrence] = {}
         self._changed: dict[tuple[str, str], tuple[int, int]] = {}
         self._flapping: dict[tuple[str, str], Occurrence] = {}
-        self._waiting: list[Occurrence] = []
 
     @property
     def active(self) -> tuple[Occurrence, ...]:
@@ -160,14 +155,13 @@ class EventLog:
             self._flapping[key] = change
 
     def flush(self, *, at_once: bool = False) -> None:
-        """Report events that inform only, and those held for a second; call often."""
+        """Report occurrences held back for up to a second; call often."""
         now_ns = self.clock.monotonic_ns()
         for waiting in (self._held, self._flapping):
             for key, held in list(waiting.items()):
                 if at_once or now_ns - self._told_ns.get(key, 0) >= QUIET_NS:
                     del waiting[key]
                     self._tell(key, held)
-        self._publish_waiting()
 
     def _is_one_of_few(
         self,
@@ -190,20 +184,6 @@ class EventLog:
         if len(self._told_ns) >= MAX_KINDS:
             self._told_ns.clear()
         self._told_ns[key] = occurrence.last_ns
-        self._waiting.append(occurrence)
-        informs_only = occurrence.severity == "info" and occurrence.active is None
-        if not informs_only or len(self._waiting) >= MAX_WAITING:
-            self._publish_waiting()
-
-    def _publish_waiting(self) -> None:
-        waiting, self._waiting = self._waiting, []
-        for occurrence in waiting:
-            self._log(occurrence)
-            self.publish(occurrence)
-            if occurrence.active is not None:
-                self.changed()
-
-    def _log(self, occurrence: Occurrence) -> None:
         times = f" ({occurrence.count} times)" if occurrence.count > 1 else ""
         remedy = f"; {occurrence.remedy}" if occurrence.remedy else ""
         fields = {
@@ -223,3 +203,6 @@ class EventLog:
             remedy,
             extra={"fields": fields},
         )
+        self.publish(occurrence)
+        if occurrence.active is not None:
+            self.changed()

@@ -16,7 +16,7 @@ SILENCE_S = 2.0  # four heartbeats
 MOST_BYTES = 16_384
 FAST_NS, PAUSE_S = 750_000, 0.0005  # reads this near to each other are rarer after it
 # A whole frame of anything but a timed sample.
-_OTHER = re.compile(rb"(?<![^\0])(?!%b)[^\0]+\0" % re.escape(wire.TIMED))
+_OTHER = re.compile(rb"(?:\A|\0)(?!%b)[^\0]+\0" % re.escape(wire.TIMED))
 
 PartialReads = Sequence[tuple[int, int]]
 """Reads that ended in the midst of a block: its last row there, and the time."""
@@ -53,7 +53,6 @@ class LatchBoardLine:
         self.decoder = wire.Decoder()
         self.last_message_ns = monotonic_ns()
         self._begun = b""  # of a frame whose end is missing yet
-        self._rest: list[tuple[bytes, int]] = []  # of the last read
         self._read_ns = 0  # when samples were read last
         self._request = 0
         self._answer: Response | None = None
@@ -66,15 +65,14 @@ class LatchBoardLine:
 
         Args:
             until_ns: timed samples are collected until then; other messages, above all
-                edges, and wake-ups end it. What follows these is collected with the
-                next: two blocks would cost twice as much as one.
+                edges, and wake-ups end it.
             meanwhile: called while they are, after each read and at the time that it
                 returned last [ns].
         """
         data, received_ns = self.port.read(), self._now_ns()
-        reads, n_bytes = [*self._rest, (data, received_ns)], len(data)
+        reads, n_bytes = [(data, received_ns)], len(data)
         while (
-            not (n_taken := self._end_of_others(data))
+            not self._has_other_frames(data)
             and n_bytes < MOST_BYTES
             and received_ns < until_ns
         ):
@@ -92,10 +90,6 @@ class LatchBoardLine:
             received_ns = self._now_ns()
             reads.append((data, received_ns))
             n_bytes += len(data)
-        self._rest = []
-        if n_taken and received_ns < until_ns and n_taken < len(data):
-            reads[-1] = data[:n_taken], received_ns
-            self._rest = [(data[n_taken:], received_ns)]
         before = self.decoder.accepted
         messages = self.decoder.feed(b"".join(data for data, _ in reads))
         if messages:
@@ -117,15 +111,11 @@ class LatchBoardLine:
             if not due_ns <= self._now_ns() < until_ns:
                 return False
 
-    def _end_of_others(self, data: bytes) -> int:
-        """Return where the last frame ends that is no sample and must not wait.
-
-        0 if there is none.
-        """
-        n_begun, joined = len(self._begun), self._begun + data
+    def _has_other_frames(self, data: bytes) -> bool:
+        """Return whether bytes hold other frames than samples, which must not wait."""
+        joined = self._begun + data
         self._begun = joined.rpartition(b"\0")[2][:MAX_SEGMENT]
-        ends = [match.end() for match in _OTHER.finditer(joined)]
-        return ends[-1] - n_begun if ends else 0
+        return _OTHER.search(joined) is not None
 
     def ask(self, name: str, frame: Callable[[int], bytes]) -> Response:
         """Send a request until it is answered; other messages are dispatched meanwhile.

@@ -132,7 +132,7 @@ def _effective_degrees(lines: Sequence[Contribution]) -> float:
 
 def coverage_factor(degrees: float, probability: float) -> float:
     """Return k by the t-distribution; the normal one for infinite degrees."""
-    from traverse.lab.statistics.distributions import (  # noqa: PLC0415 - it needs scipy, of which a plan is made without
+    from traverse.lab.statistics.distributions import (  # noqa: PLC0415 - it loads scipy, which a plan does without
         normal_quantile,
         student_critical,
     )

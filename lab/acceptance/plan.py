@@ -222,7 +222,7 @@ _HEAD = """\
 #   calibration_date = 2026-01-31   valid_until = 2028-01-31
 #   material = "{materials}"
 #   or, by its certificate, expansion_per_c and expansion_std_per_c
-# and below [circumstances] what is asked for there. `traverse verify` names what lacks.
+# and below [circumstances] its values. `traverse verify` names those that are missing.
 # Ids and features say which test a touch belongs to; keep them.
 """
 

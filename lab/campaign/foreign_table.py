@@ -118,7 +118,7 @@ def _columns(path: Path, table: Table, *, has_names: bool) -> ForeignTable:
 
 
 def _read_mat(path: Path, n_joints: int) -> ForeignTable:
-    from scipy import io  # type: ignore[import-untyped]  # noqa: PLC0415 - heavy
+    from scipy import io  # noqa: PLC0415 - heavy
 
     try:
         variables = io.loadmat(path, squeeze_me=False)

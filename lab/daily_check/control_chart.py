@@ -23,7 +23,7 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from scipy import special  # type: ignore[import-untyped] # scipy ships no types
+from scipy import special
 
 Side = Literal["both", "above"]
 

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 import tomlkit
-from scipy import special  # type: ignore[import-untyped] # scipy ships no types
+from scipy import special
 
 from traverse.arrays import Booleans, Floats
 from traverse.lab.report.templates import Words

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special  # type: ignore[import-untyped] # scipy ships no types
+from scipy import special
 
 from traverse.arrays import Floats
 

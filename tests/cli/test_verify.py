@@ -165,18 +165,18 @@ def test_as_found_as_left_and_the_previous_certificate(campaigns, tmp_path):
         joint.model_copy(update={"link_mm": link_mm})
         for joint, link_mm in zip(arm.joints, longer, strict=True)
     )
-    found = tmp_path / "found.toml"
-    write_arm(found, arm.model_copy(update={"joints": joints}))
+    arm_as_found = tmp_path / "found.toml"
+    write_arm(arm_as_found, arm.model_copy(update={"joints": joints}))
     words = (campaigns / "vdi2617-9", "--standard", "vdi2617-9", "--arm")
     limits = limits_file(tmp_path, interim_length_mm=0.05)
     before, out = tmp_path / "before", tmp_path / "out"
-    alone = run(
-        *words, found, "--limits", limits, "--out", before, "--json", status=None
+    by_itself = run(
+        *words, arm_as_found, "--limits", limits, "--out", before, "--json", status=None
     )
-    (of_found,) = json.loads(alone.output)["figures"]
+    (of_found,) = json.loads(by_itself.output)["figures"]
     ran = run(
         *(*words, left, "--limits", limits, "--out", out),
-        *("--as-found", found, "--previous", before),
+        *("--as-found", arm_as_found, "--previous", before),
     )
     values = json.loads((out / "certificate.json").read_text())
     (figure,) = values["figures"]
@@ -207,8 +207,8 @@ def test_as_found_as_left_and_the_previous_certificate(campaigns, tmp_path):
         previous.write_text(changed)
         ran = run(*words, left, "--previous", before, status=2)
         assert message in ran.output
-    found.write_text(found.read_text().replace("demo-7", "demo-8"))
-    ran = run(*words, left, "--as-found", found, status=2)
+    arm_as_found.write_text(arm_as_found.read_text().replace("demo-7", "demo-8"))
+    ran = run(*words, left, "--as-found", arm_as_found, status=2)
     assert "is of the arm 'demo-8', expected 'demo-7'" in ran.output
 
 

@@ -3,12 +3,13 @@
 import asyncio
 
 from tests.daemon.two_devices import BEGIN_NS, base, model_on_two, wrist
-from tests.daemon.values import EventCollector, SetClock, configuration, kept_at_once
+from tests.daemon.values import SetClock, configuration, kept_at_once
 from tests.established import confirmed
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.config.schema import AssemblySection, UncertaintySection
 from traverse.daemon.measurement import Measurement, Sinks
+from traverse.daemon.monitoring.events import EventLog
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver, DriverOptions
 from traverse.drivers.base.values import (
@@ -67,8 +68,7 @@ class ArmBench:
         self.clock = SetClock()
         self.clock.now_ns = BEGIN_NS
         self.model = model or model_on_two(folder)
-        self.points, self.live, self.scans = [], [], []
-        self.log = EventCollector(self.clock)
+        self.points, self.events, self.live, self.scans = [], [], [], []
         self.actions, self.statuses = [], []
         self.room = True
         configured = configuration(
@@ -83,7 +83,7 @@ class ArmBench:
             configured,
             self.model,
             Sinks(
-                self.log,
+                EventLog(self.clock, self.events.append),
                 kept_at_once(self.offer),
                 lambda scan, _: not self.scans.append(scan),
                 self.live.append,
@@ -138,10 +138,6 @@ class ArmBench:
     def later(self, seconds):
         self.clock.now_ns += int(seconds * 1e9)
         self.measurement.process_timeouts()
-
-    @property
-    def events(self):
-        return self.log.reported
 
     def codes(self):
         return [event.code for event in self.events]

@@ -2,17 +2,12 @@
 
 import asyncio
 
-from tests.daemon.values import (
-    MODULI,
-    EventCollector,
-    SetClock,
-    configuration,
-    kept_at_once,
-)
+from tests.daemon.values import MODULI, SetClock, configuration, kept_at_once
 from tests.established import confirmed
 from traverse.daemon.acquisition.device import open_device
 from traverse.daemon.clock import FrozenClock
 from traverse.daemon.measurement import Measurement, Sinks
+from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import latencies_by_name
 from traverse.daemon.reports import HealthReporter
 from traverse.drivers.base.values import Identity
@@ -31,8 +26,7 @@ class Bench:
     def __init__(self, model, *, frozen=False, **sections) -> None:
         self.clock = SetClock()
         self.model, self.room = model, True
-        self.points, self.live, self.scans = [], [], []
-        self.log = EventCollector(self.clock)
+        self.points, self.events, self.live, self.scans = [], [], [], []
         self.changes = 0
         latencies = latencies_by_name()
         self.health = HealthReporter(self.clock, latencies)
@@ -41,7 +35,7 @@ class Bench:
             configuration("base", inputs=INPUTS, **sections),
             model,
             Sinks(
-                self.log,
+                EventLog(self.clock, self.events.append),
                 kept_at_once(self.offer),
                 lambda scan, _: not self.scans.append(scan),
                 self.live.append,
@@ -69,10 +63,6 @@ class Bench:
     def take(self, *deliveries, device=None):
         for delivery in deliveries:
             self.measurement.dispatch(device or self.device, delivery)
-
-    @property
-    def events(self):
-        return self.log.reported
 
     def codes(self):
         return [event.code for event in self.events]

@@ -16,7 +16,6 @@ from traverse.daemon.config.schema import (
     Configuration,
     InputSection,
 )
-from traverse.daemon.monitoring.events import EventLog, Occurrence
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.store.records import PendingPoint
@@ -51,20 +50,6 @@ class SetClock(HostClock):
 
     def utc_offset_ns(self) -> int:
         return self.offset_ns
-
-
-class EventCollector(EventLog):
-    """Keeps what it reports."""
-
-    def __init__(self, clock: HostClock) -> None:
-        self._reported: list[Occurrence] = []
-        super().__init__(clock, self._reported.append)
-
-    @property
-    def reported(self) -> list[Occurrence]:
-        """All so far, with those that wait for others."""
-        self.flush()
-        return self._reported
 
 
 def kept_at_once(take: Callable[[Point], bool]):

@@ -133,13 +133,14 @@ def _same_campaign(computed: Any, stated: Any) -> bool:  # noqa: ANN401 - of a f
         return False
 
 
-def _same_draws(computed: Any, stated: Any) -> bool:  # noqa: ANN401 - of a file
+def _same_draws(computed: Mapping[str, Any], stated: Mapping[str, Any]) -> bool:
     """Whether numpy draws the same from the same seed, as one version of it does."""
-    versions = stated.get("versions", {})
-    return bool(computed["versions"]["numpy"] == versions.get("numpy"))
+    versions = stated.get("versions")
+    of_numpy = versions.get("numpy") if isinstance(versions, dict) else None
+    return bool(computed["versions"]["numpy"] == of_numpy)
 
 
-def _without_draws(figure: Any) -> Any:  # noqa: ANN401 - of a file
+def _without_draws(figure: object) -> object:
     if not isinstance(figure, dict):
         return figure
     return {key: value for key, value in figure.items() if key != "monte_carlo"}

@@ -97,15 +97,15 @@ def comparison_cells(values: Mapping[str, Any]) -> list[list[str]]:
     rows = []
     for figure in values["figures"] if as_found or previous else ():
         key = figure["key"], figure.get("tool")
-        found, then = as_found.get(key), previous.get(key)
+        earlier, last = as_found.get(key), previous.get(key)
         rows.append(
             [
                 figure["name"],
-                "" if found is None else WORDS.value({**figure, **found}),
+                "" if earlier is None else WORDS.value({**figure, **earlier}),
                 WORDS.value(figure),
-                "" if then is None else WORDS.value({**figure, **then}),
-                "" if then is None else number(then["change_mm"], "+.4f"),
-                "" if then is None else number(then["expanded_change_mm"], ".4f"),
+                "" if last is None else WORDS.value({**figure, **last}),
+                "" if last is None else number(last["change_mm"], "+.4f"),
+                "" if last is None else number(last["expanded_change_mm"], ".4f"),
             ]
         )
     return rows

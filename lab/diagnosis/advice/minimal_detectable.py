@@ -21,7 +21,7 @@ from dataclasses import replace
 from itertools import compress
 
 import numpy as np
-from scipy import special  # type: ignore[import-untyped] # scipy ships no types
+from scipy import special
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm

@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from scipy import special  # type: ignore[import-untyped] # scipy ships no types
+from scipy import special
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm

@@ -14,7 +14,7 @@ after Teunissen; evidence after Jeffreys and Zellner).
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special  # type: ignore[import-untyped] # scipy ships no types
+from scipy import special
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family

@@ -12,7 +12,7 @@ L^-T v takes the place of v, and c^T R^-1 c is a running sum over pairs of poses
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg  # type: ignore[import-untyped] # scipy ships no types
+from scipy import linalg
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.effect_table import EFFECT_KINDS

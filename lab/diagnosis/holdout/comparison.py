@@ -19,8 +19,8 @@ is the matter, and none of them is a blunder.
 """
 
 import numpy as np
-from scipy import special  # type: ignore[import-untyped] # scipy ships no types
-from scipy.spatial import cKDTree  # type: ignore[import-untyped] # ships no types
+from scipy import special
+from scipy.spatial import cKDTree  # ships no types
 
 from traverse.arrays import Booleans, Floats
 from traverse.lab.adjustment import Adjustment, Noise, Options, PoseStatistics

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg  # type: ignore[import-untyped] # scipy ships no types
+from scipy import linalg
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.effects.base.block import Block

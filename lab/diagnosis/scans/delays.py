@@ -8,7 +8,7 @@ So the first fit has a latency of every joint, and only noise is left of them.
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline  # type: ignore[import-untyped] # scipy ships no types
+from scipy.interpolate import CubicSpline
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm, effect_from_table

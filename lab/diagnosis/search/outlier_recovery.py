@@ -21,7 +21,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special  # type: ignore[import-untyped] # scipy ships no types
+from scipy import special
 
 from traverse.arrays import Booleans, Floats, Integers
 from traverse.lab.adjustment import Options

@@ -97,9 +97,9 @@ def test_coordinates_of_the_part_are_not_judged(plan, shared):
     entry = ToleranceEntry.model_validate({"of": "hole a", "figure": "x", **limits})
     wanted = plan.model_copy(update={"tolerances": (entry,)})
     aligned = [p.model_copy(update={"part_xyz_mm": p.xyz_mm}) for p in points]
-    here, there = (inspected(wanted, each, shared) for each in (points, aligned))
-    assert (here.conformity, there.conformity) == ("conforming", "not judged")
-    assert "alignment" in there.left_out[0]
+    in_arm, in_part = (inspected(wanted, each, shared) for each in (points, aligned))
+    assert (in_arm.conformity, in_part.conformity) == ("conforming", "not judged")
+    assert "alignment" in in_part.left_out[0]
 
 
 def test_points_can_be_listed_in_place_of_labels(plan, shared):
@@ -124,16 +124,16 @@ def test_with_an_alignment_coordinates_are_the_parts(plan, shared):
         p.model_copy(update={"part_xyz_mm": tuple(TURN.apply(p.xyz_mm) + SHIFT_MM)})
         for p in points
     ]
-    here, there = (inspected(plan, each, shared) for each in (points, aligned))
-    assert (here.system, there.system) == ("arm", "part")
-    place_mm = [figure(here, "hole a", axis).value for axis in "xyz"]
-    in_part_mm = [figure(there, "hole a", axis).value for axis in "xyz"]
+    in_arm, in_part = (inspected(plan, each, shared) for each in (points, aligned))
+    assert (in_arm.system, in_part.system) == ("arm", "part")
+    place_mm = [figure(in_arm, "hole a", axis).value for axis in "xyz"]
+    in_part_mm = [figure(in_part, "hole a", axis).value for axis in "xyz"]
     np.testing.assert_allclose(in_part_mm, TURN.apply(place_mm) + SHIFT_MM)
     for feature, name in (("pitch", "distance"), ("hole a", "diameter")):
-        one, other = (figure(each, feature, name) for each in (here, there))
+        one, other = (figure(each, feature, name) for each in (in_arm, in_part))
         assert one.value == pytest.approx(other.value)
         assert one.expanded == pytest.approx(other.expanded, rel=1e-6)
-    assert "alignment" in sheet_html(there)
+    assert "alignment" in sheet_html(in_part)
 
 
 def test_points_of_different_probes_have_no_uncertainty(plan, shared):

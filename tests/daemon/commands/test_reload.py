@@ -10,6 +10,7 @@ from tests.daemon.values import ARM, arm_file, latch
 from traverse.daemon.commands.reload import ConfigurationReloader
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.inputs import Inputs, read_inputs
+from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import triggers_of
 from traverse.daemon.system.systemd import Notifier
 from traverse.drivers.base.values import DeviceUp
@@ -46,7 +47,7 @@ class Reloading:
             inputs=Inputs(configuration, model),
             measurement=self.bench.measurement,
             use=self.use,
-            events=self.bench.log,
+            events=EventLog(self.bench.clock, self.bench.events.append),
             notifier=Notifier({"NOTIFY_SOCKET": str(self.manager)}),
         )
 

@@ -6,7 +6,6 @@ from traverse.daemon.monitoring.events import (
     MAX_CHANGES,
     MAX_DISTINCT,
     MAX_KINDS,
-    MAX_WAITING,
     QUIET_NS,
     EventLog,
 )
@@ -62,8 +61,6 @@ def test_after_a_quiet_time_the_next_is_reported_at_once(bench):
 def test_buttons_are_reported_one_by_one(bench):
     for _ in range(5):
         bench.log.report("info", "button.pressed", "", source="base/0", distinct=True)
-    assert bench.occurrences == []  # they wait for others
-    bench.log.flush()
     assert [occurrence.count for occurrence in bench.occurrences] == [1] * 5
 
 
@@ -73,7 +70,6 @@ def test_a_broken_button_does_not_flood(bench):
             bench.log.report(
                 "info", "button.pressed", "", source="base/0", distinct=True
             )
-        bench.log.flush()
 
     press(500)
     assert [occurrence.count for occurrence in bench.occurrences] == [1] * MAX_DISTINCT
@@ -191,20 +187,3 @@ def test_what_lasts_is_known_until_it_ends(bench):
     log.change(False, "error", "device.lost", "there", source="base")
     assert [occurrence.code for occurrence in log.active] == ["limit.temperature"]
     assert len(changes) == 3
-
-
-def test_so_many_that_inform_wait_and_no_more(bench):
-    for k in range(MAX_WAITING):
-        assert bench.occurrences == []
-        bench.log.report("info", f"some.{k}", "")
-    assert len(bench.occurrences) == MAX_WAITING
-
-
-def test_what_informs_goes_before_the_next_that_does_not(bench):
-    bench.log.report("info", "button.pressed", "", source="base/0", distinct=True)
-    bench.clock.now_ns += 1000
-    bench.lost()
-    bench.log.flush()
-    codes = [(occurrence.code, occurrence.last_ns) for occurrence in bench.occurrences]
-    now_ns = bench.clock.now_ns
-    assert codes == [("button.pressed", now_ns - 1000), ("device.lost", now_ns)]

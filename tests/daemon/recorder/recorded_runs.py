@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from tests.daemon.two_devices import BEGIN_NS, ON_TWO, TURNS, Reader, true_counts
-from tests.daemon.values import ARM, UTC_OFFSET_NS, EventCollector
+from tests.daemon.values import ARM, UTC_OFFSET_NS
 from tests.established import identify
 from traverse.daemon.config.schema import RecordingSection
 from traverse.daemon.executor import recorded_command
+from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.recorder.recorded_inputs import (
     read_recorded_inputs,
     recorded_files,
@@ -98,8 +99,7 @@ class RecordedRun:
         assert recorded_files(path, self.configuration) == files
         self.clock = ReplayClock()
         self.clock.now_ns, self.clock.offset_ns = BEGIN_NS, UTC_OFFSET_NS
-        self.points, self.scans = [], []
-        self.log = EventCollector(self.clock)
+        self.points, self.scans, self.events = [], [], []
         recording = RecordingSection(**{"min_free_mb": 10, **section})
         self.steps = StepRecorder(self.clock, flight=recording.flight)
         self.recorder = Recorder(
@@ -109,7 +109,7 @@ class RecordedRun:
             clock=self.clock,
             about={"arm": "bench-7", "version": "0", "kernel": KERNEL},
             files=files,
-            events=self.log,
+            events=EventLog(self.clock, self.events.append),
         )
         self.measurement = replay_measurement(
             self.configuration,
@@ -128,10 +128,6 @@ class RecordedRun:
         self.seq = {reader.device: 0 for reader in self.readers}
         self.token = 0
         self._stack = contextlib.AsyncExitStack()
-
-    @property
-    def events(self):
-        return self.log.reported
 
     def _publish(self, point):
         self.points.append(point)

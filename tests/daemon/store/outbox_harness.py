@@ -1,11 +1,12 @@
 """An outbox on the event loop, and the broker that takes from it."""
 
 from tests.daemon.store.scan_store_harness import Bench
-from tests.daemon.values import EventCollector, SetClock
+from tests.daemon.values import SetClock
 from tests.end_to_end.programs import until
 from tests.protocol.message_examples import POINT
 from traverse.daemon.commands.resend import ResendCommands
 from traverse.daemon.config.schema import OutboxSection
+from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import latencies_by_name
 from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
@@ -22,15 +23,15 @@ class OutboxOnLoop:
     def __init__(self, folder, limit=10_000, **section):
         self.path = folder / "outbox.db"
         self.queue = OutgoingQueue()
+        self.occurrences = []
         self.clock = SetClock()
-        self.log = EventCollector(self.clock)
         self.session = Session(1, "note")
         self.statuses = []
         self.latencies = latencies_by_name()
         self.outbox = Outbox(
             self.path,
             MessagePublisher("bench-7", "msgpack", self.queue, self.clock),
-            self.log,
+            EventLog(self.clock, self.occurrences.append),
             section=OutboxSection(**section),
             limit=limit,
             latencies=self.latencies,
@@ -87,10 +88,6 @@ class OutboxOnLoop:
 
         await until(are_there, f"{n} messages, so far {len(sent)}")
         return sent
-
-    @property
-    def occurrences(self):
-        return self.log.reported
 
     def codes(self, active=None):
         return [o.code for o in self.occurrences if o.active is active]

@@ -25,10 +25,18 @@ LATE_NS = 100_000
 class Taken:
     """Cycles of three nodes, and what they delivered."""
 
-    def __init__(self, moduli: tuple[int, ...] = (TURN,) * 3) -> None:
+    def __init__(
+        self, moduli: tuple[int, ...] = (TURN,) * 3, *, stamped: bool = True
+    ) -> None:
         self.blocks: list[CountSamples] = []
         self.cycles = SyncCycleAssembler(
-            "arm", NODES, moduli, (1, 2, 3), self.blocks.append, late_ns=LATE_NS
+            "arm",
+            NODES,
+            moduli,
+            (1, 2, 3),
+            self.blocks.append,
+            late_ns=LATE_NS,
+            stamped=stamped,
         )
         self.cycles.restart(1)
 
@@ -57,17 +65,8 @@ def test_a_set_has_the_instant_of_its_sync() -> None:
 
 
 def test_a_sync_of_an_adapter_was_there_before_the_first_answer() -> None:
-    blocks: list[CountSamples] = []
-    cycles = SyncCycleAssembler(
-        "arm",
-        NODES,
-        (TURN,) * 3,
-        (1, 2, 3),
-        blocks.append,
-        late_ns=LATE_NS,
-        stamped=False,
-    )
-    cycles.restart(1)
+    taken = Taken(stamped=False)
+    cycles = taken.cycles
     for sync_ns, first_ns in ((10_000, 3_000), (20_000, 7_000), (30_000, 4_000)):
         cycles.sync(sync_ns)
         for late_ns, node in enumerate(NODES):
@@ -78,28 +77,19 @@ def test_a_sync_of_an_adapter_was_there_before_the_first_answer() -> None:
     for node in NODES:
         assert cycles.take(0x180 + node, bytes(4), 42_000)
     cycles.flush(2 * 10**9, at_once=True)
-    assert [block.time_bound_ns for block in blocks] == [7_000, 2_000]
+    assert [block.time_bound_ns for block in taken.blocks] == [7_000, 2_000]
 
 
 def test_a_late_answer_to_an_earlier_sync_does_not_bound_the_next_one() -> None:
-    blocks: list[CountSamples] = []
-    cycles = SyncCycleAssembler(
-        "arm",
-        NODES,
-        (TURN,) * 3,
-        (1, 2, 3),
-        blocks.append,
-        late_ns=LATE_NS,
-        stamped=False,
-    )
-    cycles.restart(1)
+    taken = Taken(stamped=False)
+    cycles = taken.cycles
     cycles.sync(10_000)
     cycles.sync(20_000)  # nobody has answered the first one yet
     for answered_ns in (21_000, 28_000):  # to the first one, then to the second
         for node in NODES:
             assert cycles.take(0x180 + node, bytes(4), answered_ns)
     cycles.flush(10**9, at_once=True)
-    assert [block.time_bound_ns for block in blocks] == [8_000]
+    assert [block.time_bound_ns for block in taken.blocks] == [8_000]
 
 
 def test_a_node_that_does_not_answer_keeps_its_last_count() -> None:

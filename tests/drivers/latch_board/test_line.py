@@ -154,15 +154,6 @@ def test_samples_that_hold_the_type_of_an_edge_are_no_edges():
     assert reads(*stream) == [(3 * MS_NS, "SampleBlock")]
 
 
-def test_samples_that_come_with_an_edge_after_it_are_of_the_next_block():
-    burst = sample(1) + edge() + edge() + sample(2) + sample(3)[:5]
-    calls = dispatched((MS_NS, burst), (3 * MS_NS, sample(3)[5:] + sample(4)))
-    seqs = [getattr(message, "seq", None) for message, *_ in calls]
-    assert [np.atleast_1d(seq).tolist() for seq in seqs] == [[1], [0], [0], [2, 3, 4]]
-    assert [at_ns for _, at_ns, _ in calls] == [MS_NS] * 3 + [3 * MS_NS]
-    assert calls[-1][2] == [(0, MS_NS)]
-
-
 def test_a_wake_up_ends_the_gathering():
     script = [(MS_NS, sample(1)), (2 * MS_NS, b""), (3 * MS_NS, sample(2))]
     assert reads(*script) == [(MS_NS, "SampleBlock"), (3 * MS_NS, "SampleBlock")]

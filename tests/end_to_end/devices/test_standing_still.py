@@ -53,7 +53,7 @@ def n_kept(bench: Workbench) -> int:
 
 
 async def all_are_right_or_marked(bench: Workbench) -> None:
-    # A busy machine leaves the numbers in doubt before anything stands still, too.
+    # On a busy machine numbers may be in doubt before the first standstill.
     async with measuring(bench, state=None) as (listener, simulator, daemon):
         stopping = asyncio.create_task(stand_still([simulator, daemon]))
         with contextlib.suppress(AssertionError):  # some may be refused

@@ -123,13 +123,15 @@ def test_a_few_poses_are_enough_with_a_family_and_its_figures_hold():
 
 def test_many_poses_hardly_notice_it():
     campaign = campaign_of(80, 240)
-    alone = identify(campaign, demo_arm(), QUICK)
+    without_family = identify(campaign, demo_arm(), QUICK)
     result = identify(replace(campaign, prior=family()), demo_arm(), QUICK)
     # At the probe: parts of links along their axes, which nothing measures, may differ.
     true = true_arm_file(demo_arm(), measured(80, 240).truth.arm)
-    off_mm = compare_arms(alone.arm, true).rms_mm
-    assert compare_arms(alone.arm, result.arm).rms_mm < 0.3 * off_mm
-    for without, with_family in zip(alone.parameters, result.parameters, strict=True):
+    off_mm = compare_arms(without_family.arm, true).rms_mm
+    assert compare_arms(without_family.arm, result.arm).rms_mm < 0.3 * off_mm
+    for without, with_family in zip(
+        without_family.parameters, result.parameters, strict=True
+    ):
         assert with_family.std <= without.std * 1.01
 
 
@@ -155,8 +157,10 @@ def test_a_stranger_is_none_of_the_family_and_judged_by_its_poses():
     result = identify(replace(campaign, prior=family()), demo_arm(), QUICK)
     assert result.campaign.prior.names == ()
     assert len(result.campaign.prior.contradicted) > 4
-    alone = identify(campaign, demo_arm(), QUICK)
-    for without, judged in zip(alone.parameters, result.parameters, strict=True):
+    without_family = identify(campaign, demo_arm(), QUICK)
+    for without, judged in zip(
+        without_family.parameters, result.parameters, strict=True
+    ):
         assert without.value == pytest.approx(judged.value, abs=0.01 * without.std)
 
 
