@@ -198,6 +198,8 @@ class LatchBoardSession:
         received_ns: int,
     ) -> None:
         clock, (stream, seq, ticks) = self.clock, numbered
+        # One that was held may be of before a step that was found meanwhile.
+        is_before = clock.is_before_step(int(ticks[0]))
         self._put(
             CountSamples(
                 self._device,
@@ -209,7 +211,7 @@ class LatchBoardSession:
                 np.minimum(clock.to_ns_array(ticks), received_ns),
                 block.inputs[rows],
                 block.counts[rows],
-                _STATUS_ARRAY[block.status[rows]] | self._time_status,
+                _STATUS_ARRAY[block.status[rows]] | self._time_status(is_before),
                 time_bound_ns=clock.error_bound_ns,
             )
         )
@@ -344,9 +346,9 @@ class LatchBoardSession:
             )
         counters["clock_steps"] = clock.steps
 
-    @property
-    def _time_status(self) -> np.uint8:
-        return np.uint8(STATUS_TIME_UNCERTAIN if self.clock.is_uncertain else 0)
+    def _time_status(self, is_before_step: bool) -> np.uint8:
+        is_uncertain = is_before_step or self.clock.is_uncertain
+        return np.uint8(STATUS_TIME_UNCERTAIN if is_uncertain else 0)
 
     def _deliver_latch(
         self,
@@ -358,7 +360,7 @@ class LatchBoardSession:
         ticks = self.clock.unwrap_one(latch.ticks)
         if isinstance(latch, wire.Latched) and self.clock.is_newer(ticks):
             self.clock.update(ticks, received_ns)
-        time_status = int(self._time_status)
+        time_status = int(self._time_status(self.clock.is_before_step(ticks)))
         return self._put(
             LatchedCounts(
                 self._device,

@@ -118,6 +118,7 @@ class DeviceClock:
         self._blend_ticks = max(1, round(BLEND_S * tick_rate_hz))
         self._wrap = wrap
         self._last: int | None = None
+        self._stepped_ticks: int | None = None
         self.running = False
         self.steps = 0
         self._slope = 0.0
@@ -169,13 +170,19 @@ class DeviceClock:
         return self.is_newer(ticks) and self._is_unusual(late_ns)
 
     def _is_unusual(self, late_ns: float) -> bool:
-        return late_ns > self._usual.limit_ns + self._bound_ns()
+        limit_ns = LATE_SLACK_NS if self._is_only_tied else self._usual.limit_ns
+        return late_ns > limit_ns + self._bound_ns()
+
+    @property
+    def _is_only_tied(self) -> bool:
+        """Whether a single answer is all that is known: no delay is usual yet."""
+        return self._tie is not None and self._line_bound_ns >= UNKNOWN_NS
 
     @property
     def error_bound_ns(self) -> int:
         """Error of the times of the last read; large while uncertain."""
         # So much the counter may have lost unseen, unless a read since then denies it.
-        late_ns = min(self._lates_ns)
+        late_ns = self._lates_ns[-1] if self._is_only_tied else min(self._lates_ns)
         bound_ns = max(self._bound_ns(), late_ns) + self._early_ns
         bound_ns += self._latency_ns + self._ns_per_tick
         return round(min(bound_ns, UNKNOWN_NS))
@@ -197,6 +204,10 @@ class DeviceClock:
         passed_s = abs(ticks - exchange.ticks) * self._ns_per_tick * 1e-9
         lifted_ns = self._lifted_ns - exchange.lifted_ns
         return min(self._grain_ns, self._grain_ns * passed_s / BEAT_S + lifted_ns)
+
+    def is_before_step(self, ticks: int) -> bool:
+        """Return whether a latch precedes the last step: no line holds there now."""
+        return self._stepped_ticks is not None and ticks < self._stepped_ticks
 
     def is_newer(self, ticks: int) -> bool:
         """Return whether a latch, unwrapped, is later than all before."""
@@ -275,8 +286,7 @@ class DeviceClock:
         """Bound by how much all times are late, because every read was."""
         late_ns = max(0.0, float(self.to_ns(ticks) - sent_ns))
         # As long as an answer ties the clock, the line is that answer's own.
-        is_tied = self._tie is not None and self._line_bound_ns >= UNKNOWN_NS
-        line_bound_ns = 0.0 if is_tied else self._bound_ns()
+        line_bound_ns = 0.0 if self._is_only_tied else self._bound_ns()
         early_ns = max(0.0, float(sent_ns - self.to_ns(ticks)))
         latency_ns = late_ns + line_bound_ns
         return _Exchange(ticks, sent_ns, latency_ns, self._lifted_ns, early_ns)
@@ -319,7 +329,9 @@ class DeviceClock:
     def _step(self, ticks: int, received_ns: int) -> None:
         """Begin anew at the present rate: the counter jumped or stood still."""
         # In the first half second only the first latch was late.
-        self.steps += self._line_bound_ns < UNKNOWN_NS or self._tie is not None
+        if self._line_bound_ns < UNKNOWN_NS or self._tie is not None:
+            self.steps += 1
+            self._stepped_ticks = ticks
         self._restart(ticks, received_ns)
 
     def _restart(self, ticks: int, received_ns: int) -> None:

@@ -165,6 +165,23 @@ def test_a_press_that_is_read_late_waits_for_the_clock(
     assert session.clock.steps == has_stood
 
 
+def test_a_press_of_before_a_step_is_in_doubt_when_the_clock_is_known_again(
+    session, delivered, known
+):
+    """Its time by the new line is off by what the counter lost."""
+    lost_ns = 30_000_000
+    for number in range(1, 500):
+        beat_at(session, known + 20_000 * number, lost_ns, n_edges=1)
+    assert session.clock.steps == 1
+    assert not session.clock.is_uncertain
+    now = known + 20_000 * 500
+    for seq, ticks in enumerate((known + 1000, now - DEBOUNCE_TICKS)):
+        session.take(edge(seq, ticks), received_at_ns(now) + lost_ns)
+    before, after = delivered
+    assert set(before.status) == {STATUS_TIME_UNCERTAIN}
+    assert set(after.status) == {0}
+
+
 def test_after_a_broken_frame_only_edges_until_its_repetition_are_late(
     session, delivered
 ):

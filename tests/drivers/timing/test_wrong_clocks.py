@@ -221,6 +221,17 @@ def test_a_counter_that_stands_still_after_the_answer_that_tied_it_is_in_doubt()
     assert not clock.is_uncertain
     off_ns = clock.to_ns(51_000) - 1_051_000_000 - lost_ns
     assert abs(off_ns) <= clock.error_bound_ns
+    assert clock.is_before_step(50_000)
+    assert not clock.is_before_step(51_000)
+
+
+def test_no_delay_is_usual_while_a_single_answer_ties_the_clock():
+    clock = DeviceClock(1e6)
+    clock.update(0, 1_000_400_000, 1_000_000_000)
+    for k in range(1, 20):  # every second read is late, and then denied
+        late_ns = 6_000_000 * (k % 2)
+        clock.update(5_000 * k, 1_000_100_000 + 5_000_000 * k + late_ns)
+        assert clock.is_uncertain or clock.error_bound_ns >= late_ns
 
 
 def test_edges_that_are_sent_again_are_not_newer():
