@@ -448,6 +448,7 @@ class Measurement(MeasurementContext):
     ) -> None:
         device.samples += len(samples.seq)
         device.samples_ns = device.last_ns
+        self.points.follow_levels(samples)
         if (
             device not in self.joint_devices
             or self.joint_devices.first_mismatched is not None

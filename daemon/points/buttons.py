@@ -4,7 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from traverse.arrays import Booleans, Integers
 from traverse.daemon.config.schema import Action, CaptureSection
+from traverse.drivers.base.values import CountSamples
+
+EDGE_DELAY_NS = 50_000_000  # an edge may be under way for so long
+LOST_EDGE_NS = 3_000_000_000  # of one that streamed levels show and that never comes
 
 Gesture = Literal["click", "double", "hold", "long", "part"]
 
@@ -58,6 +65,14 @@ class GestureDetector:
             return self._up_ns + (self._double_ns or 0)
         return None if self._still is None else self._down_ns + self._still[1]
 
+    def lacks_edge(self, levels: "StreamedLevels") -> bool:
+        """Return whether streamed levels show an edge that has not come."""
+        is_down = self._up_ns is None
+        edge_ns = self._down_ns if is_down else self._up_ns
+        other_ns = levels.inactive_ns if is_down else levels.active_ns
+        # Until then a contact may bounce.
+        return edge_ns is not None and other_ns > edge_ns + EDGE_DELAY_NS
+
     def edge(self, active: bool, time_ns: int) -> list[GestureDecision]:
         """Process a press or a release."""
         decided = self.passed(time_ns - 1)
@@ -96,7 +111,27 @@ class GestureDetector:
         return GestureDecision(self._open, gesture, time_ns)
 
 
-EDGE_DELAY_NS = 50_000_000  # an edge may be under way for so long
+@dataclass(slots=True)
+class StreamedLevels:
+    """What the samples of a stream last showed of an input.
+
+    Attributes:
+        last_ns: time of the last sample; 0 without a stream.
+        inactive_ns, active_ns: when the input was last seen so.
+    """
+
+    last_ns: int = 0
+    inactive_ns: int = 0
+    active_ns: int = 0
+
+    def add(self, times_ns: Integers, is_active: Booleans) -> None:
+        """Note levels (n,) of successive samples."""
+        self.last_ns = int(times_ns[-1])
+        if is_active.any():
+            self.active_ns = int(times_ns[is_active][-1])
+        if not is_active.all():
+            self.inactive_ns = int(times_ns[~is_active][-1])
+
 
 GestureActions = Mapping[str, Action]
 Input = tuple[str, int]
@@ -117,6 +152,10 @@ class Press:
 class ButtonTracker:
     """Follow all buttons of the configuration.
 
+    Strategy: time decides a gesture only where no edge is missing. A board keeps edges
+    while its clock is in doubt, and a busy computer reads late; the levels that come
+    with its samples show both, if it streams.
+
     Args:
         meanings: actions of gestures by input; others capture at each press.
     """
@@ -131,6 +170,11 @@ class ButtonTracker:
         self._buttons: dict[Input, GestureDetector] = {}
         self._open: dict[tuple[Input, int], Press] = {}
         self._held: dict[Input, Press] = {}
+        self._levels = {
+            which: StreamedLevels()
+            for which, actions in self._meanings.items()
+            if set(actions) - {"click"}
+        }
 
     @property
     def all_decided(self) -> bool:
@@ -149,11 +193,26 @@ class ButtonTracker:
         self._decide(which, self._button(which).edge(False, time_ns))
         return self._held.pop(which, None)
 
+    def follow_levels(self, samples: CountSamples) -> None:
+        """Note what the samples of a device show of its buttons."""
+        for (device, number), levels in self._levels.items():
+            if device == samples.device:
+                is_active = (samples.inputs >> number & 1).astype(np.bool_)
+                levels.add(samples.sample_time_ns, is_active)
+
     def passed(self, now_ns: int) -> None:
         """Decide presses that no later edge can change."""
         for which, button in self._buttons.items():
-            if button.due_ns is not None:
-                self._decide(which, button.passed(now_ns - EDGE_DELAY_NS))
+            due_ns = button.due_ns
+            if due_ns is None:
+                continue
+            until_ns = now_ns - EDGE_DELAY_NS
+            levels = self._levels.get(which)
+            if levels is not None and until_ns < due_ns + LOST_EDGE_NS:
+                if button.lacks_edge(levels):
+                    continue
+                until_ns = min(until_ns, levels.last_ns or until_ns)
+            self._decide(which, button.passed(until_ns))
 
     def _meant(self, which: Input) -> GestureActions:
         return self._meanings.get(which, {"click": "point"})

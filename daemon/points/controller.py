@@ -25,7 +25,7 @@ from traverse.daemon.points.requests import (
     observation_of,
 )
 from traverse.daemon.store.records import PendingPoint
-from traverse.drivers.base.values import LatchedCounts
+from traverse.drivers.base.values import CountSamples, LatchedCounts
 from traverse.protocol.messages import Point
 from traverse.protocol.messages.point import Trigger
 
@@ -104,6 +104,10 @@ class PointController:
         self.has_pending.clear()
 
     # -- requests for points --------------------------------------------------
+
+    def follow_levels(self, samples: CountSamples) -> None:
+        """Note the levels of a device's inputs."""
+        self._buttons.follow_levels(samples)
 
     def take_edge(self, device: Device, latch: LatchedCounts) -> None:
         """Process an edge, and only then acknowledge it to the device."""

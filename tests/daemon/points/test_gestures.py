@@ -1,14 +1,19 @@
 """Gestures: by hand, and against a definition that looks at all edges at once."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from traverse.daemon.points.buttons import (
+    EDGE_DELAY_NS,
+    LOST_EDGE_NS,
+    ButtonTracker,
     GestureDecision,
     GestureDetector,
     GestureTimes,
 )
+from traverse.drivers.base.values import CountSamples
 
 MS = 1_000_000
 TIMES = GestureTimes(hold_ns=400 * MS, long_ns=1000 * MS, double_ns=300 * MS)
@@ -153,3 +158,87 @@ def test_no_press_is_lost_or_decided_twice_where_edges_are_lost(meant, edges):
     decisions += button.edge(False, now + 1)
     decisions += button.passed(now + 10_000 * MS)
     assert sorted(d.press for d in decisions) == list(range(button.presses))
+
+
+class LateEdges:
+    """A button whose board streams levels each 10 ms, and keeps edges for a while."""
+
+    WHICH = ("base", 1)
+
+    def __init__(self):
+        meanings = {"click": "point", "double": "undo", "hold": "scan"}
+        self.buttons = ButtonTracker({self.WHICH: meanings}, TIMES)
+
+    def stream(self, begin_ms, end_ms, *, active_ms=()):
+        """Let samples arrive; the button is active within ``active_ms``."""
+        times_ms = np.arange(begin_ms, end_ms, 10)
+        n = len(times_ms)
+        active = np.zeros(n, dtype=np.bool_)
+        for down_ms, up_ms in active_ms:
+            active |= (times_ms >= down_ms) & (times_ms < up_ms)
+        self.buttons.follow_levels(
+            CountSamples(
+                "base",
+                1,
+                times_ms // 10,
+                times_ms,
+                end_ms * MS,
+                times_ms * MS,
+                (active << 1).astype(np.uint8) | 1,
+                np.zeros((n, 1), dtype=np.uint32),
+                np.zeros((n, 1), dtype=np.uint8),
+            )
+        )
+
+    def down(self, time_ms):
+        return self.buttons.down(self.WHICH, time_ms * MS)
+
+    def up(self, time_ms):
+        self.buttons.up(self.WHICH, time_ms * MS)
+
+    def passed(self, now_ms):
+        self.buttons.passed(now_ms * MS)
+
+
+def test_a_release_that_its_board_keeps_back_ends_no_hold():
+    late = LateEdges()
+    press = late.down(1000)
+    late.stream(1000, 1900, active_ms=[(1000, 1030), (1700, 1900)])
+    late.passed(1900)
+    assert press.gesture is None
+    late.up(1030)
+    late.down(1700)
+    assert press.gesture == "click"
+
+
+def test_a_second_press_that_its_board_keeps_back_makes_a_double():
+    late = LateEdges()
+    press = late.down(1000)
+    late.up(1030)
+    late.stream(1000, 1900, active_ms=[(1000, 1030), (1100, 1140)])
+    late.passed(1900)
+    assert press.gesture is None
+    late.down(1100)
+    assert press.gesture == "double"
+
+
+def test_a_hold_is_certain_once_samples_reach_its_time():
+    late = LateEdges()
+    press = late.down(1000)
+    late.stream(1000, 1390, active_ms=[(1000, 1500)])
+    late.passed(1900)  # a busy computer reads late: a release may be among the bytes
+    assert press.gesture is None
+    late.stream(1390, 1500, active_ms=[(1000, 1500)])
+    late.passed(1901)
+    assert press.gesture == "hold"
+
+
+def test_an_edge_that_never_comes_is_waited_for_no_longer_than_its_limit():
+    late = LateEdges()
+    press = late.down(1000)
+    late.stream(1000, 1500, active_ms=[(1000, 1030)])
+    limit_ms = 1400 + (LOST_EDGE_NS + EDGE_DELAY_NS) // MS
+    late.passed(limit_ms - 1)
+    assert press.gesture is None
+    late.passed(limit_ms)
+    assert press.gesture == "hold"
