@@ -213,8 +213,9 @@ class ArmSight:
         held = self._points_of(point.session)
         is_new = self._is_new(point)
         if point.retracts is not None:
-            held.pop(point.retracts, None)
-            change = Change("retraction", f"Point {point.seq} undoes one", point)
+            undone = held.pop(point.retracts, None)
+            which = "one" if undone is None else str(undone.seq)
+            change = Change("retraction", f"Point {point.seq} undoes {which}", point)
         else:
             held[point.id] = point
             if len(held) > MAX_POINTS:

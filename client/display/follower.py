@@ -18,7 +18,7 @@ from traverse.arrays import Floats
 from traverse.broker.address import BrokerAddress
 from traverse.client.arm import Arm
 from traverse.client.cancel_tasks import cancel_tasks
-from traverse.client.display.arm_state import ArmSight
+from traverse.client.display.arm_state import ArmSight, Change
 from traverse.client.display.condition import obstacle
 from traverse.client.display.point_cloud import Cloud
 from traverse.client.errors import BrokerUnreachableError, ClientError, CommandRefused
@@ -49,6 +49,7 @@ class Follower:
         self.cloud = Cloud()
         self._arm: Arm | None = None
         self._scan = ""
+        self._undoing = asyncio.Lock()
 
     async def run(self) -> None:
         """Follow until cancelled; reconnects after every failure."""
@@ -125,15 +126,43 @@ class Follower:
             shared |= dict(zip(asked, errors.shared_mm, strict=True))
         return shared
 
-    async def turn_scan(self) -> None:
-        """Stop the running scan, or start one."""
+    async def undo_shown(self) -> None:
+        """Take back the last point that is shown, and no later one.
+
+        Returns once the retraction has arrived, so that a second call means the point
+        before.
+        """
+        async with self._undoing:
+            last = self.sight.last_point
+            point_id = None if last is None else last.id
+            arrived = asyncio.Event()
+
+            def look(change: Change) -> None:
+                if change.point is not None and change.point.retracts == point_id:
+                    arrived.set()
+
+            self.sight.listeners.append(look)
+            try:
+                if await self.do(lambda arm: arm.undo(point_id)):
+                    with contextlib.suppress(TimeoutError):
+                        await asyncio.wait_for(arrived.wait(), PATIENCE_S)
+            finally:
+                self.sight.listeners.remove(look)
+
+    async def turn_scan(self, spacing_mm: float | None = None) -> None:
+        """Stop the running scan, or start one, by time or with a spacing."""
         runs = self.sight.scan is not None and self.sight.scan.runs
 
         async def turn(arm: Arm) -> None:
             if runs:
                 await arm.stop_scan()
             else:
-                self.sight.scan_started((await arm.start_scan()).scan)
+                started = await (
+                    arm.start_scan()
+                    if spacing_mm is None
+                    else arm.start_scan("distance", spacing_mm=spacing_mm)
+                )
+                self.sight.scan_started(started.scan)
 
         await self.do(turn, needs_pose=not runs)
 

@@ -74,7 +74,11 @@ class Controls:
             " if (focused?.closest('button')) focused.blur() }))</script>"
         )
 
-    def name(self, key: str, name: str, *, is_on: bool) -> None:
+    def add_key(self, key: str, act: Act) -> None:
+        """Let a key do something that has no button here."""
+        self._acts[key] = act
+
+    def name(self, key: str, name: str, *, is_on: bool = False) -> None:
         """Set the name of a button, and whether it is active."""
         _, button, label = self._buttons[key]
         label.set_text(name)

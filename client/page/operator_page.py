@@ -128,8 +128,8 @@ class OperatorPage:
                 [
                     Soft("Take point", " ", self._take, "take", needs_pose=True),
                     Soft("Mean of 0.5 s", "a", self._average, needs_pose=True),
-                    Soft("Undo", "u", self._undo),
-                    Soft("Start scan", "s", self._follower.turn_scan, needs_pose=True),
+                    Soft("Undo", "u", self._follower.undo_shown),
+                    Soft("Start scan", "s", self._turn_scan, needs_pose=True),
                     Soft("New session", "n", self._new_session),
                 ],
                 keys,
@@ -139,6 +139,7 @@ class OperatorPage:
             self._part = PartPanel(
                 self._follower, inspection, self._dialogs, self._presses
             )
+            self._controls.add_key("e", self._part.accept_or_repeat)
             with ui.element("section").classes("lists"):
                 self._points = PointsPanel(
                     self._choices, self._save, self._show_session
@@ -225,6 +226,8 @@ class OperatorPage:
         self._banner.show(verdict(sight))
         runs = sight.scan is not None and sight.scan.runs
         self._controls.name("s", "Stop scan" if runs else "Start scan", is_on=runs)
+        last = sight.last_point
+        self._controls.name("u", "Undo" if last is None else f"Undo {last.seq}")
         self._controls.allow(
             lambda soft: (
                 not obstacle(
@@ -272,22 +275,22 @@ class OperatorPage:
             lambda arm: arm.capture(dwell_s=AVERAGE_S), needs_pose=True
         )
 
-    async def _undo(self) -> None:
-        await self._follower.do(lambda arm: arm.undo())
+    async def _turn_scan(self) -> None:
+        await self._follower.turn_scan(self._choices.scan_spacing_mm)
 
     async def _new_session(self) -> None:
         n = len(self._sight.sessions.get(self._sight.session, {}))
-        answer = "New session"
-        if n:
-            answer, _ = await self._dialogs.ask(
-                "Begin a new session with an empty list? It has "
-                f"{counted(n, 'point')} now.",
-                ("New session",),
-                more="They stay on the arm's disk, and here: Earlier session shows "
-                "them again.",
-            )
+        answer, values = await self._dialogs.ask(
+            "Begin a new session with an empty list? It has "
+            f"{counted(n, 'point')} now.",
+            ("New session",),
+            {"Note, for people": ""},
+            "The points stay on the arm's disk, and here: Earlier session shows them "
+            "again.",
+        )
         if answer:
-            await self._follower.do(lambda arm: arm.new_session())
+            (note,) = values.values()
+            await self._follower.do(lambda arm: arm.new_session(note or None))
 
     def _save(self, kind: str) -> None:
         name, content = self._export(kind, list(self._sight.points.values()))

@@ -68,6 +68,7 @@ class PartPanel:
         self._dialogs = dialogs
         self._guard = presses.guard
         self._shown: object = None
+        self._last_kind: Kind | None = None
         # Kept, not made anew: a press may be on its way to one.
         self._row_of: dict[str, tuple[ui.button, ui.label]] = {}
         self._touch_of: dict[str, ui.button] = {}
@@ -205,6 +206,7 @@ class PartPanel:
         self._desk.accept()
         try:
             name = self._desk.begin(kind)
+            self._last_kind = kind
         except ValueError as error:
             self._follower.sight.refuse(str(error))
             return
@@ -214,6 +216,13 @@ class PartPanel:
         self.show()
         part = self._desk.part or "part"
         await self._follower.do(lambda arm: arm.label(part, name))
+
+    async def accept_or_repeat(self) -> None:
+        """Accept the feature that is touched; else begin another of the last kind."""
+        if self._desk.active is not None:
+            await self._end()
+        elif self._last_kind is not None:
+            await self._begin(self._last_kind)
 
     async def _end(self) -> None:
         self._desk.accept()

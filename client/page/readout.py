@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from html import escape
 
+import numpy as np
 from nicegui import ui
 
 from traverse.client.display.arm_state import ArmSight
@@ -33,11 +34,13 @@ class Choices:
     Attributes:
         of_part: part coordinates are shown if there is an alignment.
         nominal: nominal place; None: no deviation is shown.
+        scan_spacing_mm: distance between points of a scan; None: by time.
     """
 
     unit: Unit = MM
     of_part: bool = True
     nominal: Nominal | None = None
+    scan_spacing_mm: float | None = None
 
     def system(self, sight: ArmSight) -> System:
         """Return the system of coordinates, both of the read-out and of the list."""
@@ -101,7 +104,27 @@ class Figures:
         temperature = "" if temperature_c is None else f"{temperature_c:.1f} °C"
         self._temperature.set_text(temperature)
         self._doubt.set_text("" if live.quality.ok else f"In doubt: {flag_words(live)}")
-        self._deviation.set_content("" if stale else self._bars(sight, system))
+        shown = "" if stale else self._step(sight, system) + self._bars(sight, system)
+        self._deviation.set_content(shown)
+
+    def _step(self, sight: ArmSight, system: System) -> str:
+        """Difference of the probe's place from the last point; "" without one."""
+        live, last, unit = sight.live, sight.last_point, self._choices.unit
+        here = None if live is None else place_mm(live, system)
+        there = None if last is None else place_mm(last, system)
+        is_of_before = system == "part" and last and last.time_ns < sight.aligned_ns
+        if last is None or here is None or there is None or is_of_before:
+            return ""
+        step_mm = np.subtract(here, there)
+        offsets = "  ".join(
+            f"Δ{axis} {unit.text(offset, sign=True)}"
+            for axis, offset in zip(NAMES, step_mm, strict=True)
+        )
+        return (
+            f'<div class="step"><span>from point {last.seq}</span>'
+            f"<span>{offsets}</span>"
+            f"<b>{unit.with_name(float(np.linalg.norm(step_mm)))}</b></div>"
+        )
 
     def _bars(self, sight: ArmSight, system: System) -> str:
         """Deviation of the probe and of the last point from the nominal place."""

@@ -1,6 +1,7 @@
 """Settings as buttons that name them: label, probe, alignment, display."""
 
 from collections.abc import Awaitable, Callable
+from math import inf
 
 from nicegui import ui
 
@@ -52,6 +53,7 @@ class SetupBar:
             self._unit = _button(presses.guard(self._turn_unit))
             self._system = _button(presses.guard(self._turn_system))
             self._nominal = _button(presses.guard(self._change_nominal))
+            self._spacing = _button(presses.guard(self._change_spacing))
 
     def show(self, sight: ArmSight) -> None:
         choices, unit = self._choices, self._choices.unit
@@ -70,6 +72,11 @@ class SetupBar:
         self._system.set_text(f"Coordinates: {SYSTEMS[choices.system(sight)]}")
         tolerance = choices.nominal and unit.with_name(choices.nominal.tolerance_mm)
         self._nominal.set_text(f"Nominal: {f'± {tolerance}' if tolerance else 'none'}")
+        spacing_mm = choices.scan_spacing_mm
+        spaced = (
+            "by time" if spacing_mm is None else f"each {unit.with_name(spacing_mm)}"
+        )
+        self._spacing.set_text(f"Scan: {spaced}")
 
     async def change_label(self) -> None:
         """Ask for the label of the next points."""
@@ -177,6 +184,32 @@ class SetupBar:
                 )
                 return
             self._choices.nominal = Nominal(tuple(given), permitted)
+        self._changed()
+
+    async def _change_spacing(self) -> None:
+        unit, spacing_mm = self._choices.unit, self._choices.scan_spacing_mm
+        field = f"Spacing in {unit.name}"
+        action, values = await self._dialogs.ask(
+            "How far apart are the points of a scan?",
+            ("Set", "By time"),
+            {field: "" if spacing_mm is None else unit.text(spacing_mm)},
+            "Of the next scan: a point after each such distance, or as often as the "
+            "daemon's configuration says.",
+        )
+        if action == "Set":
+            try:
+                entered = float(values[field].replace(",", ".")) / unit.per_mm
+            except ValueError:
+                entered = 0.0
+            if not 0.0 < entered < inf:
+                self._follower.sight.refuse(
+                    f"{values[field] or 'nothing'} is no spacing",
+                    f"write a number of {unit.name} above 0, such as 0.5",
+                )
+                return
+            self._choices.scan_spacing_mm = entered
+        elif action:
+            self._choices.scan_spacing_mm = None
         self._changed()
 
 

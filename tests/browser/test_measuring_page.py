@@ -9,7 +9,14 @@ from benchmarks.tools.network import Network
 from tests.browser.conftest import OpenPage, PosedDaemon, hears_server
 from tests.mosquitto import Mosquitto
 from traverse.client.arm import Arm
-from traverse.protocol.messages import Label, LabelArgs, ProbeArgs
+from traverse.protocol.messages import (
+    Label,
+    LabelArgs,
+    ProbeArgs,
+    ScanArgs,
+    SessionArgs,
+    UndoArgs,
+)
 from traverse.testing.waiting import until
 
 pytestmark = [
@@ -87,8 +94,10 @@ async def test_a_new_session_is_requested_and_the_earlier_one_can_be_shown(
         await expect(dialog).to_have_count(0)
         await are_shown(page, 3)
         await page.keyboard.press("n")
+        await dialog.get_by_label("Note").fill("second shift")
         await dialog.get_by_role("button", name="New session").click()
         await are_shown(page, 0)
+        assert SessionArgs(action="new", note="second shift") in posed.commands
         await posed.touch(9.0, 9.0, 9.0)
         await are_shown(page, 1)
 
@@ -97,6 +106,48 @@ async def test_a_new_session_is_requested_and_the_earlier_one_can_be_shown(
         await expect(page.get_by_text("of an earlier session: 3")).to_be_visible()
         await page.get_by_role("button", name="Back to now").click()
         await are_shown(page, 1)
+
+
+async def test_the_difference_to_the_last_point_and_which_one_is_taken_back(
+    posed: PosedDaemon, address: str, served_page: OpenPage
+) -> None:
+    posed.pose["xyz_mm"] = [13.0, 24.0, 30.0]
+    async with posed.posing(), served_page(posed.arm, address) as page:
+        undo = page.locator(".controls").get_by_role("button", name="Undo")
+        await expect(page.locator(".step")).to_have_count(0)
+        for x in (1.0, 10.0):
+            last = await posed.touch(x, 20.0, 30.0)
+        await expect(undo).to_contain_text("Undo 1")
+        step = page.locator(".step")
+        await expect(step).to_contain_text("from point 1")
+        await expect(step).to_contain_text("ΔX +3.000  ΔY +4.000  ΔZ +0.000")
+        await expect(step).to_contain_text("5.000 mm")
+        await page.keyboard.press("u")
+        await are_shown(page, 1)
+        assert posed.commands[-1] == UndoArgs(id=last.id)
+        await expect(page.get_by_role("status")).to_contain_text("undoes 1")
+        await expect(undo).to_contain_text("Undo 0")
+        await expect(step).to_contain_text("from point 0")
+
+
+async def test_a_scan_is_by_time_or_has_a_spacing(
+    posed: PosedDaemon, address: str, served_page: OpenPage
+) -> None:
+    async with posed.posing(), served_page(posed.arm, address) as page:
+        spacing = page.get_by_role("button", name="Scan: ")
+        await expect(spacing).to_have_text("Scan: by time")
+        for entered in ("-1", "0.25"):
+            await spacing.click()
+            await page.get_by_label("Spacing in mm").fill(entered)
+            await page.keyboard.press("Enter")
+            await expect(page.get_by_role("dialog")).to_have_count(0)
+            if entered == "-1":
+                status = page.get_by_role("status")
+                await expect(status).to_contain_text("-1 is no spacing")
+        await expect(spacing).to_have_text("Scan: each 0.250 mm")
+        await page.keyboard.press("s")
+        wanted = ScanArgs(action="start", mode="distance", spacing_mm=0.25)
+        await until(lambda: posed.commands[-1] == wanted, "a scan with a spacing")
 
 
 async def test_read_out_and_list_are_in_one_system_and_unit(

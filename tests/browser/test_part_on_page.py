@@ -61,7 +61,10 @@ async def test_a_plate_with_holes_is_measured_by_touches(
         for kind, feature in (
             *(("Plane", "plate"), ("Circle", "hole a"), ("Circle", "hole b")),
         ):
-            await part.get_by_role("button", name=kind, exact=True).click()
+            if feature == "hole b":  # one more of its kind, by a pedal that is a key
+                await page.keyboard.press("e")
+            else:
+                await part.get_by_role("button", name=kind, exact=True).click()
             await expect(part.locator(".asks")).to_contain_text("0 touches")
             await touch_all(posed, by_feature[feature], shared)
             n = len(by_feature[feature])
@@ -71,7 +74,11 @@ async def test_a_plate_with_holes_is_measured_by_touches(
                 await expect(page.locator(".controls .take")).to_be_in_viewport()
                 await expect(part.locator(".asks")).to_be_in_viewport()
             await picture(page, f"touching-{size}")
-            await part.get_by_role("button", name="Accept").click()
+            if feature == "plate":
+                await part.get_by_role("button", name="Accept").click()
+            else:
+                await page.keyboard.press("e")
+            await expect(part.locator(".asks")).not_to_be_visible()
         await expect(part.locator(".feature:visible")).to_have_count(3)
         await relate(page, "Distance", "circle 1", "circle 2")
         await tolerance(page, "distance 1", "distance", (50.0, -1.0, 1.0))
