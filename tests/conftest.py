@@ -195,6 +195,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     }
     items.sort(key=lambda item: (ranks[item.path], item.path))
     gc.freeze()  # what was imported and collected is not looked through again
+    gc.set_threshold(20_000, 20, 20)  # results of tests are small, and live briefly
     gc.enable()
 
 

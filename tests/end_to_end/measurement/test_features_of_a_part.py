@@ -36,6 +36,10 @@ async def test_features_are_within_their_uncertainty_of_the_truth(
         plate = desk.begin("plane")
         await until(lambda: len(desk.features[plate].points) == 9, "9 more")
         desk.accept()
+        # A busy machine reads late: what is marked for that is left out, by hand.
+        for point in listener.points:
+            if point.quality.flags:
+                desk.assign(point.id, None)
         desk.relate("distance", (ball, plate))
         assert await desk.measure(follower.shared_errors)
     inspection = desk.inspection
