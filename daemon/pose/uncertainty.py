@@ -12,7 +12,8 @@ independent.
 `traverse.kinematics.uncertainty.point_covariance` has the covariance that arm, encoders
 and instant leave. To the readings' own noise this module adds errors of interpolation:
 m by the motion, which a steady acceleration makes nearly whole each time, hence m^2;
-and instants that may be off by t either way, evenly distributed, hence t^2/3.
+and instants that may be off by t either way, evenly distributed, hence t^2/3. In the
+time by which the instant of all joints may be off, the speed changes, too.
 """
 
 from dataclasses import dataclass, replace
@@ -33,6 +34,7 @@ from traverse.kinematics.uncertainty.point_covariance import (
 from traverse.protocol.messages import QualityFlag
 from traverse.protocol.messages.point import Covariance
 
+HAND_RAD_S2 = 5.0  # as a joint led by hand accelerates; twice that is rare
 UPPER = np.triu_indices(3)  # places of xx, xy, xz, yy, yz, zz in a covariance
 
 
@@ -184,9 +186,11 @@ class CovarianceEvaluator:
             bounds_rad = reading.error_bounds_counts * per_count_rad[:, np.newaxis]
             by_bounds = bounds_rad[..., 0] ** 2 + bounds_rad[..., 1] ** 2 / 3.0
             variances = (variances + by_bounds)[:, np.newaxis]
+        jitter_s = reading.jitter_ns * 1e-9
+        variances += (HAND_RAD_S2 * jitter_s**2 / 2.0) ** 2 / 3.0
         return PointNoise(
             np.sqrt(variances),
             per_count_rad,
             settings.contact_mm,
-            float(np.hypot(settings.trigger_s, reading.jitter_ns * 1e-9 / np.sqrt(3))),
+            float(np.hypot(settings.trigger_s, jitter_s / np.sqrt(3.0))),
         )

@@ -241,10 +241,11 @@ class LatchBoardDriver(Driver):
         while self._latches:
             # Its answer is taken here and not when it is dispatched, so that a late
             # answer to an earlier try is not a second latch.
+            self._exchanged_ns = sent_ns = self._now_ns()
             answer = self._request_or_fault(line, "LATCH", wire.latch_request)
             token = self._latches.popleft()
             if isinstance(answer, wire.Latched):
-                session.take_latch(answer, token, line.last_message_ns)
+                session.take_latch(answer, token, sent_ns, line.last_message_ns)
         if self._streams_begun != (wanted := self._streams_requested):
             self._streams_begun = wanted
             rate = round(self._rate_hz * 1000)

@@ -141,8 +141,11 @@ class LatchBoardSession:
             case _:
                 pass
 
-    def take_latch(self, answer: wire.Latched, token: int, received_ns: int) -> None:
-        """Hand over a latch on request."""
+    def take_latch(
+        self, answer: wire.Latched, token: int, sent_ns: int, received_ns: int
+    ) -> None:
+        """Hand over a latch, whose request shows whether the counter stood still."""
+        self.clock.update(self.clock.unwrap_one(answer.ticks), received_ns, sent_ns)
         if self._fits(answer.counts):
             self._deliver_latch(answer, None, token, received_ns)
 
@@ -358,8 +361,6 @@ class LatchBoardSession:
         received_ns: int,
     ) -> bool:
         ticks = self.clock.unwrap_one(latch.ticks)
-        if isinstance(latch, wire.Latched) and self.clock.is_newer(ticks):
-            self.clock.update(ticks, received_ns)
         time_status = int(self._time_status(self.clock.is_before_step(ticks)))
         return self._put(
             LatchedCounts(

@@ -6,7 +6,7 @@ first.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self, TypeVar
 
 from traverse.drivers.base.values import DeviceError, DeviceRefusedError
@@ -31,7 +31,8 @@ class TimedPacket:
     """A packet and its times, host monotonic.
 
     Attributes:
-        sent_ns: begin of writing the request; it was latched after that.
+        sent_ns: begin of writing the first request that it may answer; it was latched
+            after that.
         begun_ns: read of its first bytes; it was latched before that.
         delay_ns: from the latch to its first bytes, as far as known.
         is_reported: the arm sent it by itself, long after its only request.
@@ -70,6 +71,7 @@ class MicroscribeLine:
         self._stopping = stopping
         self.unrequested_bytes = self.old = 0
         self.patience_s = PACKET_S
+        self._unanswered_ns: list[int] = []  # requests of packets, when sent
 
     def __enter__(self) -> Self:
         return self
@@ -154,10 +156,14 @@ class MicroscribeLine:
     ) -> TimedPacket | None:
         """Request a packet with timer; None if none arrives.
 
-        ``old`` recognises an answer to an earlier request.
+        ``old`` recognises an answer to an earlier request. What it does not recognise
+        may answer any request that was not answered in time.
         """
         self.drop_stray()
         sent_ns = begun_ns = self._now_ns()
+        since_ns = sent_ns - int(ANSWER_S * 1e9)
+        waiting_ns = [at_ns for at_ns in self._unanswered_ns if at_ns > since_ns]
+        self._unanswered_ns = waiting_ns = [*waiting_ns, sent_ns]
         self.port.write(packet_request(timer=True))
         delay_ns = 0
         until_ns = sent_ns + int(self.patience_s * 1e9)
@@ -171,9 +177,11 @@ class MicroscribeLine:
                 delay_ns = self._delay_ns(data, begun_ns - sent_ns)
             for packet in decoder.feed(data):
                 heard = TimedPacket(packet, sent_ns, begun_ns, self._now_ns(), delay_ns)
+                first_ns = waiting_ns.pop(0) if waiting_ns else sent_ns
                 if not old(heard):
-                    return heard
+                    return replace(heard, sent_ns=first_ns)
                 self.old += 1
+                self.patience_s = min(2.0 * self.patience_s, PACKET_S)
         return None
 
     def read_until_quiet(self, quiet_s: float = QUIET_S) -> bytes:

@@ -7,6 +7,7 @@ not run nearly as expected is not used.
 """
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -15,6 +16,7 @@ from traverse.drivers.timing.device_clock import MAX_BOUND_NS, DeviceClock
 
 MAX_TIMER_ERROR = 0.2
 RATE_KNOWN = 3e-4  # so closely the rate is learned here; `DeviceClock` learns the rest
+LATEST = 64  # packets, of which the quickest bounds when the next ones were latched
 
 
 class TimerRate:
@@ -79,7 +81,7 @@ class PacketClock:
     def __init__(self, rate_hz: float, wrap: int, delay_ns: int) -> None:
         self._delay_ns, self._wrap = delay_ns, wrap
         self._last_ns = 0
-        self._last: tuple[int, TimedPacket] | None = None
+        self._latest: deque[tuple[int, int]] = deque(maxlen=LATEST)  # ticks, begun_ns
         self._rate = TimerRate(rate_hz) if rate_hz else None
         self._clock = DeviceClock(rate_hz or 1.0)
         self._clock_hz = rate_hz
@@ -92,11 +94,13 @@ class PacketClock:
 
     def is_old(self, heard: TimedPacket) -> bool:
         """Return whether a packet was latched before it was requested."""
-        if self._rate is None or self._last is None:
+        if self._rate is None:
             return False
-        last_ticks, last = self._last
-        most_s = (self._ticks(heard) - last_ticks + 1) / self._rate.low_hz
-        return last.begun_ns + most_s * 1e9 < heard.sent_ns
+        ticks, most_tick_ns = self._ticks(heard), 1e9 / self._rate.low_hz
+        return any(
+            begun_ns + (ticks - earlier + 1) * most_tick_ns < heard.sent_ns
+            for earlier, begun_ns in self._latest
+        )
 
     def time_of(self, heard: TimedPacket) -> tuple[int, int]:
         """Return unwrapped ticks and the host's time of a packet; learns from it."""
@@ -119,10 +123,11 @@ class PacketClock:
             self._last_ns = time_ns = max(time_ns, earliest_ns)
             return time_ns, time_ns
         ticks = self._ticks(heard)
-        self._last = ticks, heard
         if not self._rate.add(ticks, heard):
             self.steps += 1
             self._rate.reset()
+            self._latest.clear()
+        self._latest.append((ticks, heard.begun_ns))
         if self._rate.assumed_hz != self._clock_hz:
             self._clock_hz = self._rate.assumed_hz
             self._clock, self._clock_steps = DeviceClock(self._clock_hz), 0
@@ -141,10 +146,10 @@ class PacketClock:
     def _ticks(self, heard: TimedPacket) -> int:
         """Unwrap the timer: nearest to the ticks of the last packet."""
         timer = heard.packet.timer or 0
-        if self._last is None:
+        if not self._latest:
             return timer
-        half = self._wrap // 2
-        return self._last[0] + (timer - self._last[0] + half) % self._wrap - half
+        last, half = self._latest[-1][0], self._wrap // 2
+        return last + (timer - last + half) % self._wrap - half
 
 
 def timer_runs(heard: Sequence[TimedPacket], rate_hz: float, wrap: int) -> bool:

@@ -77,8 +77,21 @@ def test_parts_are_those_of_the_law(tmp_path):
     covariance = stated(
         model, late, speeds_rad_s=speeds[np.newaxis], jitter_ns=3_000_000
     )
+    curved_rad2 = (5.0 * 0.003**2 / 2.0) ** 2 / 3.0
     expected = counts_only + 4.0 * np.outer(way_mm, way_mm)
+    expected += curved_rad2 * by_angles @ by_angles.T
     assert covariance == pytest.approx(expected, rel=1e-5)
+
+
+def test_an_arm_that_begins_to_move_stays_within_four_deviations(tmp_path):
+    """Its speed is not yet seen at an instant that is known to 30 ms only."""
+    model = arm_model(tmp_path)
+    nothing = UncertaintySection(encoder_rad=0, contact_mm=0, trigger_s=0)
+    std_mm = np.sqrt(np.trace(stated(model, nothing, jitter_ns=30_000_000)))
+    for joint, accelerated_rad_s2 in zip(np.eye(3), (2.0, 6.0, 10.0), strict=True):
+        later_rad = ANGLES_RAD + joint * accelerated_rad_s2 * 0.03**2 / 2.0
+        places_mm = probe_centre(model.geometry, np.stack([ANGLES_RAD, later_rad]))
+        assert np.linalg.norm(np.diff(places_mm, axis=0)) < 4.0 * std_mm
 
 
 def test_interpolation_adds_what_it_may_have_left(tmp_path):

@@ -17,7 +17,7 @@ from traverse.drivers.latch_board.session import (
     board_identity,
 )
 from traverse.drivers.timing.device_clock import DeviceClock
-from traverse.protocol.latch_board.messages import Edge, Heartbeat, Hello
+from traverse.protocol.latch_board.messages import Edge, Heartbeat, Hello, Latched
 
 UP_TICKS = 1_000_000  # a second since the board was switched on
 RECEIVED_NS = 5_000_000_000
@@ -180,6 +180,20 @@ def test_a_press_of_before_a_step_is_in_doubt_when_the_clock_is_known_again(
     before, after = delivered
     assert set(before.status) == {STATUS_TIME_UNCERTAIN}
     assert set(after.status) == {0}
+
+
+def test_a_latch_of_a_counter_that_stands_has_the_time_of_its_request(
+    session, delivered, known
+):
+    """Each answer ties the clock anew, at the same ticks."""
+    for late_ns in (40_000_000, 70_000_000, 70_500_000):
+        sent_ns = received_at_ns(known) + late_ns
+        answer = Latched(1, 0, known, (10, 20), (0, 0))
+        session.take_latch(answer, 7, sent_ns, sent_ns + 300_000)
+        latch = delivered[-1]
+        assert latch.sample_time_ns + latch.time_bound_ns >= sent_ns
+        assert latch.sample_time_ns <= sent_ns + 300_000
+    assert session.clock.steps == 2
 
 
 def test_after_a_broken_frame_only_edges_until_its_repetition_are_late(
