@@ -58,7 +58,8 @@ class Banner:
             # Shown by the browser when the server is silent, see watch.js.
             ui.html(SILENT, sanitize=False).classes("silent-banner")
             with ui.element("div").classes("switches"):
-                ui.html(f"<h1>{escape(arm)}</h1>", sanitize=False).classes("arm")
+                name = ui.html(f"<h1>{escape(arm)}</h1>", sanitize=False)
+                name.classes("arm").props('translate="no"')
                 self._sound = ui.button("Mute", on_click=mute, color=None)
                 self._sound.props('flat dense aria-keyshortcuts="M"')
                 self._speech = ui.button("Speak", on_click=speak, color=None)

@@ -17,6 +17,7 @@ from traverse.client.page.banner import Banner
 from traverse.client.page.check_panel import CheckPanel
 from traverse.client.page.controls import Act, Controls, Dialogs, Soft
 from traverse.client.page.health_tables import alarm_list, condition_list, health_table
+from traverse.client.page.language import add_languages
 from traverse.client.page.part_panel import PartPanel
 from traverse.client.page.points_panel import PointsPanel
 from traverse.client.page.presses import Presses
@@ -91,6 +92,7 @@ class OperatorPage:
         for script in ("sounds.js", "watch.js"):
             text = (HERE / script).read_text("utf-8")
             ui.add_body_html(f"<script>{text}</script>")
+        add_languages()
         with ui.element("div").classes("page"):  # within the main of the framework
             self._banner = Banner(
                 self._follower.name,

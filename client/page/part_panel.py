@@ -183,7 +183,7 @@ class PartPanel:
         with self._rows:
             row = self._button("", partial(self._ask_feature, name), "flat")
         with row.classes("feature"):
-            ui.label(name).classes("name")
+            ui.label(name).classes("name").props('translate="no"')
             words = ui.label()
         return row, words
 

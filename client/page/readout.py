@@ -195,7 +195,8 @@ def point_rows(
             kind += " new"
         cells = "".join(f"<td>{value}</td>" for value in (point.seq, *shown, around))
         rows.append(
-            f'<tr class="{kind}">{cells}<td class="text">{escape(label_words(point))}'
+            f'<tr class="{kind}">{cells}<td class="text" translate="no">'
+            f"{escape(label_words(point))}"
             f'</td><td class="text">{escape(remarks)}</td></tr>'
         )
     axes = "".join(f"<th>{axis} {unit.name}</th>" for axis in "xyz")

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fastapi import Response
-from fastapi.responses import HTMLResponse
+from fastapi.responses import FileResponse, HTMLResponse
 from nicegui import app, ui
 
 from traverse.client.cancel_tasks import cancel_tasks
@@ -16,6 +16,7 @@ from traverse.client.display.inspection_desk import InspectionDesk
 from traverse.client.inspection.sheet import sheet_html
 from traverse.client.page.access import Guard
 from traverse.client.page.connections import BoundedHttpProtocol
+from traverse.client.page.language import CATALOGUE, CATALOGUE_URL
 from traverse.client.page.operator_page import OperatorPage
 from traverse.client.page.part_panel import REPORT_URL
 from traverse.client.page.readout import Choices
@@ -76,6 +77,10 @@ def serve(
             media_type="application/octet-stream",
             headers={"x-seen": str(follower.cloud.n_seen)},
         )
+
+    @app.get(CATALOGUE_URL)
+    def languages() -> FileResponse:
+        return FileResponse(CATALOGUE, media_type="text/tab-separated-values")
 
     @app.get(REPORT_URL)
     def report() -> HTMLResponse:

@@ -1,6 +1,7 @@
 """Settings as buttons that name them: label, probe, alignment, display."""
 
 from collections.abc import Awaitable, Callable
+from functools import partial
 from math import inf
 
 from nicegui import ui
@@ -11,6 +12,7 @@ from traverse.client.display.figures import INCH, MM, SYSTEMS
 from traverse.client.display.follower import Follower
 from traverse.client.display.nominal import Nominal
 from traverse.client.page.controls import Dialogs
+from traverse.client.page.language import choose_language
 from traverse.client.page.presses import Presses
 from traverse.client.page.readout import NAMES, Choices
 
@@ -54,6 +56,8 @@ class SetupBar:
             self._system = _button(presses.guard(self._turn_system))
             self._nominal = _button(presses.guard(self._change_nominal))
             self._spacing = _button(presses.guard(self._change_spacing))
+            choose = partial(choose_language, dialogs, ui.context.client)
+            _button(presses.guard(choose)).set_text("Language")
 
     def show(self, sight: ArmSight) -> None:
         choices, unit = self._choices, self._choices.unit

@@ -15,7 +15,9 @@ window.traverse_sounds = {
   speak(text) {
     if (!this.speaks || !window.speechSynthesis) return;
     speechSynthesis.cancel(); // the latest value, not all of them
-    speechSynthesis.speak(new SpeechSynthesisUtterance(text));
+    const spoken = new SpeechSynthesisUtterance(text);
+    spoken.lang = document.documentElement.lang;
+    speechSynthesis.speak(spoken);
   },
   play(kind) {
     const tones = this.tones[kind];
