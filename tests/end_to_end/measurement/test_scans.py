@@ -37,17 +37,13 @@ def assert_complete(blocks: list[Scan], rate_hz: float) -> None:
     assert (np.diff(at_ns) >= 0).all()
 
 
-@pytest.mark.parametrize(
-    ("rate_hz", "seconds"), [(333.3, 2.0), (1000.0, 3.0), (10_000.0, 3.0)]
-)
-async def test_a_scan_is_complete_at_its_rate(
-    bench: Workbench, rate_hz: float, seconds: float
-) -> None:
+@pytest.mark.parametrize("rate_hz", [333.3, 1000.0, 10_000.0])
+async def test_a_scan_is_complete_at_its_rate(bench: Workbench, rate_hz: float) -> None:
     bench.write_simulator(SWEEP, top="repeat = true")
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
         for _ in range(TRIES):
-            blocks = await scanned(listener, rate_hz, int(seconds * rate_hz))
+            blocks = await scanned(listener, rate_hz, int(rate_hz))
             points = len(numbers(blocks))
             if not blocks[-1].lost:
                 break
@@ -55,7 +51,7 @@ async def test_a_scan_is_complete_at_its_rate(
             # in silence.
             assert (blocks[-1].total or 0) - points == blocks[-1].lost
     assert_complete(blocks, rate_hz)
-    assert points >= int(seconds * rate_hz)
+    assert points >= int(rate_hz)
     arm = MatrixArm(bench.arm_file)
     for block in blocks[:: max(1, len(blocks) // 20)]:
         if len(block.dtime_ns):
@@ -69,7 +65,7 @@ async def test_a_slow_scan_keeps_following_fast_joints(bench: Workbench) -> None
     bench.write_simulator(SPHERE.format(points=4), top="repeat = true")
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
-        blocks = await scanned(listener, 7.0, 20)
+        blocks = await scanned(listener, 7.0, 10)
     assert_complete(blocks, 7.0)
     arm = MatrixArm(bench.arm_file)
     for block in blocks:
