@@ -150,20 +150,31 @@ def files_of(out):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [Options(), DiagnosisOptions()])
-def test_results_do_not_depend_on_who_computes(campaigns, tmp_path, cluster, options):
-    """One process, two, and a cluster that loses a worker: byte by byte the same."""
-    outs = [tmp_path / name for name in ("serial", "processes", "cluster")]
-    many = [Workers(1), Workers(2), Workers(scheduler=cluster.address)]
-    for out, workers in zip(outs, many, strict=True):
-        for number, outcome in enumerate(results(campaigns, out, workers, options)):
+def test_identifications_are_the_same_byte_by_byte_by_two_processes(
+    campaigns, tmp_path
+):
+    serial, parallel = tmp_path / "serial", tmp_path / "parallel"
+    for out, workers in ((serial, Workers(1)), (parallel, Workers(2))):
+        for outcome in results(campaigns, out, workers):
             assert (outcome.failed, outcome.good) == (False, True), outcome.verdict
-            if workers.scheduler is not None and number == 0:
-                cluster.workers[0].kill()
-    first, *others = map(files_of, outs)
-    assert len(first) >= 4 * N_CAMPAIGNS
-    for other in others:
-        assert other == first
+    assert len(files_of(serial)) >= 4 * N_CAMPAIGNS
+    assert files_of(parallel) == files_of(serial)
+
+
+@pytest.mark.slow
+def test_diagnoses_are_the_same_byte_by_byte_by_a_cluster_that_loses_a_worker(
+    campaigns, tmp_path, cluster
+):
+    serial, distributed = tmp_path / "serial", tmp_path / "distributed"
+    options = DiagnosisOptions(n_draws=200)
+    for outcome in results(campaigns, serial, Workers(1), options):
+        assert (outcome.failed, outcome.good) == (False, True), outcome.verdict
+    by_cluster = Workers(scheduler=cluster.address)
+    for number, _ in enumerate(results(campaigns, distributed, by_cluster, options)):
+        if number == 0:
+            cluster.workers[0].kill()
+    assert len(files_of(serial)) >= 4 * N_CAMPAIGNS
+    assert files_of(distributed) == files_of(serial)
 
 
 @pytest.mark.slow
