@@ -75,7 +75,8 @@ async def test_the_boards_temperature_reaches_the_effects(tmp_path):
 async def test_an_edge_is_corrected_by_the_sense_in_which_it_was_approached(tmp_path):
     play = effect("backlash", joint='"J1"', half_width_rad=4e-4)
     async with measuring(tmp_path, play) as bench:
-        assert (await captured(bench)).quality.flags == ("motion_unknown",)
+        # On a busy machine the board's clock may not be tied yet, either.
+        assert "motion_unknown" in (await captured(bench)).quality.flags
         begin = bench.board.counts
         await moved(bench)  # upwards, by a count a sample
         bench.board.counts = tuple(count + 1000 for count in begin)
