@@ -8,8 +8,9 @@ Strategy: where no check sum protects readings, a spoilt one may be a place that
 shaft could have reached. A spoilt reading leaves the motion and the next one is back on
 it; a shaft that is stopped stays where it is. So a reading off the motion so far is
 left out, and the next one tells which it was. What is off by less than a hand's motion
-explains passes. Hence every sign of spoilt bytes puts all readings of the next seconds
-in doubt: where one was spoilt visibly, others may have been invisibly.
+explains passes; of a joint that rests that is little. Hence every sign of spoilt bytes
+puts all readings of the next seconds in doubt: where one was spoilt visibly, others may
+have been invisibly.
 """
 
 import math
@@ -22,6 +23,9 @@ ASK_AGAIN_NS = 500_000_000  # vain requests cost the other encoders time
 SLACK_NS = 1_000_000  # instants of readings are known to about an exchange
 SLACK_COUNTS = 4
 HAND_RAD_S2 = 50.0  # 4 g at 0.8 m; a wrist twists so
+REST_COUNTS, REST_NS = 1, 25_000_000  # a joint rests that moved no more in that time
+START_COUNTS = 3.0  # noise of a joint that rests, and what it had begun unseen
+START_RAD_S3 = 2000.0  # no hand begins to move it more abruptly
 MOTION_NS = 50_000_000  # readings further apart say nothing of each other's motion
 DAMAGE_NS = 2_000_000_000  # so long readings are in doubt after a spoilt one
 
@@ -96,10 +100,12 @@ class PolledChannel:
         counts_per_rad = counts_per_turn / math.tau
         self._counts_per_ns = max_speed_rad_s * counts_per_rad * 1e-9
         self._counts_per_ns2 = HAND_RAD_S2 * counts_per_rad * 1e-18
+        self._counts_per_ns3 = START_RAD_S3 * counts_per_rad * 1e-27
         self._unconfirmed: EncoderReading | None = None
         self._ask_again_ns = 0
         self._is_checked = is_checked
         self._earlier: EncoderReading | None = None  # the good one before the last
+        self._resting: EncoderReading | None = None  # since when it has stayed there
         self._left_motion = False
         self._bound_ns = 0  # of the last time
         self._doubted_until_ns = 0
@@ -142,6 +148,11 @@ class PolledChannel:
             if follows and left:
                 self.doubt(now_ns)
             self._earlier = before
+            if (
+                self._resting is None
+                or abs(self._steps(self._resting, answer)) > REST_COUNTS
+            ):
+                self._resting = answer
         self.away_ns = 0
         if self.missing and self._good_ns is not None:
             self.away_ns = answer.time_ns - self._good_ns
@@ -172,10 +183,15 @@ class PolledChannel:
         return miss
 
     def _reachable(self, before: EncoderReading, after: EncoderReading) -> bool:
-        half = self.modulus // 2
-        steps = abs((after.count - before.count + half) % self.modulus - half)
         elapsed_ns = after.time_ns - before.time_ns + SLACK_NS
-        return steps <= SLACK_COUNTS + elapsed_ns * self._counts_per_ns
+        return (
+            abs(self._steps(before, after))
+            <= SLACK_COUNTS + elapsed_ns * self._counts_per_ns
+        )
+
+    def _steps(self, before: EncoderReading, after: EncoderReading) -> int:
+        half = self.modulus // 2
+        return (after.count - before.count + half) % self.modulus - half
 
     def _follows(self, before: EncoderReading, after: EncoderReading) -> bool:
         """Return whether a reading continues the motion so far, as by a hand."""
@@ -184,17 +200,18 @@ class PolledChannel:
             return True
         before_ns = before.time_ns - earlier.time_ns
         passed_ns = after.time_ns - before.time_ns
+        rested_ns = before.time_ns - self._resting.time_ns if self._resting else 0
+        if rested_ns >= REST_NS and passed_ns < MOTION_NS:
+            start = START_COUNTS + self._counts_per_ns3 * passed_ns**3 / 6.0
+            return abs(self._steps(before, after)) <= start
         # The times of three readings may each be off.
         off_ns = SLACK_NS + earlier.bound_ns + 2 * before.bound_ns + after.bound_ns
         if not (off_ns < before_ns < MOTION_NS and 0 < passed_ns < MOTION_NS):
             return True
-        half = self.modulus // 2
-        moved = (before.count - earlier.count + half) % self.modulus - half
-        steps = (after.count - before.count + half) % self.modulus - half
-        speed = moved / before_ns
+        speed = self._steps(earlier, before) / before_ns
         most = (
             SLACK_COUNTS * (1.0 + passed_ns / before_ns)
             + abs(speed) * off_ns * (1.0 + passed_ns / before_ns)
             + self._counts_per_ns2 * passed_ns * (before_ns + passed_ns) / 2.0
         )
-        return abs(steps - speed * passed_ns) <= most
+        return abs(self._steps(before, after) - speed * passed_ns) <= most

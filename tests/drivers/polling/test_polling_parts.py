@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -135,6 +136,24 @@ def test_a_joint_that_is_stopped_suddenly_is_in_no_doubt():
         at_ns = now_ns + number * PERIOD_NS
         assert encoder.accept(EncoderReading(counts[-1], at_ns), at_ns) is None
         assert encoder.status(at_ns) == 0
+
+
+@pytest.mark.parametrize("off", [4, -4, 30])
+def test_a_joint_that_rests_shows_a_spoilt_count_that_a_hand_could_explain(off):
+    encoder, now_ns = unchecked([500, 501, 500, 500, 501, 500])
+    assert encoder.accept(EncoderReading(500 + off, now_ns), now_ns) is IMPLAUSIBLE
+    now_ns += PERIOD_NS
+    assert encoder.accept(EncoderReading(500, now_ns), now_ns) is None
+    assert encoder.status(now_ns) == STATUS_WARNING
+
+
+@pytest.mark.parametrize("seconds", [0.7, 1.0, 3.0])
+def test_a_joint_that_begins_and_ends_to_move_is_in_no_doubt(seconds):
+    """By 0.9 rad, as smoothly as hands do (Flash and Hogan, 1985)."""
+    s = np.clip(np.arange(-20, 120) * PERIOD_NS * 1e-9 / seconds, 0.0, 1.0)
+    turned_rad = 0.9 * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    encoder, now_ns = unchecked(np.rint(turned_rad * TURN / math.tau).astype(int))
+    assert encoder.status(now_ns) == 0
 
 
 @given(st.floats(-100.0, 100.0), st.floats(-0.4, 0.4))
