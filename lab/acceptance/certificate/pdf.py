@@ -216,7 +216,7 @@ def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
         document.rows(
             STANDARD_COLUMNS,
             standard_cells(values),
-            (18, 22, 20, 34, 19, 19, 19, 19),
+            (17, 21, 19, 32, 19, 19, 24, 19),
             texts=8,
         )
         document.text_block(WORDS.traceability(), note=True)
