@@ -7,6 +7,7 @@ state, size of screen and theme: `page-<state>-<size>-<theme>.png`.
 
 import asyncio
 import contextlib
+import re
 import shutil
 import signal
 import subprocess
@@ -27,6 +28,7 @@ DEMO = Path(__file__).parent.parent.parent / "cli" / "demo_data"
 DESK, TABLET, PHONE = (1440, 900), (820, 1180), (390, 844)
 SIZES = sized({"desk": DESK, "tablet": TABLET, "phone": PHONE}, {"desk": DESK})
 LONGEST_MS = 120_000
+AT_REST = re.compile(r"^\d{1,2} mm/s$")
 # Powered up anew, so that its encoders may count from another place; later without
 # power, after the pictures of that.
 SILENT_AT_S = sized(60.0, 25.0)
@@ -46,6 +48,8 @@ duration_s = 1000.0
 def simulated(folder: Path, *, loses_power: bool = False) -> Iterator[None]:
     """The arm of the demonstration; or one at rest that loses power."""
     text = (DEMO / "simulator.toml").read_text("utf-8")
+    # So long the arm rests at each point that a picture shows it at rest.
+    text = text.replace("dwell_s = 0.12", "dwell_s = 3.0")
     if loses_power:
         text = text[: text.index("[[motion]]")] + POWER_LOSS
     (folder / "simulator.toml").write_text(text, "utf-8")
@@ -68,6 +72,8 @@ async def pictures(page: Page, out: Path, word: str, state: str) -> None:
             await page.add_style_tag(content=f".key {{ display: {shown} !important }}")
             await page.keyboard.press("f")
             await asyncio.sleep(1.0)
+            if state == "ready":
+                await page.get_by_text(AT_REST).wait_for(timeout=LONGEST_MS)
             await page.screenshot(path=out / f"page-{state}-{size}-{theme}.png")
         await page.keyboard.press("d")
 
@@ -76,6 +82,8 @@ async def stale_picture(
     page: Page, out: Path, server: "subprocess.Popen[bytes]"
 ) -> None:
     """Picture the page whose server was stopped, as the browser marks it."""
+    width, height = DESK
+    await page.set_viewport_size({"width": width, "height": height})
     server.send_signal(signal.SIGSTOP)
     try:
         await page.wait_for_selector("body.silent")
@@ -105,7 +113,7 @@ async def take_pictures(folder: Path, out: Path) -> None:
                 await page.keyboard.press("l")
                 await page.get_by_label("Artefact").fill("bar")
                 await page.get_by_role("button", name="Set").click()
-                await page.wait_for_function("traverse_scene.points.size > 14")
+                await page.wait_for_function("traverse_scene.points.size > 5")
                 await pictures(page, out, "Ready", "ready")
                 await page.keyboard.press("s")
                 await pictures(page, out, "Scanning", "scanning")
