@@ -60,7 +60,6 @@ class Contribution:
 
     @property
     def standard_mm(self) -> float | None:
-        """Standard uncertainty of the value from it."""
         return None if self.signed_mm is None else abs(self.signed_mm)
 
 
@@ -100,20 +99,16 @@ class Budget:
 
     @property
     def degrees(self) -> float:
-        """Effective degrees of freedom of the test value."""
         return _effective_degrees(self.of_test)
 
     @property
     def degrees_with_arm(self) -> float:
-        """Effective degrees of freedom with the lines of the arm."""
         return _effective_degrees(self.lines)
 
     def coverage_factor(self, probability: float) -> float:
-        """Return k of an expanded uncertainty of the test value."""
         return coverage_factor(self.degrees, probability)
 
     def with_lines(self, *lines: Contribution) -> "Budget":
-        """Add lines."""
         return Budget((*self.lines, *lines))
 
 

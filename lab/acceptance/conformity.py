@@ -68,7 +68,6 @@ def guard_of(standard_mm: float | None, limits: Limits) -> float | None:
 
 
 def rule_text(limits: Limits) -> str:
-    """Return the rule in words."""
     if limits.decision == "simple":
         return "simple acceptance: no guard band"
     return f"ISO 14253-1, guard band {limits.guard_factor:g} u"
@@ -117,7 +116,6 @@ class Figure:
 
     @property
     def confirm(self) -> str:
-        """Remarks beside the definition, empty without any."""
         return "" if self.source == "published" else CONFIRM
 
 
@@ -188,7 +186,6 @@ class LengthError:
 
     @property
     def standard_mm(self) -> float | None:
-        """Standard uncertainty of the error; None where not stated."""
         return self.budget.standard_mm
 
 

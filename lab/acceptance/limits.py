@@ -22,7 +22,6 @@ class LengthLimit(StrictModel):
     most_mm: float | None = Field(default=None, gt=0.0)
 
     def at(self, length_mm: float) -> float:
-        """Return the limit for a length."""
         limit_mm = self.constant_mm + 1e-3 * length_mm * self.per_m_mm
         return limit_mm if self.most_mm is None else min(limit_mm, self.most_mm)
 
@@ -59,7 +58,6 @@ class Mpe(StrictModel):
     interim_length_mm: Length = None
 
     def of(self, key: str) -> LengthLimit | None:
-        """Return the limit of a figure by its key."""
         value = getattr(self, f"{key}_mm")
         if value is None or isinstance(value, LengthLimit):
             return value

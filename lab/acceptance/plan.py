@@ -335,14 +335,12 @@ def _hours(plan: Plan) -> float:
 
 
 def campaign_text(plan: Plan, **more: object) -> str:
-    """The text of campaign.toml, with further keys above the artefacts."""
     artefacts = [{"id": name, **table} for name, table in plan.artefacts.items()]
     head = {"schema": "traverse/campaign/1", "poses": "poses.csv"}
     return tomlkit.dumps({**head, **more, "artefacts": artefacts})
 
 
 def plan_text(plan: Plan) -> str:
-    """The text of plan.toml."""
     return tomlkit.dumps(
         {
             "schema": "traverse/collection-plan/1",

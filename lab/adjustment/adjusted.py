@@ -165,7 +165,6 @@ class Adjustment:
         return covariance
 
     def cartesian_covariance(self, covariance: Floats) -> CartesianCovariance:
-        """Write the covariance over xyz components."""
         parameters = self.network.parameters
         values = self.state.arm
         geometry, n = values.geometry, parameters.n_joints

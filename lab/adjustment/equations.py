@@ -41,7 +41,6 @@ class Station:
 
     @property
     def n_rows(self) -> int:
-        """The number of condition equations."""
         n_oriented = int(np.count_nonzero(self.touches.oriented))
         return len(self.poses) * self.artefact.rows_per_pose + 3 * n_oriented
 
@@ -52,7 +51,6 @@ class Station:
         return self.artefact.rows_per_pose + (3 if is_oriented else 0)
 
     def part(self, rows: Integers) -> "Station":
-        """Take some of the poses."""
         return replace(self, poses=self.poses[rows], touches=self.touches.part(rows))
 
 

@@ -74,7 +74,6 @@ class VarianceModel:
 
     @property
     def estimates(self) -> bool:
-        """Whether there is anything to estimate."""
         return {self.encoders, self.contacts, self.orientations} != {"held"}
 
 

@@ -141,12 +141,10 @@ class Parameters:
 
     @property
     def n_joints(self) -> int:
-        """The number of joints."""
         return len(self.smallest)
 
     @property
     def n_free(self) -> int:
-        """The number of free parameters."""
         return int(np.count_nonzero(self.free))
 
     @property
@@ -175,7 +173,6 @@ class Parameters:
         return self.effects
 
     def with_free(self, free: Booleans) -> "Parameters":
-        """Free other ones."""
         return replace(self, free=free)
 
     def with_effects_larger(self, factor: float) -> "Parameters":
@@ -190,7 +187,6 @@ class Parameters:
         return replace(self, tolerances=tolerances, effects=effects)
 
     def of_geometry(self) -> "Parameters":
-        """Keep the geometry only."""
         n_kept = self.n_geometric
         return Parameters(
             self.names[:n_kept],

@@ -60,7 +60,6 @@ class Network(Equations):
 
     @property
     def n_rows(self) -> int:
-        """The number of condition equations."""
         return sum(station.n_rows for station in self.stations)
 
     def on(self, campaign: Campaign) -> "Network":

@@ -234,7 +234,6 @@ def _coarse_network(problem: Problem) -> Network:
 
 
 def _median_mm(network: Network, state: State) -> float:
-    """Compute the median length of the misclosures of a state."""
     lengths = []
     for station, unknowns in zip(network.stations, state.unknowns, strict=True):
         of_station_mm = network.misclosures_mm(station, state.arm, unknowns)

@@ -113,7 +113,6 @@ class NominalVolume(StrictModel):
         return self
 
     def volume(self) -> Volume:
-        """Make the volume."""
         if self.min_mm is not None and self.max_mm is not None:
             return Box(np.array(self.min_mm), np.array(self.max_mm))
         return Ball(np.array(self.centre_mm), float(self.radius_mm or 0.0))
@@ -170,7 +169,6 @@ class Nominal(StrictModel):
         return self
 
     def places_mm(self) -> Floats:
-        """List the points, (n, 3)."""
         places = [(point.x_mm, point.y_mm, point.z_mm) for point in self.points]
         return np.array(places, dtype=np.float64).reshape(-1, 3)
 

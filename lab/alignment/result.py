@@ -63,7 +63,6 @@ class AlignmentTest(GlobalTest):
     found_noncentrality: float
 
     def values(self) -> dict[str, Any]:
-        """As in alignment.json."""
         return {
             "level": GLOBAL_LEVEL,
             "power": POWER,
@@ -189,7 +188,6 @@ class AlignmentResult:
 
     @property
     def outcome(self) -> Outcome:
-        """State of the alignment, and the reasons for it."""
         test = self.test
         return alignment_outcome(
             AlignmentEvidence(
@@ -265,7 +263,6 @@ def alignment_values(
 
 
 def covariance_values(covariance: Floats, centre_mm: Floats) -> dict[str, Any]:
-    """Write the covariance of xi about a centre."""
     variances = np.maximum(np.diag(covariance), 0.0)
     return {
         "parameters": list(PARAMETERS[: len(covariance)]),
@@ -297,7 +294,6 @@ def predicted_values(
 
 
 def error_values(error: VolumeError) -> dict[str, Any]:
-    """Write errors of position in a volume."""
     at_mm = error.max_at_mm.tolist()
     return {"rms": error.rms_mm, "max": error.max_mm, "max_at_mm": at_mm}
 

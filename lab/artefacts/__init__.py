@@ -61,7 +61,6 @@ class ArtefactTable(StrictModel):
 
 
 def artefact_from_table(table: object) -> object:
-    """Make an artefact of the class for its kind."""
     if isinstance(table, Artefact):
         return table
     return ArtefactTable.variant(table).model_validate(tuples_for_lists(table))

@@ -68,7 +68,6 @@ class Touches:
         return self.lengths_mm
 
     def part(self, rows: slice | Integers) -> "Touches":
-        """Take some of the poses."""
         return Touches(
             self.features[rows],
             self.growths[rows],
@@ -311,13 +310,11 @@ class ExpandingArtefact(Artefact):
 
     @property
     def expansion(self) -> tuple[float, float]:
-        """As of every artefact; without a statement it does not expand."""
         per_c = self.stated_expansion.per_c
         return per_c or 0.0, self.reference_temperature_c
 
     @property
     def stated_expansion(self) -> Expansion:
-        """What file and material state of the expansion."""
         if self.expansion_per_c is None and self.material is not None:
             return MATERIALS[self.material]
         return Expansion(self.expansion_per_c, self.expansion_std_per_c)

@@ -50,16 +50,13 @@ class BallBar(ExpandingArtefact):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """The two spheres."""
         return ("1", "2")
 
     def fixes_scale(self, touches: Touches) -> bool:
-        """Say that it is made for that; even one sphere alone has a radius."""
         return bool(self.certified_lengths)
 
     @property
     def certified_lengths(self) -> dict[str, float]:
-        """The distance, and both radii together."""
         lengths = {"distance_mm": self.distance_mm, "radius_mm": self.radii_mm.mean()}
         stds = {"distance_mm": self.distance_std_mm, "radius_mm": self.radius_std_mm}
         return {n: float(v) for n, v in lengths.items() if stds[n] != float("inf")}
@@ -75,7 +72,6 @@ class BallBar(ExpandingArtefact):
         return self.model_copy(update={"radius_mm": (first_mm, second_mm)})
 
     def unknown_scales(self, touches: Touches) -> Floats:
-        """Two centres, two radii."""
         return np.array([PLACE_SCALE_MM] * 6 + [RADIUS_SCALE_MM] * 2)
 
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
@@ -99,7 +95,6 @@ class BallBar(ExpandingArtefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
-        """Set up w = |x - c_i(g)| - R_i (1 + g) - r."""
         places_mm = state[:6].reshape(2, 3)
         mine = touches.features
         half = 0.5 * touches.growths[:, np.newaxis]
@@ -118,7 +113,6 @@ class BallBar(ExpandingArtefact):
         return Equations.of_surface(misclosures_mm, units, by_unknowns)
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
-        """Distance and radii."""
         distance = self.lengths(state)[0]
         by_unknowns = np.zeros((3, 8))
         by_unknowns[0] = distance.by_unknowns
@@ -132,7 +126,6 @@ class BallBar(ExpandingArtefact):
         )
 
     def place(self, state: Floats) -> dict[str, Any]:
-        """The centres of both spheres."""
         return {"centres_mm": state[:6].reshape(2, 3).tolist()}
 
     def lengths(self, state: Floats) -> tuple[Length, ...]:

@@ -21,7 +21,6 @@ class Cone(Artefact):
     kind: Literal["cone"]
 
     def unknown_scales(self, touches: Touches) -> Floats:
-        """The point."""
         return np.full(3, PLACE_SCALE_MM)
 
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
@@ -30,13 +29,11 @@ class Cone(Artefact):
         return point
 
     def place(self, state: Floats) -> dict[str, Any]:
-        """The point."""
         return {"point_mm": state.tolist()}
 
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
-        """Set up w = x - c."""
         shape = (len(centres_mm), 3, 3)
         return Equations(
             centres_mm - state,

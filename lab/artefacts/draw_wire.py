@@ -34,11 +34,9 @@ class DrawWire(Artefact):
     offset_std_mm: float | None = Field(default=None, gt=0.0)
 
     def fixes_scale(self, touches: Touches) -> bool:
-        """Return whether it was drawn out by more than one length."""
         return bool(np.ptp(touches.known_lengths_mm) > 0.0)
 
     def unknown_scales(self, touches: Touches) -> Floats:
-        """Anchor and offset."""
         return np.full(4, PLACE_SCALE_MM)
 
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
@@ -70,24 +68,20 @@ class DrawWire(Artefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
-        """Set up w = |x - a| - L - o."""
         away_mm, units = distances(centres_mm, state[:3])
         misclosures_mm = away_mm - touches.known_lengths_mm - state[3]
         by_unknowns = np.column_stack([-units, -np.ones(len(units))])
         return Equations.of_surface(misclosures_mm, units, by_unknowns)
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
-        """The offset, where it is known."""
         if self.offset_mm is None:
             return super().certificate(state, touches)
         std_mm = self.offset_std_mm
         return certificate_of(self.lengths(state), [self.offset_mm], [std_mm])
 
     def lengths(self, state: Floats) -> tuple[Length, ...]:
-        """The offset."""
         by_unknowns = np.array([0.0, 0.0, 0.0, 1.0])
         return (Length("offset_mm", float(state[3]), by_unknowns, None),)
 
     def place(self, state: Floats) -> dict[str, Any]:
-        """The anchor."""
         return {"anchor_mm": state[:3].tolist()}

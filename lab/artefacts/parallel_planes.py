@@ -42,7 +42,6 @@ class ParallelPlanes(ExpandingArtefact):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """The two surfaces."""
         return ("1", "2")
 
     def fixes_scale(self, touches: Touches) -> bool:
@@ -52,21 +51,17 @@ class ParallelPlanes(ExpandingArtefact):
 
     @property
     def certified_lengths(self) -> dict[str, float]:
-        """The distance."""
         known = self.distance_std_mm != float("inf")
         return {"distance_mm": self.distance_mm} if known else {}
 
     def with_contact_shift(self, shift_mm: float) -> Artefact:
-        """Shift the certified distance on both sides."""
         distance_mm = self.distance_mm + 2.0 * offset_sign(self.side) * shift_mm
         return self.model_copy(update={"distance_mm": distance_mm})
 
     def unknown_scales(self, touches: Touches) -> Floats:
-        """Attitude, height, distance."""
         return np.array([ATTITUDE_SCALE_RAD] * 2 + [HEIGHT_SCALE_MM] * 2)
 
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
-        """Fit two planes with one normal."""
         normal = start_normal(centres_mm, touches.features.astype(np.float64))
         signs = 2.0 * touches.features - 1.0
         heights_mm = centres_mm @ normal
@@ -82,7 +77,6 @@ class ParallelPlanes(ExpandingArtefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
-        """Set up w = n . x - d - i (D (1 + g) / 2 +- r)."""
         normal = state[:3]
         signs = 2.0 * touches.features - 1.0
         halves = 0.5 * (1.0 + touches.growths)
@@ -96,12 +90,10 @@ class ParallelPlanes(ExpandingArtefact):
         return Equations.of_surface(misclosures_mm, normal, by_unknowns)
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
-        """The distance."""
         std_mm = self.distance_std_mm
         return certificate_of(self.lengths(state), [self.distance_mm], [std_mm])
 
     def lengths(self, state: Floats) -> tuple[Length, ...]:
-        """The distance."""
         by_unknowns = np.array([0.0, 0.0, 0.0, 1.0])
         return (Length("distance_mm", float(state[4]), by_unknowns, 0),)
 
@@ -112,7 +104,6 @@ class ParallelPlanes(ExpandingArtefact):
         return {"normal": state[:3].tolist(), "offsets_mm": offsets_mm}
 
     def moved(self, state: Floats, step: Floats) -> Floats:
-        """Turn the normal, change height and distance."""
         return np.concatenate(
             [turned_normal(state[:3], step[:2]), state[3:] + step[2:]]
         )

@@ -65,7 +65,6 @@ class Plane(Artefact):
     kind: Literal["plane"]
 
     def unknown_scales(self, touches: Touches) -> Floats:
-        """Attitude and height."""
         return np.array([ATTITUDE_SCALE_RAD] * 2 + [HEIGHT_SCALE_MM])
 
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
@@ -84,7 +83,6 @@ class Plane(Artefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
-        """Set up w = n . x - d -+ r."""
         normal = state[:3]
         sides_mm = _sides(normal, touches) * touches.radius_mm
         misclosures_mm = centres_mm @ normal - state[3] - sides_mm
@@ -98,7 +96,6 @@ class Plane(Artefact):
         return {"normal": state[:3].tolist(), "offset_mm": float(state[3])}
 
     def moved(self, state: Floats, step: Floats) -> Floats:
-        """Turn the normal, shift the height."""
         return np.append(turned_normal(state[:3], step[:2]), state[3] + step[2])
 
 

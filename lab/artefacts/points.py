@@ -54,11 +54,9 @@ class Points(ExpandingArtefact):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """The names of the points."""
         return tuple(self.points_mm) if isinstance(self.points_mm, dict) else ()
 
     def reduced(self, touched: Sequence[str]) -> Self:
-        """Keep the touched points."""
         if not isinstance(self.points_mm, dict):
             return self
         kept = {name: self.points_mm[name] for name in touched}
@@ -111,7 +109,6 @@ class Points(ExpandingArtefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
-        """Set up w = x - t - s (1 + g) R(q) A."""
         n_poses, n_frame = len(centres_mm), _N_FRAME_UNKNOWNS[self.frame]
         coordinates_mm = state[8:].reshape(-1, 3)[touches.features]
         factors = state[7] * (1.0 + touches.growths)
@@ -164,7 +161,6 @@ class Points(ExpandingArtefact):
         return OrientationEquations(2.0 * vectors, cosine - crossed, by_unknowns)
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
-        """The coordinates, where they have an uncertainty."""
         if self.points_std_mm is None:
             return super().certificate(state, touches)
         n_frame = _N_FRAME_UNKNOWNS[self.frame]
@@ -189,7 +185,6 @@ class Points(ExpandingArtefact):
         }
 
     def moved(self, state: Floats, step: Floats) -> Floats:
-        """Turn, shift, stretch, and move the points with an uncertainty."""
         n_frame = _N_FRAME_UNKNOWNS[self.frame]
         moved = state.copy()
         if n_frame:

@@ -75,11 +75,9 @@ class Seats(ExpandingArtefact):
 
     @property
     def features(self) -> tuple[str, ...]:
-        """The names of the seats."""
         return tuple(dict.fromkeys(chain.from_iterable(o.between for o in self.known)))
 
     def fixes_scale(self, touches: Touches) -> bool:
-        """Return whether both ends of a known distance were touched."""
         touched = set(np.unique(touches.features).tolist())
         return any(
             touched >= {first, second} and distance.distance_std_mm != float("inf")
@@ -88,7 +86,6 @@ class Seats(ExpandingArtefact):
 
     @property
     def certified_lengths(self) -> dict[str, float]:
-        """The known distances by the names of lengths."""
         return {
             self._name(distance): distance.distance_mm
             for distance in self.known
@@ -96,7 +93,6 @@ class Seats(ExpandingArtefact):
         }
 
     def without_certificate(self, name: str) -> Artefact:
-        """Leave out one distance."""
         left_out = {"distance_std_mm": float("inf")}
         if self.distance_mm is not None:
             return self.model_copy(update=left_out)
@@ -112,7 +108,6 @@ class Seats(ExpandingArtefact):
         return ("-".join(distance.between) if self.distances else "distance") + "_mm"
 
     def unknown_scales(self, touches: Touches) -> Floats:
-        """The points."""
         return np.full(3 * len(self.features), PLACE_SCALE_MM)
 
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
@@ -128,7 +123,6 @@ class Seats(ExpandingArtefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
-        """Set up w = x - c_i - g (c_i - m)."""
         places_mm = state.reshape(-1, 3)
         n_poses, n_seats = len(centres_mm), len(places_mm)
         growths, mine = touches.growths, touches.features
@@ -144,7 +138,6 @@ class Seats(ExpandingArtefact):
         )
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
-        """The known distances."""
         return certificate_of(
             self.lengths(state),
             [distance.distance_mm for distance in self.known],
@@ -167,7 +160,6 @@ class Seats(ExpandingArtefact):
         return tuple(lengths)
 
     def place(self, state: Floats) -> dict[str, Any]:
-        """The points by name."""
         places_mm = state.reshape(-1, 3).tolist()
         return {"points_mm": dict(zip(self.features, places_mm, strict=True))}
 

@@ -187,31 +187,25 @@ class Sphere(ExpandingArtefact):
     side: Literal["outside", "inside"] = "outside"
 
     def fixes_scale(self, touches: Touches) -> bool:
-        """Return whether the radius is known, which determines the scale."""
         return bool(self.certified_lengths)
 
     @property
     def certified_lengths(self) -> dict[str, float]:
-        """The radius, where it is known."""
         return {} if self.radius_mm is None else {"radius_mm": self.radius_mm}
 
     def without_certificate(self, name: str) -> Artefact:
-        """Estimate the radius from the start."""
         return self.model_copy(update={"radius_mm": None})
 
     def with_contact_shift(self, shift_mm: float) -> Artefact:
-        """Shift the certified radius."""
         if self.radius_mm is None:
             return self
         radius_mm = self.radius_mm + offset_sign(self.side) * shift_mm
         return self.model_copy(update={"radius_mm": radius_mm})
 
     def unknown_scales(self, touches: Touches) -> Floats:
-        """Centre and radius."""
         return np.array([PLACE_SCALE_MM] * 3 + [RADIUS_SCALE_MM])
 
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
-        """Fit a sphere."""
         offset_mm = offset_sign(self.side) * touches.radius_mm
         known_mm = None if self.radius_mm is None else self.radius_mm + offset_mm
         centre_mm, radius_mm = start_centre(centres_mm, known_mm)
@@ -220,7 +214,6 @@ class Sphere(ExpandingArtefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
-        """Set up w = |x - c| - R (1 + growth) -+ r."""
         distances_mm, units = distances(centres_mm, state[:3])
         growths = 1.0 + touches.growths
         offset_mm = offset_sign(self.side) * touches.radius_mm
@@ -229,18 +222,15 @@ class Sphere(ExpandingArtefact):
         return Equations.of_surface(misclosures_mm, units, by_unknowns)
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
-        """The radius, where it is known."""
         if self.radius_mm is None:
             return super().certificate(state, touches)
         std_mm = self.radius_std_mm
         return certificate_of(self.lengths(state), [self.radius_mm], [std_mm])
 
     def place(self, state: Floats) -> dict[str, Any]:
-        """The centre."""
         return {"centre_mm": state[:3].tolist()}
 
     def lengths(self, state: Floats) -> tuple[Length, ...]:
-        """The radius."""
         row = None if self.radius_mm is None else 0
         by_unknowns = np.array([0.0, 0.0, 0.0, 1.0])
         return (Length("radius_mm", float(state[3]), by_unknowns, row),)

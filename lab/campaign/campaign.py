@@ -101,7 +101,6 @@ class Campaign:
 
     @property
     def start(self) -> datetime:
-        """When its time is 0."""
         return self.start_utc or _NO_START
 
     def provenance(
@@ -213,7 +212,6 @@ class Campaign:
         return replace(self, tools=tools)
 
     def part(self, rows: Booleans | Integers | slice) -> "Campaign":
-        """Take some of the poses; all artefacts stay."""
         return replace(self, poses=self.poses.part(rows))
 
     def touches(self, index: int, rows: Integers, radius_mm: float) -> Touches:

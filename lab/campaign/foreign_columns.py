@@ -189,7 +189,6 @@ def _parts(name: str) -> tuple[str, str | None]:
 
 
 def unit_of_column(name: str) -> str | None:
-    """Return the unit that a column's name ends with."""
     return _parts(name)[1]
 
 

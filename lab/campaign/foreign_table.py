@@ -55,7 +55,6 @@ class ForeignTable:
 
     @property
     def n_rows(self) -> int:
-        """The number of rows."""
         columns: list[Any] = [*self.numbers.values(), *self.texts.values()]
         return len(columns[0]) if columns else 0
 

@@ -38,7 +38,6 @@ points_mm = "points.csv"
 
 
 def understood_lines(meant: Understood, joint_names: Sequence[str]) -> Iterator[str]:
-    """Say how a table was understood."""
     pairs = zip(joint_names, meant.joints, strict=True)
     joints = ", ".join(f"{joint}: {column}" for joint, column in pairs)
     yield f"joints      {joints} [{meant.angle_unit}]"

@@ -205,7 +205,6 @@ class _RowReader:
 
     @property
     def n_rows(self) -> int:
-        """How many rows were read."""
         return len(self._lines)
 
     def read(self, rows: Sequence[tuple[int, Sequence[str]]]) -> None:

@@ -65,7 +65,6 @@ class Poses:
         return len(self.time_s)
 
     def part(self, rows: Booleans | Integers | slice) -> "Poses":
-        """Take some of the poses."""
         taken: dict[str, Any] = {}
         for field in fields(self):
             column = getattr(self, field.name)

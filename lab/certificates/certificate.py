@@ -43,7 +43,6 @@ _ISSUED = "{https://ptb.de/dcc}issueDate"
 
 
 def issue_date(laboratory: Laboratory) -> date:
-    """Return the date that is stated, or today's."""
     return laboratory.issued or datetime.now(UTC).date()
 
 

@@ -151,7 +151,6 @@ class Collection:
         return True
 
     def take_all(self, touches: Iterable[CollectedTouch]) -> None:
-        """Keep many points that were captured before."""
         self._keep(*(touch for touch in touches if touch.id not in self.touches))
 
     def retract(self, point_id: str) -> bool:
@@ -162,11 +161,9 @@ class Collection:
         return True
 
     def count(self, target: Target) -> int:
-        """How often a target has been touched."""
         return len(self.of(target.artefact, target.feature))
 
     def of(self, artefact: str, feature: str | None = None) -> list[CollectedTouch]:
-        """The touches of an artefact, or of one of its features."""
         return [
             touch
             for touch in self.touches.values()
@@ -178,7 +175,6 @@ class Collection:
         return [t for t in self.targets if self.count(t) < t.wanted]
 
     def target(self, artefact: str, feature: str) -> Target | None:
-        """The target of that name."""
         wanted = (artefact, feature)
         return next(
             (t for t in self.targets if (t.artefact, t.feature) == wanted), None

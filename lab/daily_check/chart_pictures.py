@@ -46,7 +46,6 @@ def _paint_charts(figure: Figure, report: DailyCheckReport) -> None:
 
 
 def write_charts(report: DailyCheckReport, folder: Path) -> list[str]:
-    """Write chart.png and chart.html; return their names."""
     folder.mkdir(parents=True, exist_ok=True)
     png = chart_png(report)
     (folder / "chart.png").write_bytes(png)

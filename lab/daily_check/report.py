@@ -43,12 +43,10 @@ class FigureChart:
 
     @property
     def last(self) -> ChartPoint:
-        """The check in question."""
         return self.points[-1]
 
     @property
     def rules(self) -> tuple[Rule, Rule, Rule]:
-        """The rules that judge it."""
         return rules("above" if self.kind.positive else "both")
 
     @property
@@ -100,7 +98,6 @@ class DailyCheckReport:
 
     @property
     def outcome(self) -> Outcome:
-        """State of the last check, and the reasons for it."""
         figures = [chart.judged for chart in self.charts]
         return daily_check_outcome(
             DailyCheckEvidence(figures, len(self.checks), self.changes)
@@ -108,7 +105,6 @@ class DailyCheckReport:
 
     @property
     def word(self) -> str:
-        """The verdict in a word."""
         return VERDICTS[self.outcome.state]
 
     @property
@@ -204,7 +200,6 @@ def read_certificate(path: Path, arm: str) -> dict[str, Any]:
 
 
 def report_values(report: DailyCheckReport) -> dict[str, Any]:
-    """Put a report into plain values."""
     check, outcome = report.checks[-1], report.outcome
     return {
         "schema": SCHEMA,

@@ -236,7 +236,6 @@ def _ledger(
 
 
 def noise_of(search: SearchState) -> NoiseEstimate:
-    """Return which noise was found."""
     noise = search.fit.adjustment.network.noise
     serial = search.serial or SerialCorrelation(share=0.0, phi=0.0)
     encoder_rad, contact_mm = noise.encoder_rad.tolist(), noise.contact_mm.tolist()
@@ -254,7 +253,6 @@ _LOG_10 = float(np.log(10.0))
 
 
 def leftovers_of(search: SearchState) -> tuple[BankRemainder, ...]:
-    """Return the remaining significance in every bank."""
     remainders = []
     for name in BankName:
         choices = ranked(search.stage, (name,), search.joints_with_own_curve)
@@ -268,7 +266,6 @@ def leftovers_of(search: SearchState) -> tuple[BankRemainder, ...]:
 
 
 def detectable_of(search: SearchState) -> tuple[Detectable, ...]:
-    """Compute the minimal detectable sizes."""
     rows, arm = search.stage.rows, search.fit.arm
     sizes = detectable(
         rows,

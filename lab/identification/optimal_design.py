@@ -38,7 +38,6 @@ class JointCoverage:
 
     @property
     def travel_rad(self) -> float:
-        """From the smallest to the largest reading."""
         return self.largest_rad - self.least_rad
 
     @property
@@ -53,7 +52,6 @@ class JointCoverage:
 
 
 def joint_coverage(campaign: Campaign, poses: Integers) -> tuple[JointCoverage, ...]:
-    """Return where every joint has been in some poses."""
     coverage = []
     for k, name in enumerate(campaign.joint_names):
         angles_rad = campaign.poses.angles_rad[poses, k]

@@ -99,7 +99,6 @@ class Prediction:
         }
 
     def by_artefact(self) -> dict[str, dict[str, Any]]:
-        """Sum up the poses of every artefact that was touched."""
         touched = self.campaign.poses.artefacts
         return {
             artefact.id: {

@@ -253,7 +253,6 @@ def parameter_estimates(
 def artefact_results(
     adjustment: Adjustment, statistics: PoseStatistics, factor: float, of_design: Floats
 ) -> tuple[ArtefactResult, ...]:
-    """Summarise the result of every artefact, given `deviations_of_design`."""
     network, results = adjustment.network, []
     for at, station in enumerate(network.stations):
         artefact, unknowns = station.artefact, adjustment.state.unknowns[at]
@@ -282,7 +281,6 @@ def artefact_results(
 
 
 def condition_number(adjustment: Adjustment) -> float:
-    """Compute that of the arm's column-scaled system, as far as it is determined."""
     columns = adjustment.system.upper[:, :-1]
     if columns.shape[1] == 0 or adjustment.split.n_determined == 0:
         return 1.0

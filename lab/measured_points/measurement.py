@@ -49,7 +49,6 @@ class ArtefactTouches:
         return len(self.features)
 
     def part(self, rows: list[int]) -> "ArtefactTouches":
-        """Take some of the touches."""
         return ArtefactTouches(
             self.places_mm[rows],
             tuple(self.features[row] for row in rows),
@@ -59,7 +58,6 @@ class ArtefactTouches:
         )
 
     def of(self, feature: str) -> "ArtefactTouches":
-        """Take the touches of a feature."""
         rows = [row for row, name in enumerate(self.features) if name == feature]
         return self.part(rows)
 

@@ -176,7 +176,6 @@ class AcceptanceOutcome:
 
 
 def acceptance_outcome(evidence: AcceptanceEvidence) -> AcceptanceOutcome:
-    """Judge an acceptance test by its table of conditions."""
     outcome = judge(CONDITIONS, evidence)
     verdicts = tuple(
         "withheld" if evidence.absent else figure.verdict for figure in evidence.figures

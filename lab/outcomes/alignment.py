@@ -76,5 +76,4 @@ CONDITIONS: tuple[Condition[AlignmentEvidence], ...] = (
 
 
 def alignment_outcome(evidence: AlignmentEvidence) -> Outcome:
-    """Judge an alignment by its table of conditions."""
     return judge(CONDITIONS, evidence)

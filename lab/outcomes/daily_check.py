@@ -181,5 +181,4 @@ CONDITIONS: tuple[Condition[DailyCheckEvidence], ...] = (
 
 
 def daily_check_outcome(evidence: DailyCheckEvidence) -> Outcome:
-    """Judge a daily check by its table of conditions."""
     return judge(CONDITIONS, evidence)

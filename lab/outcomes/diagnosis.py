@@ -222,7 +222,6 @@ class DiagnosisEvidence:
 
 
 def judge_diagnosis(evidence: DiagnosisEvidence) -> Outcome:
-    """Judge a diagnosis by the table of its conditions."""
     return judge(CONDITIONS, evidence)
 
 

@@ -129,7 +129,6 @@ class _Scene:
     def _draw_hinge(
         self, panel: Axes, view: _View, joint_mm: Floats, axis: Floats
     ) -> None:
-        """Draw a hinge as its axis, or, viewed end on, as a circle."""
         flat = axis[[view.right, view.up]]
         if np.linalg.norm(flat) > 0.2:
             half_mm = 0.06 * self.size_mm * flat

@@ -45,7 +45,6 @@ class ReportProvenance:
 
     @property
     def values(self) -> dict[str, Any]:
-        """Plain values, as reports in JSON have them."""
         return asdict(self)
 
 
@@ -111,7 +110,6 @@ def sums_of(folder: Path, names: Iterable[str]) -> dict[str, str]:
 
 
 def write_sums(folder: Path, sums: Mapping[str, str]) -> None:
-    """Write the digests into the folder."""
     write_atomically(folder / SUMS, _text(sums))
 
 

@@ -66,7 +66,6 @@ def often(times: int) -> str:
 
 
 def probability(p_value: float) -> str:
-    """Write a probability."""
     if p_value < _SMALL_PROBABILITY:
         return f"below {_SMALL_PROBABILITY:.4f}"
     return f"{p_value:.2g}"

@@ -42,5 +42,4 @@ def broken_down(campaign: Campaign, error: np.linalg.LinAlgError) -> str:
 
 
 def date_of(provenance: ReportProvenance) -> datetime:
-    """Return when a result was computed."""
     return datetime.fromisoformat(provenance.date_utc)

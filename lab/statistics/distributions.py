@@ -25,7 +25,6 @@ class GlobalTest:
 
     @property
     def passed(self) -> bool | None:
-        """Whether it passed; None where nothing can be tested."""
         return None if self.p_value is None else self.p_value >= GLOBAL_LEVEL
 
 
@@ -58,7 +57,6 @@ def equivalent_normal(statistics: Floats, degrees: Floats) -> Floats:
 
 
 def normal_quantile(probability: float) -> float:
-    """Return the quantile of the standard normal for this probability."""
     return float(special.ndtri(probability))
 
 

@@ -31,7 +31,6 @@ _AROUND = (
 
 
 def figure_cells(figure: Mapping[str, Any]) -> list[str]:
-    """Write the row of a figure."""
     uncertainty_mm = figure["expanded_uncertainty_mm"]
     return [
         figure["name"],
@@ -48,7 +47,6 @@ BUDGET_COLUMNS = ("line", "from", "type", "degrees", "of", "u [mm]")
 
 
 def budget_cells(figure: Mapping[str, Any]) -> list[list[str]]:
-    """Write the lines of a figure's budget."""
     return [
         [
             line["name"],
@@ -171,7 +169,6 @@ def _joined(values: Mapping[str, Any], *parts: str) -> str:
 
 
 def standard_cells(values: Mapping[str, Any]) -> list[list[str]]:
-    """Write a row for every standard."""
     return [
         [
             standard["kind"].replace("_", " "),

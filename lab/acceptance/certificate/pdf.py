@@ -86,7 +86,6 @@ class _Document(FPDF):
         self.set_text_color(*colour)
 
     def text_block(self, text: str, *, note: bool = False, bold: bool = False) -> None:
-        """Set a paragraph."""
         size, line_mm = (_NOTE_PT, _NOTE_LINE_MM) if note else (_TEXT_PT, _LINE_MM)
         self._font(size, "B" if bold else "", _GREY if note else _BLACK)
         self.multi_cell(0, line_mm, text, align="L", new_x="LMARGIN", new_y="NEXT")
@@ -144,7 +143,6 @@ class _Document(FPDF):
         self.set_xy(left, bottom + 3.0)
 
     def signature(self) -> None:
-        """Leave a place for a signature."""
         if self.will_page_break(_SIGNATURE_MM):
             self.add_page()
         self.set_y(self.get_y() + _SIGNATURE_MM - 8.0)

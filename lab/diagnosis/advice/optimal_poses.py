@@ -280,7 +280,6 @@ class _Contest:
         return growths
 
     def add(self, pose: int) -> None:
-        """Measure a further pose."""
         part = self._columns[pose]
         across = self._inverse @ part.T
         weights = np.linalg.inv(np.eye(len(part)) + part @ across)

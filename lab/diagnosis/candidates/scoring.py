@@ -104,7 +104,6 @@ class BankScores:
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
-        """In the order of the arrays."""
         return tuple(projected.candidate for projected in self.projected)
 
     @property

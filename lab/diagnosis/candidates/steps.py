@@ -175,7 +175,6 @@ class StepScan:
 
     @property
     def candidate(self) -> Candidate:
-        """A step at the best gap."""
         return step_candidate(self.joint, float(self.at_s[self.best]))
 
     def alongs(self, residuals: Floats) -> Floats:

@@ -66,7 +66,6 @@ class Candidate:
 
     @property
     def size(self) -> int:
-        """The number of columns."""
         return len(self.parameters)
 
     @property
@@ -90,7 +89,6 @@ class Candidate:
 
     @property
     def identity(self) -> tuple[str, str | None, int | None, str | None, str | None]:
-        """Identity of an effect, independent of its size."""
         component = self.component if EFFECT_KINDS[self.kind].components else None
         return self.kind, self.joint, self.order, component, self.artefact
 

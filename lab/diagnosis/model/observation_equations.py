@@ -79,7 +79,6 @@ class ObservationEquations:
 
     @property
     def redundancy(self) -> int:
-        """Rows less unknowns."""
         return len(self.values) - int(self.basis.shape[1])
 
     @cached_property
@@ -89,7 +88,6 @@ class ObservationEquations:
 
     @cached_property
     def sum_of_squares(self) -> float:
-        """T_0: of the residuals."""
         return float(self.residuals @ self.residuals)
 
     @cached_property
@@ -128,7 +126,6 @@ class ObservationEquations:
 
     @cached_property
     def has_turns(self) -> bool:
-        """Whether any orientation was measured."""
         return bool(np.any(self.by_turn))
 
     def each_tool(self, compute: Callable[[Geometry, Integers], Floats]) -> Floats:

@@ -68,14 +68,12 @@ def _may_be_base(candidate: Candidate) -> bool:
 
 
 def cluster_text(place: Cluster) -> str:
-    """Describe the place of a cluster of poses."""
     if place.artefact is not None:
         return f"on {place.artefact}"
     return _range_text(place.covariate, place.low, place.high)
 
 
 def seen_text(term: Term) -> str:
-    """Say in which range a curve was seen."""
     low, high = term.seen or (float("nan"), float("nan"))
     return _range_text(term.candidate.covariate or "", low, high)
 
@@ -88,7 +86,6 @@ def _range_text(covariate: str, low: float, high: float) -> str:
 
 
 def _unit(column: str) -> str:
-    """Return the unit that a column's name ends with."""
     ends = {"_rad_s": "rad/s", "_rad": "rad", "_c": "°C", "_s": "s", "_n": "N"}
     return next((unit for end, unit in ends.items() if column.endswith(end)), "")
 
@@ -104,7 +101,6 @@ def _covariate(column: str) -> str:
 
 
 def moves_base(term: Term) -> bool:
-    """Whether a term moves the whole arm over time."""
     candidate = term.candidate
     is_of_base = EFFECT_KINDS[candidate.kind].acts_on == "base"
     if candidate.is_curve:
@@ -113,7 +109,6 @@ def moves_base(term: Term) -> bool:
 
 
 def depends_on_time(term: Term) -> bool:
-    """Whether a term depends on the time of the campaign."""
     candidate = term.candidate
     if candidate.is_curve:
         return candidate.covariate == "time_s"

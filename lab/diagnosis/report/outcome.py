@@ -42,14 +42,12 @@ _LEAST_LOG10_P = -300.0
 
 
 def outcome_of(diagnosis: Diagnosis) -> Outcome:
-    """Judge a diagnosis."""
     return _judged(diagnosis, figures_of(diagnosis))
 
 
 def diagnosis_json(
     diagnosis: Diagnosis, provenance: ReportProvenance | None = None
 ) -> dict[str, Any]:
-    """Put a diagnosis into the plain values of `diagnosis.json`."""
     figures = figures_of(diagnosis)
     return {
         "schema": SCHEMA,
@@ -88,7 +86,6 @@ def _undetermined_mm(adjustment: Adjustment) -> float:
 
 
 def figures_of(diagnosis: Diagnosis) -> DiagnosisFigures:
-    """Collect what a diagnosis found."""
     campaign, noise = diagnosis.campaign, diagnosis.noise
     ids = [artefact.id for artefact in campaign.artefacts]
     unwritten = terms_without_epoch(diagnosis)
@@ -134,7 +131,6 @@ def figures_of(diagnosis: Diagnosis) -> DiagnosisFigures:
 
 
 def detectable_sizes(detectable: Sequence[Detectable]) -> tuple[DetectableSize, ...]:
-    """Collect minimal detectable sizes."""
     return tuple(
         DetectableSize(
             key=entry.key,

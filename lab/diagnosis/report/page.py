@@ -61,14 +61,12 @@ WORDS = Words("diagnosis/report/words.jinja", **_FILTERS)
 
 
 def summary_lines(diagnosis: Diagnosis) -> list[str]:
-    """Return the most important results, a line each."""
     return WORDS.lines("summary", diagnosis)
 
 
 def report_page(
     diagnosis: Diagnosis, plots: Plots, provenance: ReportProvenance | None = None
 ) -> str:
-    """Make the page; the text is complete in itself."""
     joint_names = list(diagnosis.campaign.joint_names)
     return page(
         "diagnosis/report/page.jinja",

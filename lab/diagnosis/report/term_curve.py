@@ -122,7 +122,6 @@ def column(campaign: Campaign, name: str) -> tuple[str, Floats]:
 
 
 def time_label(campaign: Campaign) -> str:
-    """Return what the times of a campaign are."""
     return "number of the pose" if campaign.time_is_order else "time [s]"
 
 

@@ -52,7 +52,6 @@ class HarmonicFinding:
 
     @property
     def log_p(self) -> float:
-        """Natural logarithm of the p-value."""
         return -0.5 * self.statistic
 
 

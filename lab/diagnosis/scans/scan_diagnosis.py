@@ -194,7 +194,6 @@ _N_TOLD = 10
 
 
 def stream_lines(result: StreamDiagnosis) -> list[str]:
-    """Tell of the stream in lines for people."""
     lasting_s = [
         seconds for seconds in result.thinning.lasting_s if math.isfinite(seconds)
     ]
@@ -204,7 +203,6 @@ def stream_lines(result: StreamDiagnosis) -> list[str]:
 
 
 def stream_json(result: StreamDiagnosis) -> dict[str, Any]:
-    """Put what is special of a stream into plain values."""
     thinning, artefacts = result.thinning, result.diagnosis.campaign.artefacts
     return {
         "schema": SCHEMA,

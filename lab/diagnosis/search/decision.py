@@ -143,7 +143,6 @@ def of_single_joints(
 
 
 def _is_oversized(search: SearchState, added: AddedTerm) -> bool:
-    """Return whether an effect as fitted is larger than that of any machine."""
     estimates = estimates_of(search.stage.rows, added.index)
     return any(
         bool(np.max(np.abs(estimates[key].value)) > most)
@@ -153,7 +152,6 @@ def _is_oversized(search: SearchState, added: AddedTerm) -> bool:
 
 
 def _is_negative(search: SearchState, added: AddedTerm) -> bool:
-    """Return whether a compliance as fitted yields against the weight."""
     if EFFECT_KINDS[added.candidate.kind].family is not Family.GRAVITY:
         return False
     estimates = estimates_of(search.stage.rows, added.index)

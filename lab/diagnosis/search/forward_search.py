@@ -120,7 +120,6 @@ class ScoredCandidate:
 
     @property
     def candidate(self) -> Candidate:
-        """Which."""
         return self.found.candidate
 
 
@@ -418,7 +417,6 @@ def effect_of(choice: ScoredCandidate, rows: ObservationEquations) -> Effect:
 
 
 def joints_with_curve(terms: tuple[AddedTerm, ...] | list[AddedTerm]) -> frozenset[str]:
-    """List the joints that have an empirical curve over their own angle."""
     return frozenset(
         str(term.candidate.joint)
         for term in terms

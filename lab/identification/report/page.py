@@ -37,13 +37,11 @@ WORDS = Words("identification/report/words.jinja", **_FILTERS)
 
 
 def result_map(result: Identification) -> UncertaintyMap:
-    """Draw up the uncertainty map of a result."""
     arm = arm_uncertainty(result.adjustment, result.covariance)
     return uncertainty_map(arm, result.campaign.poses.angles_rad[result.included])
 
 
 def summary_lines(result: Identification, uncertainty: UncertaintyMap) -> list[str]:
-    """Return the most important results, a line each."""
     return WORDS.lines("summary", result, uncertainty, outcome_of(result))
 
 

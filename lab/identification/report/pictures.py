@@ -135,7 +135,6 @@ def _paint_joints(figure: Figure, result: Identification) -> None:
 
 
 def _paint_normal(figure: Figure, result: Identification) -> None:
-    """Draw histogram and quantiles of |w| beside those of a normal."""
     [[left, right]] = axes_grid(
         figure, Margins(13.0, 11.0, between_columns=15.0), n_columns=2
     )
@@ -178,7 +177,6 @@ def _scaled_w(result: Identification) -> Floats:
 
 
 def _paint_correlations(figure: Figure, result: Identification) -> None:
-    """Draw the correlation matrix of the free parameters."""
     names = [entry.name for entry in result.parameters]
     room_mm = labels_mm(names)
     [[axes]] = axes_grid(figure, Margins(room_mm, room_mm, right=12.0))

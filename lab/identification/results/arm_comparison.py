@@ -131,7 +131,6 @@ def _rms(lengths_mm: Floats) -> float:
 def comparison_values(
     files: Sequence[Path], arms: Sequence[Arm], comparison: Comparison
 ) -> dict[str, Any]:
-    """Put a comparison into the plain values of `traverse identify --compare`."""
     names = [joint.name for joint in arms[0].joints]
     return {
         "arms": [_provenance(file, arm) for file, arm in zip(files, arms, strict=True)],

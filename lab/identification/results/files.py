@@ -77,7 +77,6 @@ def identified_arm(result: Identification, when: datetime, covariance: str) -> A
 def identification_json(
     result: Identification, provenance: ReportProvenance | None = None
 ) -> dict[str, Any]:
-    """Put a result into the plain values of `identification.json`."""
     judged = outcome_of(result)
     return {
         "schema": SCHEMA,
@@ -88,7 +87,6 @@ def identification_json(
 
 
 def figures_of(result: Identification, verdict: str) -> IdentificationFigures:
-    """Collect what an identification found."""
     orientations, shift = result.orientations, result.contact_shift
     serial = result.serial_noise
     return IdentificationFigures(

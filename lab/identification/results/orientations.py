@@ -78,12 +78,10 @@ class OrientationResult:
 
     @property
     def rms_all_rad(self) -> float:
-        """Of all."""
         return rms_rad(self.errors_rad)
 
     @property
     def values(self) -> dict[str, Any]:
-        """The plain values of `identification.json`."""
         return {
             "n": int(np.count_nonzero(self.used)),
             "n_all": self.n_measured,

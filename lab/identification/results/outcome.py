@@ -311,7 +311,6 @@ class IdentificationOutcome:
 
 
 def outcome_of(result: Identification) -> IdentificationOutcome:
-    """Judge a result by the table of conditions."""
     table = CONDITIONS
     if not result.converged:
         # No figure of it may be used, for a reason either.
