@@ -37,6 +37,8 @@ OPTIONS += [
     "--disable-gpu-rasterization",
     "--webgl-antialiasing-mode=none",
 ]
+# Each pose is drawn, without a graphics card: most of what these tests compute.
+POSE_S = 0.25
 POINTS = (
     '[[motion]]\nkind = "rest"\nduration_s = 0.5\n'
     '[[motion]]\nkind = "sphere"\nartefact = "ball"\n'
@@ -187,7 +189,7 @@ async def scene(
     """The page of an arm that takes three points by itself, in a browser."""
     bench = Workbench(tmp_path, own_broker.host, own_broker.port)
     bench.write_simulator(POINTS)
-    bench.write_daemon()
+    bench.write_daemon(capture=f"live_rate_hz = {1.0 / POSE_S}")
     broker = f"{own_broker.host}:{own_broker.port}"
     with bench.simulator() as simulator:
         await simulator.says("ready base")
@@ -238,7 +240,7 @@ class PosedDaemon(VirtualDaemon):
     async def _send_poses(self) -> None:
         begun_ns = time.monotonic_ns()
         while True:
-            await asyncio.sleep(0.1)
+            await asyncio.sleep(POSE_S)
             if self.is_silent:
                 continue
             now_ns = time.monotonic_ns() - begun_ns
