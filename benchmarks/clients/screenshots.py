@@ -28,6 +28,7 @@ DEMO = Path(__file__).parent.parent.parent / "cli" / "demo_data"
 DESK, TABLET, PHONE = (1440, 900), (820, 1180), (390, 844)
 SIZES = sized({"desk": DESK, "tablet": TABLET, "phone": PHONE}, {"desk": DESK})
 LONGEST_MS = 120_000
+DWELL_S = sized(3.0, 0.5)  # at each point, so that pictures show the arm at rest
 AT_REST = re.compile(r"^\d{1,2} mm/s$")
 # Powered up anew, so that its encoders may count from another place; later without
 # power, after the pictures of that.
@@ -48,8 +49,7 @@ duration_s = 1000.0
 def simulated(folder: Path, *, loses_power: bool = False) -> Iterator[None]:
     """The arm of the demonstration; or one at rest that loses power."""
     text = (DEMO / "simulator.toml").read_text("utf-8")
-    # So long the arm rests at each point that a picture shows it at rest.
-    text = text.replace("dwell_s = 0.12", "dwell_s = 3.0")
+    text = text.replace("dwell_s = 0.12", f"dwell_s = {DWELL_S}")
     if loses_power:
         text = text[: text.index("[[motion]]")] + POWER_LOSS
     (folder / "simulator.toml").write_text(text, "utf-8")

@@ -14,7 +14,7 @@ from pathlib import Path
 from traverse.kinematics.arm_file.arm import Arm, write_arm
 
 ARM = Path(__file__).parent.parent.parent / "cli" / "demo_data" / "arm.toml"
-READY_S = 20.0
+READY_S = 60.0  # on a busy machine
 
 SIMULATION = """\
 schema = "traverse/simulator/1"
