@@ -58,7 +58,9 @@ def confirmed(model: ArmModel, devices: Mapping[str, Identity]) -> ReferenceMemo
     return ReferenceMemory(
         {
             name: ConfirmedDevice(
-                encoders_text(model, name), identity.serials, identity.boot
+                encoders_text(model, name, identity.moduli_counts),
+                identity.serials,
+                identity.boot,
             )
             for name, identity in devices.items()
             if name in model.devices

@@ -1,6 +1,6 @@
 """Memory of confirmed devices over a restart of the daemon."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import asdict, dataclass, field
 from typing import Any, Self
@@ -13,7 +13,7 @@ class ConfirmedDevice:
     """A device as the operator confirmed it.
 
     Attributes:
-        encoders: description in the arm file, see `encoders_text`.
+        encoders: their description, see `encoders_text`.
         serials: of the device, see `Identity`.
         boot: its power-up; empty if it cannot tell.
         offsets_rad: by joint, added to its reading by homing.
@@ -64,12 +64,17 @@ class ReferenceMemory:
         return None
 
 
-def encoders_text(model: ArmModel, device: str) -> str:
-    """Describe the encoders of a device by an arm file, for comparison."""
+def encoders_text(model: ArmModel, device: str, moduli_counts: Sequence[int]) -> str:
+    """Describe a device's encoders, for comparison; several turns as it reports."""
     encoders, names = model.encoders, model.effects.joint_names
-    return ", ".join(
-        f"{names[joint]}: channel {model.channels[joint]}, "
-        f"{encoders.signs[joint] * encoders.counts_per_turn[joint]} counts"
-        for joint, of in enumerate(model.joint_devices)
-        if of == device
-    )
+    texts = []
+    for joint, of in enumerate(model.joint_devices):
+        if of != device:
+            continue
+        channel, turn = model.channels[joint], encoders.counts_per_turn[joint]
+        counts = encoders.signs[joint] * turn
+        text = f"{names[joint]}: channel {channel}, {counts} counts"
+        if channel < len(moduli_counts) and moduli_counts[channel] != turn:
+            text += f" of {moduli_counts[channel]}"
+        texts.append(text)
+    return ", ".join(texts)

@@ -208,8 +208,8 @@ class ReferenceMonitor:
             return f"{device} was never confirmed{lost}"
         if known.serials != identity.serials:
             return f"{device} is not the device that was confirmed"
-        if known.encoders != encoders_text(self._model, device):
-            return f"the arm file describes {device} otherwise than when confirmed"
+        if known.encoders != self._encoders_text(device):
+            return f"{device}, or the arm file, counts otherwise than when confirmed"
         has_lost_power = up.restarted or bool(
             identity.boot and identity.boot != known.boot
         )
@@ -222,6 +222,10 @@ class ReferenceMonitor:
         if (is_first or is_back) and not self._is_recognised(device):
             return f"no serial number shows that {device} is what was confirmed"
         return ""
+
+    def _encoders_text(self, device: str) -> str:
+        moduli_counts = self._identities[device].moduli_counts
+        return encoders_text(self._model, device, moduli_counts)
 
     def _is_recognised(self, device: str) -> bool:
         """Return whether an exchange of the confirmed device would be noticed."""
@@ -349,7 +353,7 @@ class ReferenceMonitor:
             joints = {names[joint] for joint in self._joints_of(device)}
             offsets_rad = {j: a for j, a in self._offsets_rad.items() if j in joints}
             confirmed[device] = ConfirmedDevice(
-                encoders_text(self._model, device),
+                self._encoders_text(device),
                 identity.serials,
                 identity.boot,
                 offsets_rad,
@@ -366,7 +370,7 @@ class ReferenceMonitor:
             known is not None
             and not up.restarted
             and (known.serials, known.boot) == (up.identity.serials, up.identity.boot)
-            and known.encoders == encoders_text(self._model, up.device)
+            and known.encoders == self._encoders_text(up.device)
         ):
             offsets_rad |= known.offsets_rad
         if offsets_rad != self._offsets_rad:

@@ -70,7 +70,7 @@ class Workbench:
     def confirm_board(self, serial: str = BOARD_SERIAL) -> None:
         """Let the daemon know the board, as an operator has confirmed it."""
         model = read_model(self.arm_file, {"base": None})
-        base = ConfirmedDevice(encoders_text(model, "base"), (serial,))
+        base = ConfirmedDevice(encoders_text(model, "base", ()), (serial,))
         state = self.folder / "state"
         state.mkdir(exist_ok=True)
         memory = ReferenceFile(state / REFERENCES)

@@ -454,6 +454,28 @@ def test_what_may_have_been_exchanged_is_confirmed_at_each_start(
     assert not assumed.is_doubtful
 
 
+@pytest.mark.parametrize("is_restart_of_daemon", [True, False])
+def test_another_resolution_of_the_same_encoder_is_in_doubt(
+    tmp_path, is_restart_of_daemon
+):
+    """Set by a switch while it was off: half a turn is one, or two turns are one."""
+    memory = ReferenceMemory()
+    absolute = ARM.replace("sign =", "absolute = true\nsign =")
+    rig = Rig(tmp_path, absolute, memory)
+    rig.accept(up())
+    moduli = tuple(2 * modulus for modulus in BOARD.moduli_counts)
+    identity = replace(BOARD, boot="a", serials=("A1",), moduli_counts=moduli)
+    if is_restart_of_daemon:
+        rig = Rig(tmp_path, absolute, memory)
+        rig.monitor.on_up(up())
+        assert not rig.is_doubtful
+    rig.monitor.on_up(DeviceUp("base", identity, restarted=False))
+    assert rig.is_doubtful
+    assert "counts otherwise" in rig.events[-1].text
+    rig.monitor.confirm()
+    assert not rig.is_doubtful
+
+
 def test_an_assumed_device_still_loses_its_power(tmp_path):
     memory = ReferenceMemory()
     Rig(tmp_path, memory=memory).accept(NAMELESS)
