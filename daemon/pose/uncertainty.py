@@ -35,6 +35,7 @@ from traverse.protocol.messages import QualityFlag
 from traverse.protocol.messages.point import Covariance
 
 HAND_RAD_S2 = 5.0  # as a joint led by hand accelerates; twice that is rare
+MOST_JITTER_S = 0.1  # longer: no bound is known, and the time is flagged
 UPPER = np.triu_indices(3)  # places of xx, xy, xz, yy, yz, zz in a covariance
 
 
@@ -187,7 +188,8 @@ class CovarianceEvaluator:
             by_bounds = bounds_rad[..., 0] ** 2 + bounds_rad[..., 1] ** 2 / 3.0
             variances = (variances + by_bounds)[:, np.newaxis]
         jitter_s = reading.jitter_ns * 1e-9
-        variances += (HAND_RAD_S2 * jitter_s**2 / 2.0) ** 2 / 3.0
+        if jitter_s < MOST_JITTER_S:
+            variances += (HAND_RAD_S2 * jitter_s**2 / 2.0) ** 2 / 3.0
         return PointNoise(
             np.sqrt(variances),
             per_count_rad,

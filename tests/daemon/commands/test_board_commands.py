@@ -23,10 +23,11 @@ from traverse.drivers.base.values import Identity
 from traverse.protocol.messages import PointArgs, ScanArgs
 from traverse.testing.waiting import until
 
-IDENTITY = Identity(
-    "", "", (), 0, 0.0, serials=(bodies.BOARD_ID.hex(),), boot="deadbeef"
-)
 CHANNELS = ((32, 0), (23, 1 << 23), (20, 1 << 20))
+MODULI = (1 << 32, 1 << 23, 1 << 20)
+IDENTITY = Identity(
+    "", "", MODULI, 0, 0.0, serials=(bodies.BOARD_ID.hex(),), boot="deadbeef"
+)
 
 
 class Bench:
