@@ -26,13 +26,13 @@ from traverse.lab.outcomes.alignment import (
     AlignmentEvidence,
     alignment_outcome,
 )
-from traverse.lab.outcomes.base import Outcome, outcome_json
+from traverse.lab.outcomes.base import Outcome
 from traverse.lab.report.provenance import (
     ReportProvenance,
     ReportSource,
     report_provenance,
 )
-from traverse.lab.report.quantities import picked
+from traverse.lab.report.quantities import picked, plain_values
 from traverse.lab.report.templates import Words
 from traverse.lab.statistics.distributions import GLOBAL_LEVEL, GlobalTest
 
@@ -240,7 +240,7 @@ def alignment_values(
             "translation_mm": transformation.translation_mm.tolist(),
             "scale": transformation.scale,
         },
-        **outcome_json(outcome),
+        **plain_values(outcome),
         "verdict": TITLES[outcome.state],
         "passed": result.is_good,
         "covariance": None

@@ -11,7 +11,7 @@ from traverse.lab.daily_check.control_chart import ChartPoint, Rule, charted, ru
 from traverse.lab.daily_check.figures import KINDS, MOST_U, FigureKind
 from traverse.lab.daily_check.history import Check, since_base
 from traverse.lab.measured_points.reading import OWN_PROBE
-from traverse.lab.outcomes.base import Outcome, State, outcome_json
+from traverse.lab.outcomes.base import Outcome, State
 from traverse.lab.outcomes.daily_check import WORDS as VERDICTS
 from traverse.lab.outcomes.daily_check import (
     DailyCheckEvidence,
@@ -19,7 +19,7 @@ from traverse.lab.outcomes.daily_check import (
     daily_check_outcome,
 )
 from traverse.lab.report.provenance import ReportSource, report_provenance
-from traverse.lab.report.quantities import picked
+from traverse.lab.report.quantities import picked, plain_values
 from traverse.lab.report.templates import Words
 from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import FileError
@@ -206,7 +206,7 @@ def report_values(report: DailyCheckReport) -> dict[str, Any]:
         "time_utc": check.time_utc,
         "arm": {"name": check.arm, "digest": check.arm_digest},
         "checks": len(report.checks),
-        **outcome_json(outcome),
+        **plain_values(outcome),
         "in_control": outcome.state is State.GOOD,
         "provenance": report_provenance(
             ReportSource("daily check", check.data_digest)

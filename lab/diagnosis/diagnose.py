@@ -20,7 +20,6 @@ from traverse.lab.diagnosis.holdout.comparison import (
     held_out_blunders,
     noise_exceeded,
 )
-from traverse.lab.diagnosis.model.candidate import BankName
 from traverse.lab.diagnosis.model.fit import (
     Fit,
     fitted,
@@ -30,7 +29,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
     SerialCorrelation,
 )
 from traverse.lab.diagnosis.model.result import (
-    BankRemainder,
     Detectable,
     Diagnosis,
     DiagnosisOptions,
@@ -47,6 +45,8 @@ from traverse.lab.diagnosis.search.forward_search import (
     refitted,
 )
 from traverse.lab.diagnosis.terms import terms_of, verdict_of
+from traverse.lab.outcomes.candidate import BankName
+from traverse.lab.outcomes.diagnosis import BankRemainder
 
 __all__ = ["DiagnosisOptions", "diagnose"]
 
@@ -260,7 +260,7 @@ def leftovers_of(search: SearchState) -> tuple[BankRemainder, ...]:
             first = min(choices, key=lambda choice: choice.log_p)
             threshold = search.thresholds[name] / _LOG_10
             remainders.append(
-                BankRemainder(name, first.candidate, first.log_p / _LOG_10, threshold)
+                BankRemainder(first.candidate, name, first.log_p / _LOG_10, threshold)
             )
     return tuple(remainders)
 

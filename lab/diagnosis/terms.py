@@ -9,16 +9,10 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effects.readings.empirical import Empirical
 from traverse.lab.diagnosis.adaptation import Adaptation
 from traverse.lab.diagnosis.advice.experiments import separate_by
-from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import outlier_cluster
 from traverse.lab.diagnosis.model.fit import estimates_of
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-from traverse.lab.diagnosis.model.result import (
-    Alternative,
-    DiagnosisOptions,
-    HoldoutMisfit,
-    Term,
-)
+from traverse.lab.diagnosis.model.result import DiagnosisOptions, HoldoutMisfit, Term
 from traverse.lab.diagnosis.search.decision import (
     Decision,
     NamedTerm,
@@ -26,7 +20,8 @@ from traverse.lab.diagnosis.search.decision import (
     of_single_joints,
 )
 from traverse.lab.diagnosis.search.forward_search import DECIDED, ScoredCandidate
-from traverse.lab.outcomes.diagnosis import Estimate, Status, Verdict
+from traverse.lab.outcomes.candidate import BankName, Candidate
+from traverse.lab.outcomes.diagnosis import Alternative, Estimate, Status, Verdict
 from traverse.lab.statistics.outlier_clusters import ARTEFACT
 
 _LOG_10 = float(np.log(10.0))

@@ -25,8 +25,6 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Generic, TypeVar
 
-from traverse.lab.report.quantities import plain_values
-
 Evidence = TypeVar("Evidence")
 
 
@@ -180,21 +178,3 @@ def _unknown(condition: Condition[Evidence]) -> Shortfall:
 def worst(states: Iterable[State]) -> State:
     """Return the worst of several states; good for none."""
     return max(states, key=_ORDER.index, default=State.GOOD)
-
-
-def outcome_json(outcome: Outcome) -> dict[str, Any]:
-    """Put an outcome into the plain values `state`, `reasons` and `established`."""
-    return {
-        "state": outcome.state.value,
-        "reasons": [
-            {
-                "code": reason.code,
-                "state": reason.state.value,
-                "text": reason.text,
-                "remedy": reason.remedy,
-                "values": plain_values(reason.values),
-            }
-            for reason in outcome.reasons
-        ],
-        "established": plain_values(outcome.established),
-    }

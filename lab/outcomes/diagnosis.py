@@ -16,32 +16,12 @@ from traverse.lab.outcomes.base import (
     doubt,
     judge,
 )
-from traverse.lab.report.quantities import OMITTED, length_mm
+from traverse.lab.outcomes.candidate import BankName, Candidate
+from traverse.lab.report.quantities import INLINED, OMITTED, length_mm
 from traverse.plurals import counted
 
 Status = Literal["named", "tentative", "unknown"]
 Verdict = Literal["clean", "named", "tentative", "unexplained", "unknown"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NamedEffect:
-    """An effect by its keys in the arm file; something unknown by its covariate."""
-
-    kind: str
-    joint: str | None
-    order: int | None = None
-    cycles: float | None = None
-    component: str | None = None
-    covariate: str | None = None
-    artefact: str | None = field(default=None, metadata=OMITTED)
-    at_s: float | None = field(default=None, metadata=OMITTED)
-
-    @property
-    def name(self) -> str:
-        """In words for people: `encoder_harmonic 5 J3`."""
-        parts = (self.kind, self.component, self.order, self.joint, self.artefact)
-        words = " ".join(str(part) for part in parts if part is not None)
-        return words if self.covariate is None else f"{words} over {self.covariate}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,17 +36,24 @@ class Estimate:
     unit: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rival(NamedEffect):
-    """Another name that the data cannot exclude; an alias no poses can separate."""
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """Another name that the data cannot exclude.
 
+    Attributes:
+        log_bayes_factor: Natural logarithm, against nothing missing.
+        correlation: Of this finding with the other block, 0 to 1.
+        alias: No poses of this kind can separate the two.
+    """
+
+    candidate: Candidate = field(metadata=INLINED)
     log_bayes_factor: float
     correlation: float
     alias: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FoundTerm(NamedEffect):
+class FoundTerm:
     """Something that the model lacked.
 
     Attributes:
@@ -75,13 +62,14 @@ class FoundTerm(NamedEffect):
         held_out: How poses kept aside contradict the model, if it reports that.
     """
 
+    candidate: Candidate = field(metadata=INLINED)
     status: Status
     harmonic: int | None = field(default=None, metadata=OMITTED)
     parameters: Mapping[str, Estimate]
     log_bayes_factor: float
     p_value: float
     log10_p: float
-    alternatives: tuple[Rival, ...]
+    alternatives: tuple[Alternative, ...]
     separate_by: str
     accepted: bool
     in_arm_file: bool
@@ -94,9 +82,10 @@ class FoundTerm(NamedEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DetectableSize(NamedEffect):
+class DetectableSize:
     """Minimal detectable size of an effect: `value` and `unit` of minimum and best."""
 
+    candidate: Candidate = field(metadata=INLINED)
     key: str
     minimum: Mapping[str, Any] | None
     best: Mapping[str, Any] | None
@@ -104,11 +93,12 @@ class DetectableSize(NamedEffect):
     why: str | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Leftover(NamedEffect):
+@dataclass(frozen=True, slots=True)
+class BankRemainder:
     """The largest finding of a bank when nothing more was added, and what it needed."""
 
-    bank: str
+    candidate: Candidate = field(metadata=INLINED)
+    bank: BankName
     log10_p: float
     threshold_log10_p: float
 
@@ -188,7 +178,7 @@ class DiagnosisFigures:
     vetoed: bool
     times_stated_noise: float | None
     identified_anew: bool
-    leftovers: tuple[Leftover, ...]
+    leftovers: tuple[BankRemainder, ...]
     noise: Mapping[str, Any]
     seed: int
     holdout_by: str
@@ -331,18 +321,18 @@ def _helps(evidence: DiagnosisEvidence) -> Finding:
 def _written(evidence: DiagnosisEvidence) -> Finding:
     terms = evidence.figures.terms
     named = [term for term in terms if term.status == "named" and not term.accepted]
-    of_artefacts = [term for term in named if term.artefact is not None]
+    of_artefacts = [term for term in named if term.candidate.artefact is not None]
     unwritten = [term for term in named if term not in of_artefacts]
     shortfalls = [
         Shortfall(
-            f"The artefact {term.artefact} is at fault, not the arm.",
+            f"The artefact {term.candidate.artefact} is at fault, not the arm.",
             "Fasten it or state it rightly, and measure again.",
         )
         for term in of_artefacts
     ]
     shortfalls += [
         Shortfall(
-            f"{term.name} is not in the adapted arm"
+            f"{term.candidate.name} is not in the adapted arm"
             + (
                 ": poses kept aside are predicted no better with it."
                 if not term.helps
@@ -360,7 +350,7 @@ def _written(evidence: DiagnosisEvidence) -> Finding:
         why, remedy = "the times of poses are their order", "Give times of the poses."
     shortfalls += [
         Shortfall(
-            f"{term.name} is not written to the arm file: it is bound to "
+            f"{term.candidate.name} is not written to the arm file: it is bound to "
             f"time, and {why}.",
             remedy,
         )

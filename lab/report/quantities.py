@@ -93,20 +93,28 @@ def _digits(std: float) -> int:
 
 OMITTED = {"omitted": True}
 """Metadata of a field of a dataclass that JSON leaves out where it is None."""
+HIDDEN = {"hidden": True}
+"""Metadata of a field that JSON leaves out."""
+INLINED = {"inlined": True}
+"""Metadata of a field whose own fields stand in its place in JSON."""
 
 
 def plain_values(value: Any) -> Any:  # noqa: ANN401 - as of json
     """Write dataclasses as tables, arrays as lists, infinity and NaN as None.
 
-    Fields that are `OMITTED` are left out where they are None.
+    The metadata of fields may be `OMITTED`, `HIDDEN` or `INLINED`.
     """
     if is_dataclass(value):
-        entries = ((entry, getattr(value, entry.name)) for entry in fields(value))
-        return {
-            entry.name: plain_values(of_entry)
-            for entry, of_entry in entries
-            if of_entry is not None or not entry.metadata.get("omitted")
-        }
+        plain: dict[str, Any] = {}
+        for entry in fields(value):
+            of_entry = getattr(value, entry.name)
+            if entry.metadata.get("inlined"):
+                plain |= plain_values(of_entry)
+            elif not entry.metadata.get(
+                "hidden", of_entry is None and entry.metadata.get("omitted")
+            ):
+                plain[entry.name] = plain_values(of_entry)
+        return plain
     if isinstance(value, Mapping):
         return {key: plain_values(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):

@@ -30,7 +30,6 @@ from traverse.lab.outcomes.acceptance import (
     DecidedFigure,
     acceptance_outcome,
 )
-from traverse.lab.outcomes.base import outcome_json
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.report.quantities import picked, plain_values
 
@@ -97,7 +96,7 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
             "absent": plain_values(absent),
         },
         "arm": {"name": certificate.arm.name, "digest": arm_digest(certificate.arm)},
-        **outcome_json(judged.outcome),
+        **plain_values(judged.outcome),
         "conclusion": judged.title,
         "sentences": list(judged.sentences),
         "verdict": judged.verdict,

@@ -28,10 +28,10 @@ from traverse.lab.diagnosis.advice.minimal_detectable import (
 )
 from traverse.lab.diagnosis.advice.optimal_poses import Experiment, experiment
 from traverse.lab.diagnosis.candidates.scoring import ALIAS
-from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-from traverse.lab.diagnosis.model.result import Alternative
 from traverse.lab.diagnosis.search.decision import NamedTerm
+from traverse.lab.outcomes.candidate import Candidate
+from traverse.lab.outcomes.diagnosis import Alternative
 from traverse.lab.report.templates import Words
 from traverse.strict_toml.files import text_of
 

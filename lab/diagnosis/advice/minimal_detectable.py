@@ -37,13 +37,14 @@ from traverse.lab.diagnosis.candidates.scoring import (
     ProjectedCandidate,
     project,
 )
-from traverse.lab.diagnosis.model.candidate import Bank, Candidate
+from traverse.lab.diagnosis.model.candidate import Bank
 from traverse.lab.diagnosis.model.observation_equations import (
     LEAST_EFFECT,
     ObservationEquations,
     equations_of,
 )
 from traverse.lab.diagnosis.model.result import Detectable
+from traverse.lab.outcomes.candidate import Candidate
 
 # An axis within that of the direction of gravity is vertical.
 _VERTICAL = 0.02

@@ -25,13 +25,14 @@ from traverse.lab.campaign.poses import Poses
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.steps import step_columns
 from traverse.lab.diagnosis.candidates.waves import harmonic_bank, wave_columns
-from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.candidate import Bank
 from traverse.lab.diagnosis.model.fit import rows_without
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
     rows_by_pose,
 )
+from traverse.lab.outcomes.candidate import BankName, Candidate
 
 
 def further_contacts(

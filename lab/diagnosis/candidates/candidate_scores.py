@@ -21,8 +21,9 @@ from traverse.lab.diagnosis.candidates.waves import (
     periodograms,
     transmission_bank,
 )
-from traverse.lab.diagnosis.model.candidate import Bank, BankName
+from traverse.lab.diagnosis.model.candidate import Bank
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.outcomes.candidate import BankName
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,13 +16,14 @@ from traverse.kinematics.effects.readings.empirical import Empirical
 from traverse.kinematics.effects.readings.spline import spline_amounts
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.geometry import Geometry, across
-from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.candidate import Bank
 from traverse.lab.diagnosis.model.covariates import (
     CovariateColumn,
     approach_columns,
     covariate_columns,
 )
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.outcomes.candidate import BankName, Candidate
 
 Knots = tuple[float, ...]
 

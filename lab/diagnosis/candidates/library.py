@@ -21,8 +21,6 @@ from traverse.kinematics.effects.base.correction import ContactCorrection, Corre
 from traverse.kinematics.effects.mechanics.deformations import Compliance
 from traverse.lab.diagnosis.model.candidate import (
     Bank,
-    BankName,
-    Candidate,
     candidate_of_kind,
     effect_of_candidate,
 )
@@ -30,6 +28,7 @@ from traverse.lab.diagnosis.model.covariates import covariate_values, varies
 from traverse.lab.diagnosis.model.fit import effect_columns
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.first_moments import assumed_moments, first_moments, states_no_mass
+from traverse.lab.outcomes.candidate import BankName, Candidate
 
 # Higher orders of the encoders are found by the bank of harmonics.
 HIGHEST_ORDER = 4

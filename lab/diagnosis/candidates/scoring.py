@@ -18,8 +18,9 @@ from scipy import special
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
-from traverse.lab.diagnosis.model.candidate import Bank, Candidate
+from traverse.lab.diagnosis.model.candidate import Bank
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.outcomes.candidate import Candidate
 
 # Factors of the plausible size that are tried, and what an unusual one costs.
 _FACTORS = 10.0 ** np.linspace(-1.5, 1.5, 31)

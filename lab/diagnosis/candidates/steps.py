@@ -22,13 +22,9 @@ from traverse.lab.diagnosis.candidates.scoring import (
     LEAST_SINGULAR_VALUE,
     log_evidences,
 )
-from traverse.lab.diagnosis.model.candidate import (
-    Bank,
-    BankName,
-    Candidate,
-    candidate_of_kind,
-)
+from traverse.lab.diagnosis.model.candidate import Bank, candidate_of_kind
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.outcomes.candidate import BankName, Candidate
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,13 +24,9 @@ from traverse.kinematics.effects.readings.harmonics import (
 )
 from traverse.lab.diagnosis.candidates.library import HIGHEST_ORDER
 from traverse.lab.diagnosis.candidates.scoring import log_evidences
-from traverse.lab.diagnosis.model.candidate import (
-    Bank,
-    BankName,
-    Candidate,
-    candidate_of_kind,
-)
+from traverse.lab.diagnosis.model.candidate import Bank, candidate_of_kind
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.outcomes.candidate import BankName, Candidate
 
 MOST_CYCLES = EFFECT_KINDS[TransmissionError.kind].most["cycles"]
 _SIZE_RAD = EFFECT_KINDS[TransmissionError.kind].size

@@ -8,7 +8,6 @@ file.
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from enum import Enum, auto
 from typing import Any
 
 import numpy as np
@@ -18,79 +17,7 @@ from traverse.kinematics.arm_file.arm import Effect, effect_from_table
 from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind, Family
 from traverse.kinematics.model.geometry import across
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-
-
-class BankName(Enum):
-    """Source of a candidate; each bank has its own threshold."""
-
-    LIBRARY = auto()  # every effect of the contract on every joint, but for steps
-    STEPS = auto()  # slips of every joint and steps of the base, at every moment
-    GENERIC = auto()  # splines of every joint against every covariate
-    HARMONIC = auto()  # harmonics of every joint
-    TRANSMISSION = auto()  # waves of every joint of any number of cycles a turn
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Candidate:
-    """A possibly missing effect.
-
-    Attributes:
-        kind: Of the arm file's effects; "empirical" in the generic bank.
-        order: Of a harmonic or an error motion, or None.
-        component: "radial", "axial" of a runout; the direction in which a spline
-            moves the joint ("angle", "tilt", "shift") in the generic bank; or None.
-        covariate: Of a spline: named like a column of the campaign; or None.
-        artefact: Whose length it is, or None.
-        at_s: Time of a step, in the campaign's time [s]; or None.
-        parameters: Names of the columns: keys of the arm file, with .v, .w, .u for
-            directions across or along the axis, .x, .y, .z for those of the arm's
-            system; of a spline .1, .2 ...; then of the first moments of an arm without
-            masses, relative to what the effect's own key yields to, J2.x ...
-        scales: Plausible amplitude of each column, in the unit of the key.
-        log_prior: Preference in ranking only.
-        keys: Fixed keys of the arm file's entry, such as order or component.
-    """
-
-    bank: BankName
-    kind: str
-    joint: str | None
-    order: int | None = None
-    component: str | None = None
-    covariate: str | None = None
-    artefact: str | None = None
-    at_s: float | None = None
-    parameters: tuple[str, ...] = ()
-    scales: tuple[float, ...] = ()
-    log_prior: float = 0.0
-    keys: tuple[tuple[str, Any], ...] = ()
-
-    @property
-    def size(self) -> int:
-        return len(self.parameters)
-
-    @property
-    def is_curve(self) -> bool:
-        """Whether it is a curve without a physical name."""
-        return EFFECT_KINDS[self.kind].family is Family.CURVE
-
-    @property
-    def cycles(self) -> float | None:
-        """Periods a turn, if it is a wave of the reading."""
-        return dict(self.keys).get("cycles", self.order)
-
-    @property
-    def name(self) -> str:
-        """In words for people: `encoder_harmonic 5 J3`."""
-        parts = (self.kind, self.component, self.order, self.joint, self.artefact)
-        words = " ".join(str(part) for part in parts if part is not None)
-        if self.covariate is not None:
-            words += f" over {self.covariate}"
-        return words
-
-    @property
-    def identity(self) -> tuple[str, str | None, int | None, str | None, str | None]:
-        component = self.component if EFFECT_KINDS[self.kind].components else None
-        return self.kind, self.joint, self.order, component, self.artefact
+from traverse.lab.outcomes.candidate import BankName, Candidate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,6 +83,7 @@ def candidate_of_kind(
         kind=kind,
         joint=joint,
         order=given.get("order"),
+        cycles=given.get("cycles"),
         component=given.get("component"),
         artefact=given.get("artefact"),
         at_s=given.get("at_s"),

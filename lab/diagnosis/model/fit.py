@@ -21,7 +21,6 @@ from traverse.lab.adjustment import (
     find_starting_values,
 )
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
     LEAST_EFFECT,
     ObservationEquations,
@@ -30,6 +29,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
 )
 from traverse.lab.diagnosis.model.result import Diagnosis, Term
 from traverse.lab.first_moments import with_first_moments
+from traverse.lab.outcomes.candidate import Candidate
 from traverse.lab.outcomes.diagnosis import Estimate
 
 # Moments of weight that the poses do not bear out wander; what is sound takes up to 51.

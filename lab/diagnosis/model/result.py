@@ -9,28 +9,18 @@ from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.lab.adjustment import Adjustment, IteratedAdjustment
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.model.candidate import BankName, Candidate
-from traverse.lab.outcomes.diagnosis import Estimate, Status, Verdict
+from traverse.lab.outcomes.candidate import Candidate
+from traverse.lab.outcomes.diagnosis import (
+    Alternative,
+    BankRemainder,
+    Estimate,
+    Status,
+    Verdict,
+)
 from traverse.lab.statistics.outlier_clusters import Cluster
 
 # A gap below that many standard deviations of S is none to speak of.
 _LEAST_GAP = 3.0
-
-
-@dataclass(frozen=True, slots=True)
-class Alternative:
-    """Another name that the data cannot exclude.
-
-    Attributes:
-        log_bayes_factor: Natural logarithm, against nothing missing.
-        correlation: Of this finding with the other block, 0 to 1.
-        alias: No poses of this kind can separate the two.
-    """
-
-    candidate: Candidate
-    log_bayes_factor: float
-    correlation: float
-    alias: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -198,16 +188,6 @@ class NoiseEstimate:
     orientation_rad: float | None
     serial_share: float
     serial_phi: float
-
-
-@dataclass(frozen=True, slots=True)
-class BankRemainder:
-    """The largest finding of a bank when nothing more was added, and what it needed."""
-
-    bank: BankName
-    candidate: Candidate
-    log10_p: float
-    threshold_log10_p: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from traverse.kinematics.effect_table import EFFECT_KINDS
-from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.result import Detectable, Diagnosis, Term
+from traverse.lab.outcomes.candidate import Candidate
 from traverse.lab.outcomes.diagnosis import Estimate
 from traverse.lab.report.quantities import often, quantity, shown_unit
 from traverse.lab.statistics.outlier_clusters import Cluster
@@ -39,7 +39,7 @@ def candidate_label(candidate: Candidate) -> str:
         often=often(candidate.order or 0),
         component=candidate.component,
         artefact=candidate.artefact,
-        cycles=candidate.cycles,
+        cycles=candidate.periods,
     )
     of = "" if candidate.joint is None else f", joint {candidate.joint}"
     at = "" if candidate.at_s is None else f", at {candidate.at_s:.1f} s"

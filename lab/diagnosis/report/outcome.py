@@ -8,7 +8,6 @@ import numpy as np
 
 from traverse.lab.adjustment import Adjustment
 from traverse.lab.campaign.prior import family_json
-from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.fit import terms_without_epoch
 from traverse.lab.diagnosis.model.result import (
     Detectable,
@@ -18,7 +17,7 @@ from traverse.lab.diagnosis.model.result import (
     Term,
     closed,
 )
-from traverse.lab.outcomes.base import Outcome, outcome_json
+from traverse.lab.outcomes.base import Outcome
 from traverse.lab.outcomes.diagnosis import (
     BeforeAfter,
     DetectableSize,
@@ -28,8 +27,6 @@ from traverse.lab.outcomes.diagnosis import (
     Gap,
     LedgerLine,
     LeftOutPose,
-    Leftover,
-    Rival,
     judge_diagnosis,
 )
 from traverse.lab.report.provenance import ReportProvenance
@@ -52,7 +49,7 @@ def diagnosis_json(
     return {
         "schema": SCHEMA,
         "provenance": (provenance or diagnosis.campaign.provenance()).values,
-        **outcome_json(_judged(diagnosis, figures)),
+        **plain_values(_judged(diagnosis, figures)),
         **plain_values(figures),
     }
 
@@ -111,15 +108,7 @@ def figures_of(diagnosis: Diagnosis) -> DiagnosisFigures:
         vetoed=diagnosis.vetoed,
         times_stated_noise=diagnosis.exceeded,
         identified_anew=diagnosis.is_identified_anew,
-        leftovers=tuple(
-            Leftover(
-                bank=left.bank.name.lower(),
-                log10_p=left.log10_p,
-                threshold_log10_p=left.threshold_log10_p,
-                **_identity(left.candidate),
-            )
-            for left in diagnosis.leftovers
-        ),
+        leftovers=diagnosis.leftovers,
         noise=asdict(noise)
         | {"contact_mm": dict(zip(ids, noise.contact_mm, strict=True))},
         seed=diagnosis.seed,
@@ -133,12 +122,12 @@ def figures_of(diagnosis: Diagnosis) -> DiagnosisFigures:
 def detectable_sizes(detectable: Sequence[Detectable]) -> tuple[DetectableSize, ...]:
     return tuple(
         DetectableSize(
+            candidate=entry.candidate,
             key=entry.key,
             minimum=_size(entry.minimum, entry.unit),
             best=_size(entry.best, entry.unit),
             probe_mm=entry.probe_mm,
             why=entry.why or None,
-            **_identity(entry.candidate),
         )
         for entry in detectable
     )
@@ -146,13 +135,6 @@ def detectable_sizes(detectable: Sequence[Detectable]) -> tuple[DetectableSize, 
 
 def _size(value: float | None, unit: str) -> dict[str, Any] | None:
     return None if value is None else {"value": value, "unit": unit}
-
-
-def _identity(candidate: Candidate) -> dict[str, Any]:
-    of_candidate = ("kind", "joint", "order", "component", "covariate")
-    names = (*of_candidate, "artefact", "at_s")
-    cycles = dict(candidate.keys).get("cycles")
-    return {name: getattr(candidate, name) for name in names} | {"cycles": cycles}
 
 
 def _excluded(diagnosis: Diagnosis) -> tuple[LeftOutPose, ...]:
@@ -188,21 +170,14 @@ def _term(term: Term, *, written: bool) -> FoundTerm:
             ),
         }
     return FoundTerm(
+        candidate=term.candidate,
         status=term.status,
         harmonic=term.harmonic,
         parameters=term.estimates,
         log_bayes_factor=term.log_bayes_factor,
         p_value=0.0 if term.log10_p < _LEAST_LOG10_P else 10.0**term.log10_p,
         log10_p=term.log10_p,
-        alternatives=tuple(
-            Rival(
-                log_bayes_factor=rival.log_bayes_factor,
-                correlation=rival.correlation,
-                alias=rival.alias,
-                **_identity(rival.candidate),
-            )
-            for rival in term.alternatives
-        ),
+        alternatives=term.alternatives,
         separate_by=term.separate_by,
         accepted=term.accepted,
         in_arm_file=written,
@@ -212,7 +187,6 @@ def _term(term: Term, *, written: bool) -> FoundTerm:
         seen=seen,
         poses=poses,
         held_out=held_out,
-        **_identity(term.candidate),
     )
 
 

@@ -89,7 +89,7 @@ def _periods(term: Term) -> float:
     if term.harmonic is not None:
         return term.harmonic
     is_wave = EFFECT_KINDS[term.candidate.kind].is_wave
-    return (term.candidate.cycles or 0) if is_wave else 0
+    return (term.candidate.periods or 0) if is_wave else 0
 
 
 def column(campaign: Campaign, name: str) -> tuple[str, Floats]:

@@ -23,12 +23,12 @@ from traverse.lab.adjustment import Adjustment
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.library import HIGHEST_ORDER
 from traverse.lab.diagnosis.candidates.waves import HIGHEST_HARMONIC, harmonic_bank
-from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
     LEAST_EFFECT,
     ObservationEquations,
 )
 from traverse.lab.diagnosis.scans.decimation import undecimated
+from traverse.lab.outcomes.candidate import Candidate
 
 # What unknowns leave of a harmonic, of its square, below which it is undetectable.
 _LEAST_LEFT = 1e-6

@@ -22,13 +22,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
 )
-from traverse.lab.diagnosis.model.result import (
-    Alternative,
-    Diagnosis,
-    DiagnosisOptions,
-    Step,
-    Term,
-)
+from traverse.lab.diagnosis.model.result import Diagnosis, DiagnosisOptions, Step, Term
 from traverse.lab.diagnosis.report.page import WORDS
 from traverse.lab.diagnosis.scans.decimation import Decimation, decimated
 from traverse.lab.diagnosis.scans.harmonics import (
@@ -38,6 +32,7 @@ from traverse.lab.diagnosis.scans.harmonics import (
 )
 from traverse.lab.diagnosis.search.forward_search import Progress, no_progress
 from traverse.lab.diagnosis.terms import verdict_of
+from traverse.lab.outcomes.diagnosis import Alternative
 from traverse.lab.report.quantities import picked
 
 # Of the probability of a false alarm: what the harmonics of all samples get.

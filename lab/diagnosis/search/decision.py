@@ -20,7 +20,7 @@ from traverse.lab.diagnosis.candidates.scoring import (
     judge,
     project,
 )
-from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.candidate import Bank
 from traverse.lab.diagnosis.model.fit import (
     AddedTerm,
     Fit,
@@ -36,7 +36,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     likeliest_serial_noise,
     serial_correlation,
 )
-from traverse.lab.diagnosis.model.result import Alternative, DiagnosisOptions
+from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.diagnosis.search.forward_search import (
     DECIDED,
     NAMED_BANKS,
@@ -53,7 +53,8 @@ from traverse.lab.diagnosis.search.forward_search import (
     refitted,
     scores_at,
 )
-from traverse.lab.outcomes.diagnosis import Status
+from traverse.lab.outcomes.candidate import BankName, Candidate
+from traverse.lab.outcomes.diagnosis import Alternative, Status
 
 # Whoever is within this of the best belongs to the printed set.
 _SET = float(np.log(100.0))

@@ -26,12 +26,7 @@ from traverse.lab.diagnosis.candidates.candidate_scores import (
 )
 from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, log_p_values
 from traverse.lab.diagnosis.candidates.waves import log_p_of_search
-from traverse.lab.diagnosis.model.candidate import (
-    BankName,
-    Candidate,
-    effect_of_candidate,
-    has_own_curve,
-)
+from traverse.lab.diagnosis.model.candidate import effect_of_candidate, has_own_curve
 from traverse.lab.diagnosis.model.fit import AddedTerm, Fit, fitted, with_effects
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
@@ -42,6 +37,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.diagnosis.search.outlier_recovery import recover_outliers
 from traverse.lab.first_moments import own_effects
+from traverse.lab.outcomes.candidate import BankName, Candidate
 
 # Takes draws (n_rows, n_draws); returns per draw the largest T and its degrees.
 Scan = Callable[[Floats], tuple[Floats, int]]

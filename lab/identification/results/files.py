@@ -14,7 +14,6 @@ from traverse.lab.campaign.prior import family_json
 from traverse.lab.identification.results.outcome import outcome_of
 from traverse.lab.identification.results.result import ArtefactResult, Identification
 from traverse.lab.outcomes.adjustment import COVARIANCE_FILE, write_covariance
-from traverse.lab.outcomes.base import outcome_json
 from traverse.lab.outcomes.identified import IdentificationFigures
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.report.quantities import picked, plain_values
@@ -81,7 +80,7 @@ def identification_json(
     return {
         "schema": SCHEMA,
         "provenance": (provenance or result.campaign.provenance()).values,
-        **outcome_json(judged.outcome),
+        **plain_values(judged.outcome),
         **plain_values(figures_of(result, judged.title)),
     }
 

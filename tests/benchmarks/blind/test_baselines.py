@@ -10,8 +10,9 @@ from benchmarks.blind.baselines import (
     raw_correlation,
     sparse_regression,
 )
-from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.candidate import Bank
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.outcomes.candidate import BankName, Candidate
 
 N_ROWS = 300
 

@@ -12,9 +12,9 @@ from benchmarks.blind.score import TrueTerm, deviations, pooled_gap, scored_term
 from benchmarks.blind.table import rows
 from benchmarks.trials.lines import append
 from traverse.kinematics.arm_file.arm import effect_from_table
-from traverse.lab.diagnosis.model.candidate import BankName, Candidate
-from traverse.lab.diagnosis.model.result import Alternative, Term
-from traverse.lab.outcomes.diagnosis import Estimate
+from traverse.lab.diagnosis.model.result import Term
+from traverse.lab.outcomes.candidate import BankName, Candidate
+from traverse.lab.outcomes.diagnosis import Alternative, Estimate
 
 J3_ECCENTRICITY = ("encoder_eccentricity", "J3", None, None, None)
 J3_RUNOUT = ("axis_runout", "J3", 2, "radial", None)

@@ -11,9 +11,9 @@ from traverse.lab.outcomes.base import (
     Shortfall,
     State,
     judge,
-    outcome_json,
     worst,
 )
+from traverse.lab.report.quantities import plain_values
 
 Numbers = dict[str, float]
 
@@ -80,7 +80,7 @@ def test_the_worst_reason_is_printed_first() -> None:
 
 
 def test_json_has_state_reasons_and_what_is_established() -> None:
-    values = outcome_json(judge(TABLE, {"error_mm": 0.5}))
+    values = plain_values(judge(TABLE, {"error_mm": 0.5}))
     assert json.loads(json.dumps(values)) == {
         "state": "doubt",
         "reasons": [

@@ -24,8 +24,9 @@ from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import (
     ALIAS,
 )
-from traverse.lab.diagnosis.model.result import Alternative, DiagnosisOptions
+from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.diagnosis.search.decision import decide
+from traverse.lab.outcomes.diagnosis import Alternative
 
 
 @cache

@@ -18,7 +18,8 @@ from traverse.lab.diagnosis.candidates.scoring import (
     log_p_values,
     project,
 )
-from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.candidate import Bank
+from traverse.lab.outcomes.candidate import BankName, Candidate
 
 FACTORS = 10.0 ** np.linspace(-1.5, 1.5, 61)
 COSTS = 0.5 * (np.log10(FACTORS) / 0.7) ** 2

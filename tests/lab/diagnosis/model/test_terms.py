@@ -14,7 +14,6 @@ from tests.simulator.effects.examples import heavy_arm, spec_of
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import judge, project
-from traverse.lab.diagnosis.model.candidate import BankName
 from traverse.lab.diagnosis.model.fit import (
     estimates_of,
     fitted,
@@ -26,6 +25,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     equations_of,
     without_serial_noise,
 )
+from traverse.lab.outcomes.candidate import BankName
 from traverse.simulator.campaigns import (
     BallBar,
     Cone,

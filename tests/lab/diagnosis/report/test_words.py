@@ -6,8 +6,7 @@ import pytest
 
 from tests.lab.diagnosis.diagnosed import clean, drifting, eccentric
 from traverse.kinematics.arm_file.arm import effect_from_table
-from traverse.lab.diagnosis.model.candidate import BankName, Candidate
-from traverse.lab.diagnosis.model.result import Alternative, Detectable
+from traverse.lab.diagnosis.model.result import Detectable
 from traverse.lab.diagnosis.report.names import (
     candidate_label,
     detectable_lines,
@@ -18,7 +17,8 @@ from traverse.lab.diagnosis.report.names import (
 from traverse.lab.diagnosis.report.outcome import diagnosis_json
 from traverse.lab.diagnosis.report.page import WORDS, summary_lines
 from traverse.lab.diagnosis.report.pictures import conditions
-from traverse.lab.outcomes.diagnosis import Estimate
+from traverse.lab.outcomes.candidate import BankName, Candidate
+from traverse.lab.outcomes.diagnosis import Alternative, Estimate
 from traverse.lab.report.quantities import odds, probability_of_log, quantity
 
 
