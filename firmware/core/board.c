@@ -407,7 +407,8 @@ void lb_timer_due(struct lb_board *board)
     lb_sampler_due(&board->sampler);
 }
 
-void lb_inputs_changed(struct lb_board *board, uint32_t tick, uint8_t levels)
+void lb_inputs_changed(struct lb_board *board, uint32_t earliest, uint32_t tick,
+                       uint8_t levels)
 {
-    lb_inputs_change(&board->inputs, tick, levels);
+    lb_inputs_change(&board->inputs, earliest, tick, levels);
 }

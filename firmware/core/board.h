@@ -70,7 +70,9 @@ bool lb_report_alarm(struct lb_board *board, const struct lb_alarm *alarm);
 
 /* The counter has reached the tick of set_timer. */
 void lb_timer_due(struct lb_board *board);
-/* The inputs have changed at a tick and have these levels now. */
-void lb_inputs_changed(struct lb_board *board, uint32_t tick, uint8_t levels);
+/* The inputs have changed at a tick and have these levels now. From the tick `earliest` on
+ * the port may have missed changes before this one: it is late by them. Else the two are equal. */
+void lb_inputs_changed(struct lb_board *board, uint32_t earliest, uint32_t tick,
+                       uint8_t levels);
 
 #endif

@@ -27,14 +27,16 @@ void lb_inputs_debounce(struct lb_inputs *inputs, uint32_t debounce_us)
         ((uint64_t)debounce_us * inputs->identity->tick_rate_hz) / MICROSECONDS;
 }
 
-void lb_inputs_change(struct lb_inputs *inputs, uint32_t tick, uint8_t levels)
+void lb_inputs_change(struct lb_inputs *inputs, uint32_t earliest, uint32_t tick,
+                      uint8_t levels)
 {
     if (inputs->n_waiting >= LB_CHANGE_QUEUE) {
         inputs->overflowed = true;
         return;
     }
     const uint8_t place = (uint8_t)(((unsigned)inputs->first + inputs->n_waiting) % LB_CHANGE_QUEUE);
-    lb_latch_for(inputs->identity, inputs->port, tick, &inputs->ring[place]);
+    lb_latch_for(inputs->identity, inputs->port, earliest, &inputs->ring[place]);
+    inputs->ring[place].ticks = tick;
     inputs->ring[place].inputs = levels;
     inputs->n_waiting++;
 }
@@ -79,7 +81,8 @@ static const struct lb_latch *peek(struct lb_inputs *inputs)
         /* Changes of an input that chatters were lost; its level may differ from the
          * last one noted. Latched too late for them, and marked so. */
         inputs->overflowed = false;
-        lb_inputs_change(inputs, port->ticks(), port->inputs());
+        const uint32_t tick = port->ticks();
+        lb_inputs_change(inputs, tick, tick, port->inputs());
         struct lb_latch *latch = &inputs->ring[inputs->first];
         for (uint8_t i = 0U; i < inputs->identity->n_channels; i++) {
             latch->status[i] |= (uint8_t)LB_STATUS_LATE;

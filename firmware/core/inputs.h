@@ -40,8 +40,9 @@ void lb_inputs_init(struct lb_inputs *inputs, const struct lb_identity *identity
                     const struct lb_port *port);
 void lb_inputs_debounce(struct lb_inputs *inputs, uint32_t debounce_us);
 
-/* Inputs have changed at a tick and have these levels now. From an interrupt. */
-void lb_inputs_change(struct lb_inputs *inputs, uint32_t tick, uint8_t levels);
+/* See lb_inputs_changed. */
+void lb_inputs_change(struct lb_inputs *inputs, uint32_t earliest, uint32_t tick,
+                      uint8_t levels);
 
 /* Find the next change that has held until now, in the order in which they came to rest.
  * Call until it returns false; `now` is unwrapped. */

@@ -8,8 +8,8 @@
 static uint32_t latch(uint32_t *counts, uint8_t *status)
 {
     clock_hold();
-    const uint32_t tick = clock_ticks();
     pins_mark(true);
+    const uint32_t tick = clock_ticks(); /* after the mark: interrupts between the two count */
     encoders_latch(counts, status);
     pins_mark(false);
     clock_release();

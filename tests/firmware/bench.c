@@ -110,7 +110,7 @@ void bench_inputs(uint32_t n_ticks, uint8_t levels)
 {
     bench.ticks += n_ticks;
     bench.inputs = levels;
-    lb_inputs_changed(&bench.board, bench.ticks, levels);
+    lb_inputs_changed(&bench.board, bench.ticks, bench.ticks, levels);
 }
 
 void bench_receive(const uint8_t *bytes, uint32_t n_bytes)

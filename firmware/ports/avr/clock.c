@@ -13,6 +13,7 @@
 #define SOONEST_TICKS 16U     /* compare can be set this far ahead without missing it */
 #define LONGEST_TICKS 0xF000U /* farther ahead, the overflow looks again */
 #define WAKE_TICKS (CLOCK_HZ / 1000U)
+#define ENTRY_TICKS 40 /* way of a capture's interrupt past those of the line: 20 us */
 
 /* Interrupts that call the core: those of input captures and of compare A. */
 #define CORE_4 _BV(ICIE4)
@@ -24,6 +25,8 @@ static struct {
     struct lb_board *board;
     volatile bool woken;
     uint8_t holds;   /* how many hold the core's interrupts away */
+    uint16_t held;   /* since when they did at last, by the counter's lower half */
+    uint16_t freed;  /* and until when */
     bool is_set;     /* a tick is set */
     bool is_armed;   /* and compare A is set to it */
     uint32_t target; /* that tick */
@@ -43,6 +46,31 @@ static void enable(void)
     }
     TIMSK5 = timer_5;
     TIMSK4 = (is_free && INPUTS > 1) ? CORE_4 : 0U;
+}
+
+/* Whether a capture waits for its interrupt. */
+static bool captures_wait(void)
+{
+    return (TIFR5 & _BV(ICF5)) != 0U || (INPUTS > 1 && (TIFR4 & _BV(ICF4)) != 0U);
+}
+
+/* Keep the core's interrupts away. Interrupts are off. */
+static void hold(void)
+{
+    /* A capture that waits since an earlier hold has not been served between the two. */
+    if (timer.holds == 0U && !captures_wait()) {
+        timer.held = TCNT5;
+    }
+    timer.holds++;
+    enable();
+}
+
+/* Let them come again. Interrupts are off. */
+static void release(void)
+{
+    timer.holds--;
+    timer.freed = TCNT5;
+    enable();
 }
 
 uint32_t clock_ticks(void)
@@ -101,16 +129,14 @@ void clock_stop_timer(void)
 void clock_hold(void)
 {
     const pins_state state = pins_lock();
-    timer.holds++;
-    enable();
+    hold();
     pins_unlock(state);
 }
 
 void clock_release(void)
 {
     const pins_state state = pins_lock();
-    timer.holds--;
-    enable();
+    release();
     pins_unlock(state);
 }
 
@@ -150,17 +176,15 @@ void clock_init(struct lb_board *board)
 /* Begin work that calls the core: other interrupts may come from here on. */
 static void begin(void)
 {
-    timer.holds++;
-    enable();
+    hold();
     sei();
 }
 
 static void end(void)
 {
     cli();
-    timer.holds--;
     timer.woken = true;
-    enable();
+    release();
 }
 
 ISR(TIMER5_OVF_vect)
@@ -195,13 +219,18 @@ static void captured(uint8_t bit, uint16_t low)
 {
     const uint32_t now = clock_ticks();
     uint32_t tick = now - (uint16_t)((uint16_t)now - low);
+    /* Strategy: the capture holds one time only. Of a contact that bounced while
+     * interrupts were held it has the last closure; the first was after the hold's begin.
+     * Holds of less than a turn of the lower half come each millisecond. */
+    const uint16_t since_held = (uint16_t)(low - timer.held);
+    const bool has_waited = (int16_t)(low - timer.freed) < ENTRY_TICKS && (int16_t)since_held > 0;
+    const uint32_t earliest = has_waited ? tick - since_held : tick;
     timer.levels ^= bit;
     begin();
-    lb_inputs_changed(timer.board, tick, timer.levels);
+    lb_inputs_changed(timer.board, earliest, tick, timer.levels);
     cli();
     /* A bounce that was shorter than the interrupt's way to here left no second capture. */
-    while (((clock_inputs() ^ timer.levels) & bit) != 0U &&
-           (TIFR5 & _BV(ICF5)) == 0U && (TIFR4 & _BV(ICF4)) == 0U) {
+    while (((clock_inputs() ^ timer.levels) & bit) != 0U && !captures_wait()) {
         tick = clock_ticks();
         timer.levels ^= bit;
         if (bit == 1U) {
@@ -210,7 +239,7 @@ static void captured(uint8_t bit, uint16_t low)
             TCCR4B ^= _BV(ICES4);
         }
         sei();
-        lb_inputs_changed(timer.board, tick, timer.levels);
+        lb_inputs_changed(timer.board, tick, tick, timer.levels);
         cli();
     }
     end();

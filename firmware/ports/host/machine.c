@@ -239,7 +239,8 @@ bool machine_set_input(uint32_t input, uint32_t level)
         (uint8_t)(level != 0U ? machine.inputs | bit : machine.inputs & (uint8_t)~bit);
     if (levels != machine.inputs) {
         machine.inputs = levels;
-        lb_inputs_changed(&machine.board, ticks(), levels);
+        const uint32_t tick = ticks();
+        lb_inputs_changed(&machine.board, tick, tick, levels);
     }
     return true;
 }

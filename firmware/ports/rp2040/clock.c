@@ -131,7 +131,8 @@ void changes_due(void)
 {
     while (timer.tail != timer.head) {
         const uint32_t place = timer.tail % CHANGES;
-        lb_inputs_changed(timer.board, timer.changes[place].tick, timer.changes[place].levels);
+        const uint32_t tick = timer.changes[place].tick;
+        lb_inputs_changed(timer.board, tick, tick, timer.changes[place].levels);
         timer.tail++;
     }
 }
