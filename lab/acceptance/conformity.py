@@ -186,6 +186,7 @@ class LengthError:
 
     @property
     def standard_mm(self) -> float | None:
+        """Standard uncertainty of the error; None where not stated."""
         return self.budget.standard_mm
 
 

@@ -46,6 +46,7 @@ class EffectModel:
     assumed: AssumedMoments | None = None
 
     def at(self, values: Floats) -> ArmEffects:
+        """Make the effects of some sizes, (n_values,)."""
         return self.effects.with_values(values)
 
     def coordinates(self, geometry: Geometry, index: int) -> slice:

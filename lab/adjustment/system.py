@@ -58,6 +58,7 @@ class Elimination:
     held: Floats
 
     def step(self, arm_step: Floats) -> Floats:
+        """Compute the step of the unknowns, (n_unknowns,)."""
         return self.gain @ (self.right - self.left @ arm_step)
 
 

@@ -169,6 +169,7 @@ class Nominal(StrictModel):
         return self
 
     def places_mm(self) -> Floats:
+        """List the points, (n, 3)."""
         places = [(point.x_mm, point.y_mm, point.z_mm) for point in self.points]
         return np.array(places, dtype=np.float64).reshape(-1, 3)
 

@@ -65,6 +65,7 @@ class PlaneLinePointTouches:
 
     @property
     def all_mm(self) -> Floats:
+        """All of them, (n, 3)."""
         return np.concatenate([self.plane_mm, self.line_mm, self.point_mm])
 
 

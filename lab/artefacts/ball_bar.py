@@ -95,6 +95,7 @@ class BallBar(ExpandingArtefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
+        """Set up w = |x - c_i(g)| - R_i (1 + g) - r."""
         places_mm = state[:6].reshape(2, 3)
         mine = touches.features
         half = 0.5 * touches.growths[:, np.newaxis]

@@ -34,6 +34,7 @@ class Cone(Artefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
+        """Set up w = x - c."""
         shape = (len(centres_mm), 3, 3)
         return Equations(
             centres_mm - state,

@@ -68,6 +68,7 @@ class DrawWire(Artefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
+        """Set up w = |x - a| - L - o."""
         away_mm, units = distances(centres_mm, state[:3])
         misclosures_mm = away_mm - touches.known_lengths_mm - state[3]
         by_unknowns = np.column_stack([-units, -np.ones(len(units))])

@@ -77,6 +77,7 @@ class ParallelPlanes(ExpandingArtefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
+        """Set up w = n . x - d - i (D (1 + g) / 2 +- r)."""
         normal = state[:3]
         signs = 2.0 * touches.features - 1.0
         halves = 0.5 * (1.0 + touches.growths)

@@ -83,6 +83,7 @@ class Plane(Artefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
+        """Set up w = n . x - d -+ r."""
         normal = state[:3]
         sides_mm = _sides(normal, touches) * touches.radius_mm
         misclosures_mm = centres_mm @ normal - state[3] - sides_mm

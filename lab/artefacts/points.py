@@ -109,6 +109,7 @@ class Points(ExpandingArtefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
+        """Set up w = x - t - s (1 + g) R(q) A."""
         n_poses, n_frame = len(centres_mm), _N_FRAME_UNKNOWNS[self.frame]
         coordinates_mm = state[8:].reshape(-1, 3)[touches.features]
         factors = state[7] * (1.0 + touches.growths)

@@ -123,6 +123,7 @@ class Seats(ExpandingArtefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
+        """Set up w = x - c_i - g (c_i - m)."""
         places_mm = state.reshape(-1, 3)
         n_poses, n_seats = len(centres_mm), len(places_mm)
         growths, mine = touches.growths, touches.features

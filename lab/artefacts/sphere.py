@@ -214,6 +214,7 @@ class Sphere(ExpandingArtefact):
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
     ) -> Equations:
+        """Set up w = |x - c| - R (1 + growth) -+ r."""
         distances_mm, units = distances(centres_mm, state[:3])
         growths = 1.0 + touches.growths
         offset_mm = offset_sign(self.side) * touches.radius_mm

@@ -219,6 +219,7 @@ def _fitted(values: Floats, stds: Floats) -> tuple[float, float, float]:
 
 
 def family_values(family: FamilyResults) -> dict[str, Any]:
+    """Judge all parameters of all arms; as plain values."""
     n_arms, n_parameters = family.values.shape
     level = LEVEL / (n_arms * n_parameters)
     parameters: list[dict[str, Any]] = []

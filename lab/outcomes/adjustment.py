@@ -31,6 +31,7 @@ COVARIANCE_FILE = "arm.cov.npz"
 
 
 def write_covariance(cartesian: CartesianCovariance, path: Path) -> str:
+    """Write names, values and covariance; return the file's SHA-256."""
     np.savez(
         path,
         names=np.array(cartesian.names),

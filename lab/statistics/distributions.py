@@ -25,6 +25,7 @@ class GlobalTest:
 
     @property
     def passed(self) -> bool | None:
+        """Whether it passed; None where nothing can be tested."""
         return None if self.p_value is None else self.p_value >= GLOBAL_LEVEL
 
 

@@ -138,6 +138,7 @@ def find_misfit(
 
 
 def _volume_mm(model: Adjustment) -> float:
+    """Return how large the measured volume is: the rms distance from its centre."""
     centres_mm = np.concatenate(
         [
             model.network.centres_mm(station, model.state.arm)

@@ -88,6 +88,7 @@ class ObservationEquations:
 
     @cached_property
     def sum_of_squares(self) -> float:
+        """T_0: of the residuals."""
         return float(self.residuals @ self.residuals)
 
     @cached_property

@@ -52,6 +52,7 @@ class HarmonicFinding:
 
     @property
     def log_p(self) -> float:
+        """Natural logarithm of the p-value."""
         return -0.5 * self.statistic
 
 

@@ -183,6 +183,7 @@ class Identification:
 
     @property
     def correlations(self) -> Floats:
+        """Of the free parameters, (n_free, n_free)."""
         stds = np.sqrt(np.diag(self.covariance))
         safe = np.where(stds > 0.0, stds, 1.0)
         correlations: Floats = self.covariance / np.outer(safe, safe)
