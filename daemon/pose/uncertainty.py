@@ -106,6 +106,8 @@ class CovarianceInput:
         error_bounds_counts: by interpolation, (n, n_joints, 2), see `Interpolated`;
             None if all were latched.
         jitter_ns: error of the instants beyond `[uncertainty] trigger_s`.
+        is_of_latch: the place is that of the latch, whatever its time: no motion of
+            later belongs to it.
         samples: averaged for the one point.
     """
 
@@ -113,6 +115,7 @@ class CovarianceInput:
     speeds_rad_s: Floats
     error_bounds_counts: Floats | None = None
     jitter_ns: int = 0
+    is_of_latch: bool = False
     samples: int = 1
 
 
@@ -188,7 +191,7 @@ class CovarianceEvaluator:
             by_bounds = bounds_rad[..., 0] ** 2 + bounds_rad[..., 1] ** 2 / 3.0
             variances = (variances + by_bounds)[:, np.newaxis]
         jitter_s = reading.jitter_ns * 1e-9
-        if jitter_s < MOST_JITTER_S:
+        if jitter_s < MOST_JITTER_S and not reading.is_of_latch:
             variances += (HAND_RAD_S2 * jitter_s**2 / 2.0) ** 2 / 3.0
         return PointNoise(
             np.sqrt(variances),

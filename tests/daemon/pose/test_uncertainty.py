@@ -79,7 +79,11 @@ def test_parts_are_those_of_the_law(tmp_path):
     )
     curved_rad2 = (5.0 * 0.003**2 / 2.0) ** 2 / 3.0
     expected = counts_only + 4.0 * np.outer(way_mm, way_mm)
-    expected += curved_rad2 * by_angles @ by_angles.T
+    with_start = expected + curved_rad2 * by_angles @ by_angles.T
+    assert covariance == pytest.approx(with_start, rel=1e-5)
+    # What was latched at an edge is of that place, whenever it was.
+    of_edge = {"jitter_ns": 3_000_000, "is_of_latch": True}
+    covariance = stated(model, late, speeds_rad_s=speeds[np.newaxis], **of_edge)
     assert covariance == pytest.approx(expected, rel=1e-5)
 
 

@@ -259,14 +259,14 @@ async def test_reports_of_motion_are_samples(tmp_path):
             taken = await up(rig, 100.0)
             await taken.until(lambda: taken.of(StreamStarted), "the stream")
             for n in range(1, 6):
-                arm.move(0, 3)
+                arm.move(0, 1)  # a hand does not make a joint at rest jump
                 await taken.until(lambda n=n: len(taken.seqs()) >= n, f"{n} samples")
             arm.press(0, True)
             await taken.until(lambda: taken.of(LatchedCounts), "the edge")
             # A still arm is polled now and then.
             n = len(taken.seqs())
             await taken.until(lambda: len(taken.seqs()) >= n + 2, "it is asked")
-            arm.move(0, 5)
+            arm.move(0, 2)
             await taken.until(
                 lambda: int(taken.of(CountSamples)[-1].counts[-1, 1]) == arm.counts[1],
                 "motion again",
