@@ -57,7 +57,8 @@ window.traverse_language = {
       for (const name of this.ATTRIBUTES) if (element.hasAttribute(name)) this.show_attribute(element, name);
   },
   show_text(node) {
-    if (!/[A-Za-z]{2}|\d\.\d/.test(node.data) && !this.sources.has(node)) return;
+    const is_plain = this.code === "en" && !this.has_comma;
+    if ((is_plain || !/[A-Za-z]{2}|\d\.\d/.test(node.data)) && !this.sources.has(node)) return;
     if (node.parentElement?.closest("[translate=no], script, style, noscript, textarea")) return;
     const shown = this.replaced(node, "", node.data);
     if (shown !== node.data) node.data = shown;
