@@ -20,6 +20,7 @@ QUIET_S = 0.03  # longer than an adapter holds bytes back
 END_MOTION_S = 0.05  # the arm takes so long to stop
 ANSWER_S = 0.3
 PACKET_S = 0.1
+RELAXED = 0.9  # of the patience after each answer in time
 TRIES = 3
 MOST_BYTES = 1024
 
@@ -54,7 +55,8 @@ class MicroscribeLine:
     Attributes:
         stray: bytes without a request.
         old: packets that answered an earlier request.
-        patience_s: time limit of a packet.
+        patience_s: time limit of a packet; longer after an answer that came later.
+        usual_patience_s: what it returns to.
     """
 
     def __init__(
@@ -70,7 +72,7 @@ class MicroscribeLine:
         self._now_ns = monotonic_ns
         self._stopping = stopping
         self.unrequested_bytes = self.old = 0
-        self.patience_s = PACKET_S
+        self.patience_s = self.usual_patience_s = PACKET_S
         self._unanswered_ns: list[int] = []  # requests of packets, when sent
 
     def __enter__(self) -> Self:
@@ -175,10 +177,17 @@ class MicroscribeLine:
             if not decoder.pending:
                 begun_ns = now_ns
                 delay_ns = self._delay_ns(data, begun_ns - sent_ns)
-            for packet in decoder.feed(data):
+            n_spoilt = _n_spoilt(decoder)
+            packets = decoder.feed(data)
+            # A spoilt answer has had its turn, and does not come later.
+            del waiting_ns[: _n_spoilt(decoder) - n_spoilt]
+            for packet in packets:
                 heard = TimedPacket(packet, sent_ns, begun_ns, self._now_ns(), delay_ns)
                 first_ns = waiting_ns.pop(0) if waiting_ns else sent_ns
                 if not old(heard):
+                    # Else each packet that is spoilt would cost the longest patience.
+                    shorter_s = RELAXED * self.patience_s
+                    self.patience_s = max(self.usual_patience_s, shorter_s)
                     return replace(heard, sent_ns=first_ns)
                 self.old += 1
                 self.patience_s = min(2.0 * self.patience_s, PACKET_S)
@@ -239,3 +248,7 @@ class MicroscribeLine:
             if self.port.wait(left_ns * 1e-9):
                 data += self.port.read()
         return data
+
+
+def _n_spoilt(decoder: PacketDecoder) -> int:
+    return decoder.faults["broken"] + decoder.faults["foreign"]

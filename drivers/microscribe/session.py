@@ -191,7 +191,8 @@ class MicroscribeSession:
         self.first = [self.sample_of(packet)[0] for packet in heard][-1]
         if self.timer_used:  # which identifies an answer that arrives later than that
             usual_s = PATIENCE * max(lengths_ns) * 1e-9
-            self.line.patience_s = min(max(usual_s, SHORTEST_S), PACKET_S)
+            patience_s = min(max(usual_s, SHORTEST_S), PACKET_S)
+            self.line.patience_s = self.line.usual_patience_s = patience_s
         self.reached_hz = SHARE_OF_LINE * 1e9 / max(1.0, median(lengths_ns))
         # What is not known to be time on the line may have been on either way.
         unknown_ns = quickest.begun_ns - quickest.sent_ns - quickest.delay_ns

@@ -57,7 +57,7 @@ def arm() -> LateArm:
 @pytest.fixture
 def line(arm: Any) -> MicroscribeLine:
     line = MicroscribeLine(arm, 115200, lambda: arm.now_ns, lambda: False)
-    line.patience_s = 0.02
+    line.patience_s = line.usual_patience_s = 0.02
     return line
 
 
