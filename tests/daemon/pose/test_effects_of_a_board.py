@@ -131,7 +131,9 @@ async def test_a_point_before_any_stream_says_that_its_speed_is_unknown(tmp_path
     """What the board's clock leaves open cannot be stated as a length then."""
     async with measuring(tmp_path) as bench:
         early = await captured(bench)
-        assert early.quality.flags == ("motion_unknown",)
+        # A busy machine may read it before the clock is tied.
+        flags = set(early.quality.flags)
+        assert {"motion_unknown"} <= flags <= {"motion_unknown", "time_uncertain"}
         assert early.covariance_mm2 is None
         await moved(bench)
         point = await captured(bench)
