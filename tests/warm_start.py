@@ -23,11 +23,10 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Any, NoReturn
+from typing import IO, Any
 
 # The folder of a session's results; workers and programs inherit the variable.
 FOLDER = "TRAVERSE_TESTS_SHARED"
@@ -217,7 +216,29 @@ def _note_imports(file: Path, before: frozenset[str]) -> None:
         part.rename(file)
 
 
+class Ending:
+    """The end of a program, which leaves all objects as they are.
+
+    To free them copies their pages, which is most of what a short program computes.
+
+    Attributes:
+        status: the program's exit status; None: it ends as any program.
+    """
+
+    def __init__(self) -> None:
+        self.status: int | None = None
+
+    def leave(self) -> None:
+        """End at once, after all other functions of `atexit`."""
+        if self.status is not None:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(self.status)
+
+
 def _main() -> None:
+    ending = Ending()
+    atexit.register(ending.leave)  # the first one is called last
     sys.path.pop(0)  # the folder of this file
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     importlib.import_module("traverse.cli.__main__")
@@ -239,20 +260,8 @@ def _main() -> None:
         runpy.run_module("traverse", run_name="__main__", alter_sys=True)
     except SystemExit as end:
         if isinstance(end.code, int | None):
-            _end_at_once(end.code or 0)
+            ending.status = end.code or 0
         raise
-
-
-def _end_at_once(status: int) -> NoReturn:
-    """End as Python does, but leave all objects.
-
-    To free them copies their pages, which is most of what a short program computes.
-    """
-    threading._shutdown()  # type: ignore[attr-defined]
-    atexit._run_exitfuncs()
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(status)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """The digital read-out: position of the probe, and its uncertainty."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -116,13 +117,9 @@ class Figures:
         if last is None or here is None or there is None or is_of_before:
             return ""
         step_mm = np.subtract(here, there)
-        offsets = "  ".join(
-            f"Δ{axis} {unit.text(offset, sign=True)}"
-            for axis, offset in zip(NAMES, step_mm, strict=True)
-        )
         return (
             f'<div class="step"><span>from point {last.seq}</span>'
-            f"<span>{offsets}</span>"
+            f"<span>{_offsets_text(step_mm.tolist(), unit)}</span>"
             f"<b>{unit.with_name(float(np.linalg.norm(step_mm)))}</b></div>"
         )
 
@@ -138,11 +135,7 @@ class Figures:
             doubt = "" if of.quality.ok else flag_words(of)
             off = nominal.deviation(place, around_mm[0] if around_mm else None, doubt)
             level, words = off.decision
-            offsets = "  ".join(
-                f"Δ{axis} {unit.text(offset, sign=True)}"
-                for axis, offset in zip(NAMES, off.offsets_mm, strict=True)
-                if offset is not None
-            )
+            offsets = _offsets_text(off.offsets_mm, unit)
             share = min(off.distance_mm / (2.0 * nominal.tolerance_mm), 1.0)
             rows.append(
                 f'<div class="nominal {level}"><span>{name}</span>'
@@ -152,6 +145,15 @@ class Figures:
                 f"{unit.name}: {words}</b></div>"
             )
         return "".join(rows)
+
+
+def _offsets_text(offsets_mm: Sequence[float | None], unit: Unit) -> str:
+    """Format differences of coordinates; None: the axis is left out."""
+    return "  ".join(
+        f"Δ{axis} {unit.text(offset, sign=True)}"
+        for axis, offset in zip(NAMES, offsets_mm, strict=True)
+        if offset is not None
+    )
 
 
 def _expanded(

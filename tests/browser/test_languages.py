@@ -61,7 +61,7 @@ async def test_a_german_browser_shows_a_german_page_without_english_rests(
         missing = await page.evaluate("[...traverse_language.missing]")
         assert "\n".join(missing) == ""
 
-        # Another language at once, and the comma where it is wanted.
+        # A chosen language and the comma apply without a reload, and are remembered.
         value = page.locator(".axis .value").first
         await expect(value).to_have_text("13.000")
         await choose(page, "中文", "小数逗号")
