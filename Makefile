@@ -50,13 +50,16 @@ $(VENV)/.demo: pyproject.toml requirements-demo.lock
 	@$(BIN)/python deploy/environment.py requirements-demo.lock demo
 	@touch $@
 
-$(STAMP): $(VENV)/.demo pyproject.toml requirements.lock $(KERNEL)
+$(VENV)/.compiler: $(VENV)/.demo
 	@PYTHON=$(BIN)/python sh deploy/debian-packages.sh compiler
+	@touch $@
+
+$(STAMP): $(VENV)/.demo pyproject.toml requirements.lock $(KERNEL) | $(VENV)/.compiler
 	@rm -f kinematics/kernel/*.so
 	@$(BIN)/python deploy/environment.py requirements.lock demo,lab,dev
 	@touch $@
 
-system:  # Debian packages that the tests need
+system: $(VENV)/.compiler  # Debian packages that the tests need
 	@PYTHON=$(BIN)/python sh deploy/debian-packages.sh $(TEST_GROUPS)
 
 demo: $(VENV)/.demo  ## one round of measurements with a simulated arm
@@ -73,13 +76,18 @@ build/node/.ready: tests/interface/package.json tests/interface/package-lock.jso
 
 # Each worker imports all tests, and would compile them anew where nobody has.
 $(VENV)/.compiled: $(STAMP)
-	@ls -d tests/*/ | xargs -n 12 -P 2 $(BIN)/pytest --collect-only -q > /dev/null || true
+	@$(BIN)/pytest --collect-only -q > /dev/null || true
 	@touch $@
 
-test: venv system node $(VENV)/.compiled  ## all tests but the slow ones
+# What tests need: Debian packages are unpacked while Python packages are, and compiled.
+READY = @$(MAKE) --no-print-directory --jobs=4 venv system node $(VENV)/.compiled
+
+test:  ## all tests but the slow ones
+	$(READY)
 	$(TEST) -m "not slow" || $(AGAIN) -m "not slow"
 
-test-slow: venv system node $(VENV)/.compiled  ## guides followed to their end, campaigns through everything; three minutes
+test-slow:  ## guides followed to their end, campaigns through everything; three minutes
+	$(READY)
 	$(TEST) -m "slow and not targets" || $(AGAIN) -m "slow and not targets"
 
 test-targets: venv system $(PEERS)/.ready  ## long targets in tiny sizes: benchmarks, packages, pictures; ten minutes

@@ -66,4 +66,5 @@ echo "Installing Debian packages:$missing"
 # One list of packages serves several groups, one after the other.
 [ -n "$(find /var/lib/apt/lists -name '*_Packages*' -mmin -60 2>/dev/null)" ] || apt-get update -qq
 # A broker started by its package would hold port 1883; the tests start their own.
-DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing >/dev/null
+# Another target of make may be installing its own: its end is waited for.
+DEBIAN_FRONTEND=noninteractive apt-get install -o DPkg::Lock::Timeout=900 -y -qq --no-install-recommends $missing >/dev/null

@@ -28,8 +28,14 @@ CHECKOUT = Path(__file__).resolve().parents[1]
 FOLDER = CHECKOUT / "build" / "fresh"
 BUNDLE = Path("/etc/ssl/certs/ca-certificates.crt")
 PACKAGES = ("git", "make", "ca-certificates")
-# Downloads of apt and pip, kept for the next run: name below build/fresh, and place.
-CACHES = {"apt": "/var/cache/apt/archives", "pip": f"{Path.home()}/.cache/pip"}
+# Downloads, kept for the next run: name below build/fresh, and place.
+CACHES = {
+    "apt": "/var/cache/apt/archives",
+    "pip": f"{Path.home()}/.cache/pip",
+    "uv": f"{Path.home()}/.cache/uv",
+}
+# The tree, some 4 GB, is in memory where the tests keep as much again.
+MEMORY_BYTES = 10 << 30
 # Environment variables that are settings of pip, npm and the network.
 SETTINGS = re.compile("(?i)(pip|npm_config|uv)_.*|.*_proxy|.*_ca_certs|.*_cert(_file)?")
 # Processes, terminals and devices of its own, then the command.
@@ -189,6 +195,9 @@ def unpacked(archive: Path) -> Iterator[Path]:
     tree = FOLDER / "tree"
     remove(tree)
     tree.mkdir()
+    if available_bytes() > MEMORY_BYTES:
+        memory = ["mount", "--types", "tmpfs", "--options", "size=90%", "tmpfs", tree]
+        subprocess.run(memory, check=False)  # else it is on the disk
     subprocess.run(["tar", "-xf", archive, "-C", tree], check=True)
     # Debian's installer writes them; mmdebstrap copies the names of this machine's.
     (tree / "etc/hostname").write_text("fresh\n")
@@ -210,10 +219,18 @@ def unpacked(archive: Path) -> Iterator[Path]:
         remove(tree)
 
 
+def available_bytes() -> int:
+    """Return how much memory programs can still have."""
+    lines = Path("/proc/meminfo").read_text("utf-8").splitlines()
+    fields = dict(line.split(":", 1) for line in lines)
+    return int(fields["MemAvailable"].split()[0]) * 1024
+
+
 def remove(tree: Path) -> None:
     """Remove a tree, and nothing through a mount that an earlier run left."""
     points = [line.split()[1] for line in Path("/proc/mounts").read_text().splitlines()]
-    for point in sorted((p for p in points if p.startswith(f"{tree}/")), reverse=True):
+    inside = (p for p in points if p == str(tree) or p.startswith(f"{tree}/"))
+    for point in sorted(inside, reverse=True):
         subprocess.run(["umount", "--lazy", point], check=True)
     if tree.exists():
         shutil.rmtree(tree)
@@ -275,6 +292,7 @@ def run(tree: Path, command: str, folder: str) -> int:
     environment = {
         "HOME": str(Path.home()),
         "PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
+        "UV_LINK_MODE": "copy",  # its downloads are kept on another file system
         **{n: v for n, v in os.environ.items() if SETTINGS.fullmatch(n)},
     }
     ran = subprocess.run(

@@ -210,20 +210,21 @@ def test_the_commands_of_a_fresh_machine_are_those_of_the_readme():
     assert module_of("fresh_machine").readme_commands() == ["make demo", "make test"]
 
 
-def test_progress_says_how_many_packages_are_left(environment):
-    lines = [
-        "Ignoring colorama: markers do not match your environment\n",
-        "Collecting numpy==2.4.6 (from -r lock (line 7))\n",
-        "  Downloading numpy-2.4.6-cp311-manylinux_2_28_x86_64.whl (16.8 MB)\n",
-        "Requirement already satisfied: rich==15.0.0 in ./.venv\n",
-        "Processing /wheels/typing_extensions-4.16.0-py3-none-any.whl\n",
-        "Installing collected packages: numpy, typing-extensions\n",
-    ]
-    assert list(environment.progress(iter(lines), 4)) == [
-        "  1 of 4 packages, 3 left: numpy",
-        "  3 of 4 packages, 1 left: typing_extensions",
-        "  unpacking 3 packages",
-    ]
+def test_settings_of_pip_are_those_of_uv(environment):
+    listed = (
+        ":env:.cert='/etc/ssl/bundle.crt'\n"
+        "global.find-links='/opt/wheels\\n/opt/more'\n"
+        "global.extra-index-url='https://a/simple\\nhttps://b/simple'\n"
+        "install.index-url='https://mirror/simple'\n"
+        "global.timeout='180'\n"
+    )
+    assert environment.uv_settings(listed) == {
+        "SSL_CERT_FILE": "/etc/ssl/bundle.crt",
+        "UV_DEFAULT_INDEX": "https://mirror/simple",
+        "UV_EXTRA_INDEX_URL": "https://a/simple https://b/simple",
+        "UV_FIND_LINKS": "/opt/wheels,/opt/more",
+        "UV_INDEX_STRATEGY": "unsafe-best-match",
+    }
 
 
 def test_markers_of_other_machines_do_not_count(environment, tmp_path):
