@@ -138,11 +138,12 @@ bench: venv system bench-kernel  ## the figures of docs/performance.md; takes ei
 	$(BIN)/python -m benchmarks.tools.plots $(FIGURES)
 	$(BIN)/python -m benchmarks.tools.compare $(FIGURES)
 
-bench-drivers: venv  ## the drivers: rates, losses, share of a core; takes minutes
+bench-drivers: venv system node  ## the drivers: rates, losses, share of a core; the boards; takes minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers.bar
 	$(BIN)/python -m benchmarks.drivers.can
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers.deskew
 	$(BIN)/python -m benchmarks.drivers.clock
+	$(BIN)/python -m benchmarks.drivers.boards
 
 bench-capture: venv system  ## filters, and a switching probe's contact; takes two minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.filters

@@ -7,7 +7,12 @@ import pytest
 
 from tests.firmware.host_rig import EmulatedBoard, HostBoardRig
 from tests.running import run_traverse
-from traverse.drivers.base.values import LatchedCounts
+from traverse.drivers.base.values import (
+    STATUS_LATE,
+    DeviceAlarm,
+    LatchedCounts,
+    StreamStarted,
+)
 from traverse.testing.driver_contract import up
 
 COUNTS_PER_TURN = 8192
@@ -69,6 +74,75 @@ async def pressed(
             )
             rig.driver.acknowledge(taken.of(LatchedCounts)[-1].token)
     return taken.of(LatchedCounts), presses
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderKind:
+    """A kind of encoders at a board.
+
+    Attributes:
+        settings: those of the firmware.
+        model: the name of its model in the emulators.
+        bits: of a count.
+        alarms: what the board says of encoders 1 to 4 when they are absent, without a
+            magnet, weak, disturbed; `None` where it cannot know.
+    """
+
+    settings: str
+    model: str
+    bits: int
+    alarms: tuple[int | None, ...]
+
+    @property
+    def is_read_in_turn(self) -> bool:
+        return self.model == "as5600-multiplexer"
+
+
+ENCODER_KINDS = [
+    EncoderKind("SSI GRAY_CODE=0", "ssi", 19, (8, None, None, None)),
+    EncoderKind("BISS", "biss", 19, (8, 2, 1, 2)),
+    EncoderKind("AS5047", "as5047", 14, (8, 2, None, 2)),
+    EncoderKind("AMT22", "amt22", 14, (8, None, None, 2)),
+    EncoderKind("AS5600", "as5600", 12, (8, 2, 1, None)),
+    EncoderKind("AS5600 I2C_MULTIPLEXER=1", "as5600-multiplexer", 12, (8, 2, 1, None)),
+]
+each_kind = pytest.mark.parametrize(
+    "kind", ENCODER_KINDS, ids=[kind.model for kind in ENCODER_KINDS]
+)
+
+
+async def assert_the_kind_is_read(
+    board: EmulatedProcessor, kind: EncoderKind, n_samples: int, late_cycles: int
+) -> None:
+    """Stream, press the button, then let encoders 1 to 4 fail."""
+    counts = tuple(n * (2**kind.bits - 1) // 6 for n in range(7))
+    board.do(*(f"count {n} {count}" for n, count in enumerate(counts)))
+    rig = ProcessorRig(board, debounce_us=5000)
+    board.do("turn 0 0", "count 0 0")
+    expected = {(n, code) for n, code in enumerate(kind.alarms, 1) if code}
+    with rig.driver:
+        taken = await up(rig, 250.0 if kind.is_read_in_turn else 500.0)
+        await taken.until(lambda: taken.of(StreamStarted), "the stream")
+        board.do("bounce 0 1 3")
+        press = board.last_press()
+        await taken.until(lambda: taken.of(LatchedCounts), "the press")
+        await taken.until(lambda: len(taken.seqs()) > n_samples, "samples")
+        board.do(*(f"fail {n} {fault}" for n, fault in enumerate((3, 2, 1, 4), 1)))
+        await taken.until(lambda: len(taken.of(DeviceAlarm)) >= len(expected), "alarms")
+        lag_ms = board.lag_ms()
+    (latch,) = taken.of(LatchedCounts)
+    assert latch.counts == counts
+    assert {(a.channel, a.code) for a in taken.of(DeviceAlarm) if a.raised} == expected
+    late = [(status & STATUS_LATE) != 0 for status in latch.status]
+    assert press.mark_cycles < late_cycles or all(late)
+    if kind.is_read_in_turn:
+        assert late[1:] == [True] * 6
+    else:
+        # A Mega marks others, too: those whose first contact it may have missed.
+        assert len(set(late)) == 1
+        assert len(set(press.latch_cycles)) == 1  # all by one edge of the clock
+    received = taken.seqs()[:n_samples]
+    assert lag_ms > 0 or received == list(range(n_samples)), "samples were lost"
 
 
 def assert_the_tester_passes(board: EmulatedProcessor, folder: Path) -> None:

@@ -8,7 +8,9 @@ import pytest
 from tests.firmware.emulated import (
     COUNTS_PER_TURN,
     ProcessorRig,
+    assert_the_kind_is_read,
     assert_the_tester_passes,
+    each_kind,
     pressed,
 )
 from tests.firmware.mega import MegaBoard, mega_firmware
@@ -19,7 +21,6 @@ from traverse.drivers.base.values import (
     DeviceAlarm,
     DeviceUp,
     LatchedCounts,
-    StreamStarted,
 )
 from traverse.testing.driver_contract import (
     DriverContract,
@@ -80,54 +81,12 @@ async def test_a_press_has_the_counts_of_its_first_contact(tmp_path):
     assert n_late < len(presses) / 2
 
 
-# settings of the firmware; the emulator's encoders; bits; what the driver says of
-# encoders that are absent, without a magnet, weak, disturbed
-KINDS = [
-    ("SSI GRAY_CODE=0", "ssi", 19, (8, None, None, None)),
-    ("BISS", "biss", 19, (8, 2, 1, 2)),
-    ("AS5047", "as5047", 14, (8, 2, None, 2)),
-    ("AMT22", "amt22", 14, (8, None, None, 2)),
-    ("AS5600", "as5600", 12, (8, 2, 1, None)),
-    ("AS5600 I2C_MULTIPLEXER=1", "as5600-multiplexer", 12, (8, 2, 1, None)),
-]
-
-
-@pytest.mark.parametrize(
-    ("settings", "kind", "bits", "alarms"), KINDS, ids=[kind for _, kind, *_ in KINDS]
-)
-async def test_encoders_of_each_kind(tmp_path, settings, kind, bits, alarms):
-    firmware = mega_firmware(*f"FRONT_END={settings}".split())
-    options = ("--encoders", kind, "--bits", str(bits))
-    counts = tuple(n * (2**bits - 1) // 6 for n in range(7))
+@each_kind
+async def test_encoders_of_each_kind(tmp_path, kind):
+    firmware = mega_firmware(*f"FRONT_END={kind.settings}".split())
+    options = ("--encoders", kind.model, "--bits", str(kind.bits))
     with MegaBoard(tmp_path / "port", firmware, *options) as board:
-        board.do(*(f"count {n} {count}" for n, count in enumerate(counts)))
-        rig = ProcessorRig(board, debounce_us=5000)
-        board.do("turn 0 0", "count 0 0")
-        with rig.driver:
-            taken = await up(rig, 250.0 if kind == "as5600-multiplexer" else 500.0)
-            await taken.until(lambda: taken.of(StreamStarted), "the stream")
-            board.do("bounce 0 1 3")
-            press = board.last_press()
-            await taken.until(lambda: taken.of(LatchedCounts), "the press")
-            n = int(taken.of(StreamStarted)[0].rate_hz)
-            await taken.until(lambda: len(taken.seqs()) > n, "a second of samples")
-            board.do(*(f"fail {n} {fault}" for n, fault in enumerate((3, 2, 1, 4), 1)))
-            expected = {(n, code) for n, code in enumerate(alarms, 1) if code}
-            await taken.until(
-                lambda: len(taken.of(DeviceAlarm)) >= len(expected), "alarms"
-            )
-            lag_ms = board.lag_ms()
-    (latch,) = taken.of(LatchedCounts)
-    assert latch.counts == counts
-    assert {(a.channel, a.code) for a in taken.of(DeviceAlarm) if a.raised} == expected
-    late = [(status & STATUS_LATE) != 0 for status in latch.status]
-    assert press.mark_cycles < LATE_CYCLES or all(late)
-    if kind == "as5600-multiplexer":
-        assert late[1:] == [True] * 6  # one after the other
-    else:
-        assert late == [press.mark_cycles > LATE_CYCLES] * 7
-        assert len(set(press.latch_cycles)) == 1  # all by one edge of the clock
-    assert lag_ms > 0 or taken.seqs()[:n] == list(range(n)), "samples were lost"
+        await assert_the_kind_is_read(board, kind, 500, LATE_CYCLES)
 
 
 async def test_the_counter_wraps_within_a_stream_and_the_power_comes_back(tmp_path):

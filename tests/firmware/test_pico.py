@@ -7,21 +7,16 @@ import pytest
 
 from tests.firmware.emulated import (
     COUNTS_PER_TURN,
-    ProcessorRig,
+    assert_the_kind_is_read,
     assert_the_tester_passes,
+    each_kind,
     pressed,
 )
 from tests.firmware.pico import PACKAGES, PicoBoard, pico_firmware
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_LATE,
-    CountSamples,
-    DeviceAlarm,
-    DeviceUp,
-    LatchedCounts,
-    StreamStarted,
 )
-from traverse.testing.driver_contract import up
 
 pytestmark = [pytest.mark.needs("arm", "node"), pytest.mark.slow]
 
@@ -55,31 +50,12 @@ async def test_a_press_has_the_counts_of_its_first_contact(tmp_path):
         assert (abs(np.subtract(latch.counts, press.counts)) <= 1).all()
 
 
-async def test_ssi_encoders_are_latched_by_one_edge_and_an_absent_one_is_named(
-    tmp_path,
-):
-    counts = tuple(n * (2**19 - 1) // 6 for n in range(7))
-    with PicoBoard(
-        tmp_path / "port", pico_firmware("FRONT_END=SSI"), "--encoders", "ssi"
-    ) as board:
-        rig = ProcessorRig(board, debounce_us=5000)
-        board.do("turn 0 0", *(f"count {n} {count}" for n, count in enumerate(counts)))
-        with rig.driver:
-            taken = await up(rig, 500.0)
-            await taken.until(lambda: taken.of(StreamStarted), "the stream")
-            board.do("bounce 0 1 3")
-            press = board.last_press()
-            await taken.until(lambda: taken.of(LatchedCounts), "the press")
-            board.do("fail 4 3")
-            await taken.until(lambda: taken.of(DeviceAlarm), "the alarm")
-    (latch,) = taken.of(LatchedCounts)
-    assert latch.counts == counts
-    assert len(set(press.latch_cycles)) == 1
-    alarm = taken.of(DeviceAlarm)[0]
-    assert (alarm.channel, alarm.code) == (4, 8)
-    block = taken.of(CountSamples)[0]
-    assert set(np.diff(block.device_ticks)) <= {2000}
-    assert taken.of(DeviceUp)[0].identity.max_rate_hz == 1764.0
+@each_kind
+async def test_encoders_of_each_kind(tmp_path, kind):
+    firmware = pico_firmware(*f"FRONT_END={kind.settings}".split())
+    options = ("--encoders", kind.model, "--bits", str(kind.bits))
+    with PicoBoard(tmp_path / "port", firmware, *options) as board:
+        await assert_the_kind_is_read(board, kind, 50, LATE_CYCLES)
 
 
 def test_the_image_begins_with_a_boot_stage_that_the_rom_accepts():
