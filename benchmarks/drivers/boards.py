@@ -24,6 +24,7 @@ from tests.firmware.emulated import (
     ENCODER_KINDS,
     EmulatedProcessor,
     EncoderKind,
+    Press,
     ProcessorRig,
 )
 from tests.firmware.mega import MegaBoard, mega_firmware
@@ -32,7 +33,7 @@ from traverse.drivers.base.values import DeviceUp, LatchedCounts
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.simulator.arm.physics import centre_rates
 from traverse.simulator.arm.truth import Deviations, true_arm
-from traverse.testing.driver_contract import Taken
+from traverse.testing.taken import Taken
 
 INCREMENTAL = EncoderKind("QUADRATURE", "quadrature", 13, ())
 
@@ -77,7 +78,7 @@ async def reached(
     options = ["--encoders", kind.model, "--bits", str(kind.bits)]
     if kind is INCREMENTAL:
         options += ["--counts-per-turn", str(COUNTS_PER_TURN)]
-    cycles: list[int] = []
+    presses: list[Press] = []
     with processor.board(folder / "port", firmware, *options) as board:
         rig = ProcessorRig(board, debounce_us=5000)
         board.do("turn 0 0")
@@ -86,13 +87,17 @@ async def reached(
             await taken.until(lambda: taken.of(DeviceUp), "the board is up")
             for n in range(n_changes):
                 board.do(f"bounce 0 {1 - n % 2} 5")
-                press = board.last_press()
-                cycles += press.latch_cycles or (press.mark_cycles,)
+                presses.append(board.last_press())
                 await taken.until(
-                    lambda n=n: len(taken.of(LatchedCounts)) == n + 1, "an edge"
+                    lambda: len(taken.of(LatchedCounts)) == len(presses), "an edge"
                 )
                 rig.driver.acknowledge(taken.of(LatchedCounts)[-1].token)
             identity = taken.of(DeviceUp)[0].identity
+    cycles = [
+        cycles
+        for press in presses
+        for cycles in press.latch_cycles or (press.mark_cycles,)
+    ]
     return Reached(tuple(cycles), identity.max_rate_hz)
 
 

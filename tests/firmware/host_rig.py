@@ -5,14 +5,14 @@ import subprocess
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from tests.firmware.built import host_board
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.latch_board.driver import LatchBoardDriver, LatchBoardOptions
 
 
-class EmulatedBoard(AbstractContextManager["EmulatedBoard"]):
+class EmulatedBoard(AbstractContextManager[Any]):
     """A board that a program plays until the block ends; commands are lines to it.
 
     Attributes:
@@ -55,6 +55,9 @@ class EmulatedBoard(AbstractContextManager["EmulatedBoard"]):
 
     def next_edge(self) -> int:
         return int(self.ask("show").split()[3])
+
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(self, *error: object) -> None:
         self.close()
