@@ -34,6 +34,7 @@ from traverse.daemon.pose.condition_subjects import (
     counting_subjects,
     subjects_by_condition,
 )
+from traverse.daemon.pose.frozen_joints import FrozenJointMonitor
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import ArmReadings, PoseBlock
@@ -43,6 +44,7 @@ from traverse.daemon.pose.reference_memory import ReferenceMemory
 from traverse.daemon.pose.references import ReferenceMonitor
 from traverse.daemon.pose.trajectory import TrajectoryBuffer
 from traverse.daemon.pose.uncertainty import (
+    MOST_JITTER_NS,
     CovarianceEvaluator,
     CovarianceInput,
     SkewMonitor,
@@ -142,6 +144,7 @@ class Measurement(MeasurementContext):
         changed = sinks.status_changed
         self._utc_doubt = "", ""
         self.conditions = ConditionMonitor(clock, events)
+        self._frozen_joints = FrozenJointMonitor(self.conditions)
         self._use_conditions()
         self.conditions.changed = changed
         self.states = DeviceStateTracker(
@@ -239,6 +242,8 @@ class Measurement(MeasurementContext):
             self.conditions.doubt("geometry", cause=cause)
         else:
             self.conditions.establish("geometry")
+        if not self._frozen_joints.counts:
+            self.conditions.establish("channels")
 
     def set_model(self, model: ArmModel) -> None:
         """Measure with another probe from the next sample on."""
@@ -310,6 +315,7 @@ class Measurement(MeasurementContext):
             "air_mm": None if air_mm is None else air_mm.tolist(),
             "temperatures": self.quality.persistent.temperatures[-MAX_TEMPERATURES:],
             "pipeline": self.pipeline.state,
+            "frozen_joints": self._frozen_joints.state,
             "references": self.quality.references.state,
             "conditions": self.conditions.state,
             "utc_doubt": list(self._utc_doubt),
@@ -333,6 +339,7 @@ class Measurement(MeasurementContext):
         self.quality.references.resume(state["references"])
         if not state["fresh"]:
             self.pipeline.resume(state["pipeline"])
+            self._frozen_joints.resume(state["frozen_joints"])
         if state["probe"] is not None:
             self.probe = LibraryProbe.model_validate_json(state["probe"])
         self.capture.session.id = state["session"]
@@ -493,6 +500,7 @@ class Measurement(MeasurementContext):
     def _read(self, samples: CountSamples) -> ArmReadings:
         readings = self.pipeline.read(samples)
         self.trajectory.follow(readings)
+        self._frozen_joints.add(self.model, readings)
         return readings
 
     def evaluate_readings(self) -> None:
@@ -512,6 +520,8 @@ class Measurement(MeasurementContext):
         is_ok = not poses.quality[0] & ~np.uint32(REMARKS.value)
         if bound_ns and is_ok and self._begins(poses):
             poses.quality[0] |= np.uint32(QualityFlag.MOTION_UNKNOWN)
+        if bound_ns >= MOST_JITTER_NS:
+            poses.quality[:] |= np.uint32(QualityFlag.TIME_UNCERTAIN)
         if error_bounds_counts is not None:
             self.skew.flag_block(model, poses, error_bounds_counts)
         self.quality.flag_block(

@@ -15,6 +15,7 @@ SYSTEMS: dict[System, str] = {"arm": "arm's system", "part": "part's system"}
 DIAGONAL = (0, 3, 5)  # of xx, xy, xz, yy, yz, zz
 COVERAGE_FACTOR = 2.0
 GEOMETRY_UNKNOWN = "geometry unknown"
+TIME_UNKNOWN = "time unknown"
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +85,7 @@ def place_uncertainty(point: Point, unit: Unit) -> str:
     if is_geometry_unknown(point):
         return GEOMETRY_UNKNOWN
     if point.covariance_mm2 is None:
-        return ""
+        return TIME_UNKNOWN if "time_uncertain" in point.quality.flags else ""
     trace_mm2 = sum(point.covariance_mm2[i] for i in DIAGONAL)
     return unit.text(COVERAGE_FACTOR * float(np.sqrt(max(trace_mm2, 0.0))))
 

@@ -77,6 +77,19 @@ CONDITIONS = (
         severity="warning",
     ),
     Condition(
+        "channels",
+        "arm",
+        "no encoder repeats one count while its joint moves",
+        "counts that vary with their joints",
+        "a joint that stops without braking, or whose noise ends, so that its count is "
+        "exactly constant while other joints move",
+        QualityFlag.STALE,
+        "all",
+        "condition.channels",
+        "turn the joint: if its angle follows, it was at rest; else check the encoder "
+        "and its wires, and take the points since then again",
+    ),
+    Condition(
         "identity",
         "device",
         "the device has the serial numbers that were confirmed, in the same order",

@@ -24,6 +24,7 @@ from traverse.daemon.pose.poses import LatchedPose, PoseBlock
 from traverse.daemon.pose.quality_monitor import QualityMonitor
 from traverse.daemon.pose.trajectory import TrajectoryBuffer
 from traverse.daemon.pose.uncertainty import (
+    MOST_JITTER_NS,
     CovarianceEvaluator,
     CovarianceInput,
     SkewMonitor,
@@ -229,6 +230,9 @@ class PointEvaluator:
         if speeds_rad_s is None and jitter_ns:
             # How far a motion in that time leads cannot be stated.
             unknown = int(QualityFlag.MOTION_UNKNOWN)
+            pose = replace(pose, quality=pose.quality | unknown)
+        if jitter_ns >= MOST_JITTER_NS:
+            unknown = int(QualityFlag.TIME_UNCERTAIN)
             pose = replace(pose, quality=pose.quality | unknown)
         return self._measured(
             pose,

@@ -35,7 +35,7 @@ from traverse.protocol.messages import QualityFlag
 from traverse.protocol.messages.point import Covariance
 
 HAND_RAD_S2 = 5.0  # as a joint led by hand accelerates; twice that is rare
-MOST_JITTER_S = 0.1  # longer: no bound is known, and the time is flagged
+MOST_JITTER_NS = 100_000_000  # from here on there is no covariance, but a flag
 UPPER = np.triu_indices(3)  # places of xx, xy, xz, yy, yz, zz in a covariance
 
 
@@ -161,8 +161,9 @@ class CovarianceEvaluator:
     def _uncertainties(
         self, model: ArmModel, reading: CovarianceInput
     ) -> PointUncertainties | None:
-        """Compute uncertainties; None while the geometry's part, the largest, lacks."""
-        if model.geometry_doubt:
+        """Compute uncertainties; None while the largest part is not known."""
+        is_lost = reading.jitter_ns >= MOST_JITTER_NS and not reading.is_of_latch
+        if model.geometry_doubt or is_lost:
             return None
         return point_uncertainties(
             model.geometry,
@@ -191,7 +192,7 @@ class CovarianceEvaluator:
             by_bounds = bounds_rad[..., 0] ** 2 + bounds_rad[..., 1] ** 2 / 3.0
             variances = (variances + by_bounds)[:, np.newaxis]
         jitter_s = reading.jitter_ns * 1e-9
-        if jitter_s < MOST_JITTER_S and not reading.is_of_latch:
+        if not reading.is_of_latch:
             variances += (HAND_RAD_S2 * jitter_s**2 / 2.0) ** 2 / 3.0
         return PointNoise(
             np.sqrt(variances),

@@ -318,6 +318,9 @@ def test_an_arm_that_was_never_identified_has_no_uncertainty_and_no_verdict() ->
     assert place_uncertainty(known, MM) == "0.003"
     rows = point_rows([touched], None)
     assert "<td>geometry unknown</td>" in rows
+    uncertain = {"ok": False, "flags": ["time_uncertain"]}
+    untimed = point(0, covariance_mm2=None, quality=uncertain)
+    assert place_uncertainty(untimed, MM) == "time unknown"
     off = Nominal((0.0, 0.0, 0.0), 1.0).deviation((0.0, 0.0, 0.0), None, "why")
     assert off.decision == ("warning", "no verdict: why")
 

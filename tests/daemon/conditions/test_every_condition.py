@@ -92,6 +92,18 @@ class BoardWorld:
             self.counts = self.counts + by
             self.bench.clock.now_ns += 500_000_000
 
+    def freeze(self):
+        """Turn all joints, of which one stops between two samples."""
+        path = self.counts + np.outer(np.arange(60) * 1000, (4, 40, 1))
+        path[30:, 0] = path[30, 0]
+        first, start_ns = self._n, self.bench.clock.now_ns
+        self.bench.take(
+            count_samples(path, first=first, start_ns=start_ns - first * 10**7)
+        )
+        self._n += 60
+        self.counts = path[-1]
+        self.bench.clock.now_ns += 600_000_000
+
     def close(self):
         self.bench.device.driver.close()
 
@@ -216,6 +228,7 @@ PLANTS = {
         BoardWorld, take(DeviceLost("base", "unplugged", "plug it in")), take(UP)
     ),
     "readings": Plant(BoardWorld, put("status", STATUS_ERROR), put("status", 0)),
+    "channels": Plant(BoardWorld, BoardWorld.freeze, BoardWorld.move),
     "identity": Plant(begin_numbered, take(numbered("BBB222")), confirm),
     "reference": Plant(BoardWorld, take(replace(UP, restarted=True)), confirm),
     "device_clock": Plant(

@@ -87,6 +87,25 @@ def test_parts_are_those_of_the_law(tmp_path):
     assert covariance == pytest.approx(expected, rel=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("jitter_ns", "is_of_latch", "is_stated"),
+    [(99_000_000, False, True), (100_000_000, False, False), (10**9, True, True)],
+)
+def test_an_instant_without_a_bound_has_no_covariance_but_that_of_a_latch(
+    tmp_path, jitter_ns, is_of_latch, is_stated
+):
+    reading = CovarianceInput(
+        Block(ANGLES_RAD[np.newaxis]),
+        np.zeros((1, 3)),
+        jitter_ns=jitter_ns,
+        is_of_latch=is_of_latch,
+    )
+    model, evaluator = arm_model(tmp_path), CovarianceEvaluator(UncertaintySection())
+    assert (evaluator.covariance(model, reading).own_mm2 is not None) == is_stated
+    (of_block_mm2,) = evaluator.covariances_mm2(model, reading)
+    assert np.isfinite(of_block_mm2).all() == is_stated
+
+
 def test_an_arm_that_begins_to_move_stays_within_four_deviations(tmp_path):
     """Its speed is not yet seen at an instant that is known to 30 ms only."""
     model = arm_model(tmp_path)

@@ -1,0 +1,223 @@
+"""Encoders that repeat one count while their joint moves.
+
+Nothing in a repeated count says that it is old. Two observations do, and both need
+other joints that move on: a joint at rest, or one that stops with the others, is usual.
+
+- A joint stops between two readings, without braking, and its count is exactly constant
+  from then on.
+- A count that has varied in every rest before, by noise, is exactly constant.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from traverse.arrays import Booleans, Floats, Integers
+from traverse.daemon.conditions.monitor import ConditionMonitor
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.poses import ArmReadings
+from traverse.daemon.pose.trajectory import INVALID_FLAGS
+from traverse.protocol.messages import QualityFlag
+
+CONDITION = "channels"  # that this feeds
+CHECK_NS = 50_000_000  # interval of checks
+KEPT_NS = 1_500_000_000
+GAP_NS = 400_000_000  # longer: what was before says nothing
+SPEED_S = 0.01  # over which a speed is measured, at least
+SPEED_ROWS, STILL_ROWS = 2, 5  # fewest steps with motion, and without
+STILL_S = 0.05
+BRAKING_RAD_S2 = 7.5  # a hand brakes by less while it leads other joints on
+TREMOR_RAD_S = 2e-3  # a joint that a hand holds moves at least so fast
+TREMOR_COUNTS = 3  # of such a motion that a living encoder shows
+MOVED_RAD = 2e-3  # of another joint, meanwhile
+REST_S, REST_ROWS = 1.0, 30
+REST_COUNTS = 16  # of noise, at most
+NOISE_COUNTS = 3  # of noise at any place between two counts, at least
+REVERSAL_SHARE = 0.125  # of the steps of noise
+NOISY_RESTS = 20
+LED_RAD = 0.05  # of another joint in REST_S
+LEFT_OUT = INVALID_FLAGS | QualityFlag.STALE.value  # readings that are marked
+
+
+@dataclass(frozen=True, slots=True)
+class _Window:
+    """Latest readings.
+
+    Attributes:
+        times_s: (m,). counts: (m, n_joints), with fractions.
+        count_rad: (n_joints,), always positive.
+    """
+
+    times_s: Floats
+    counts: Floats
+    count_rad: Floats
+
+    def speeds_rad_s(self, begin: int, end: int) -> Floats:
+        """Return mean speeds (n_joints,) from one row to another."""
+        passed = (self.counts[end] - self.counts[begin]) * self.count_rad
+        return np.asarray(passed / (self.times_s[end] - self.times_s[begin]))
+
+
+class FrozenJointMonitor:
+    """Feeds the condition `channels`.
+
+    Attributes:
+        counts: of frozen joints, by joint from 0.
+    """
+
+    def __init__(self, conditions: ConditionMonitor) -> None:
+        self._conditions = conditions
+        self.counts: dict[int, float] = {}
+        self._noisy_rests: Integers = np.zeros(0, np.int64)
+        self._may_rest: Booleans = np.zeros(0, np.bool_)
+        self._was_still: Booleans = np.zeros(0, np.bool_)
+        self._forget()
+
+    def _forget(self) -> None:
+        self._blocks: deque[tuple[Integers, Floats]] = deque()
+        self._checked_ns = self._rested_ns = -(2**62)
+
+    @property
+    def state(self) -> dict[str, Any]:
+        return {
+            "frozen": [[joint, count] for joint, count in self.counts.items()],
+            "noisy_rests": self._noisy_rests.tolist(),
+            "may_rest": self._may_rest.tolist(),
+        }
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        self.counts = {int(joint): float(count) for joint, count in state["frozen"]}
+        self._noisy_rests = np.array(state["noisy_rests"], np.int64)
+        self._may_rest = np.array(state["may_rest"], np.bool_)
+        self._was_still = np.zeros_like(self._may_rest)
+
+    def add(self, model: ArmModel, readings: ArmReadings) -> None:
+        """Check the readings of all joints."""
+        samples = readings.samples
+        times_ns, counts = samples.sample_time_ns, readings.counts.astype(np.float64)
+        if samples.fractions is not None:
+            counts += samples.fractions
+        if self.counts:
+            self._look_for_motion(model, counts)
+        blocks = self._blocks
+        if (readings.quality & LEFT_OUT).any() or (
+            blocks and int(times_ns[0] - blocks[-1][0][-1]) > GAP_NS
+        ):
+            self._forget()
+            return
+        blocks.append((times_ns, counts))
+        now_ns = int(times_ns[-1])
+        if now_ns - self._checked_ns < CHECK_NS:
+            return
+        while blocks[0][0][-1] < now_ns - KEPT_NS:
+            blocks.popleft()
+        self._checked_ns = now_ns
+        all_ns, all_counts = (
+            np.concatenate(parts) for parts in zip(*blocks, strict=True)
+        )
+        times_s = (all_ns - now_ns) * 1e-9
+        window = _Window(times_s, all_counts, np.abs(model.per_count_rad))
+        for joint in _stopped_joints(window):
+            self._report(model, joint, counts[-1, joint], "it stopped without braking")
+        if now_ns - self._rested_ns >= REST_S * 1e9:
+            self._rested_ns = now_ns
+            self._judge_noise(model, window)
+
+    def _judge_noise(self, model: ArmModel, window: _Window) -> None:
+        rows = window.times_s > -REST_S
+        if rows.sum() < REST_ROWS:
+            return
+        counts = window.counts[rows]
+        if len(self._noisy_rests) != counts.shape[1]:
+            self._noisy_rests = np.zeros(counts.shape[1], np.int64)
+            self._may_rest = np.zeros(counts.shape[1], np.bool_)
+            self._was_still = self._may_rest.copy()
+        senses = np.sign(np.diff(counts, axis=0))
+        reversals = (senses[1:] * senses[:-1] < 0).sum(axis=0)
+        spans = np.ptp(counts, axis=0)
+        is_noisy = (spans >= NOISE_COUNTS) & (spans <= REST_COUNTS)
+        is_noisy &= reversals >= REVERSAL_SHARE * len(counts)
+        self._noisy_rests += is_noisy
+        is_still = spans == 0
+        self._may_rest |= self._was_still & ~is_still
+        self._was_still = is_still
+        moved_rad = spans * window.count_rad
+        suspects = is_still & ~self._may_rest & (self._noisy_rests >= NOISY_RESTS)
+        if moved_rad.max() >= LED_RAD:
+            for joint in np.flatnonzero(suspects).tolist():
+                text = "its noise has ended"
+                self._report(model, joint, counts[-1, joint], text)
+
+    def _report(self, model: ArmModel, joint: int, count: float, why: str) -> None:
+        if joint in self.counts:
+            return
+        self.counts[joint] = float(count)
+        self._doubt(model, why)
+
+    def _doubt(self, model: ArmModel, why: str) -> None:
+        named = ", ".join(
+            f"{model.effects.joint_names[joint]} ({model.joint_devices[joint]}/"
+            f"{model.channels[joint]})"
+            for joint in self.counts
+        )
+        self._conditions.doubt(
+            CONDITION,
+            cause=f"the count of {named} is exactly constant while other joints move: "
+            f"{why}",
+        )
+
+    def _look_for_motion(self, model: ArmModel, counts: Floats) -> None:
+        frozen = {j: c for j, c in self.counts.items() if (counts[:, j] == c).all()}
+        if len(frozen) == len(self.counts):
+            return
+        self.counts = frozen
+        if frozen:
+            self._doubt(model, "it has not moved since")
+        else:
+            self._conditions.establish(CONDITION, text="every count varies again")
+
+
+def _stopped_joints(window: _Window) -> list[int]:
+    """Return joints, from 0, that stopped without braking while others moved on."""
+    is_still = window.counts[1:] == window.counts[:-1]
+    n_steps = len(is_still)
+    if n_steps <= STILL_ROWS or not is_still[-STILL_ROWS:].all(axis=0).any():
+        return []
+    n_still = np.where(is_still.all(axis=0), n_steps, np.argmin(is_still[::-1], axis=0))
+    return [
+        joint
+        for joint in np.flatnonzero(n_still >= STILL_ROWS).tolist()
+        if _has_stopped(window, joint, n_steps - int(n_still[joint]))
+    ]
+
+
+def _has_stopped(window: _Window, joint: int, row: int) -> bool:
+    """Return whether a joint that is still from a row on has stopped without braking.
+
+    Strategy: a joint that brakes to rest within the last step with motion had the mean
+    speed a (dt + h / 2) over the time h before that step. Quantisation adds a count to
+    either end of h.
+    """
+    times_s, count_rad = window.times_s, window.count_rad[joint]
+    still_s = float(times_s[-1] - times_s[row])
+    if still_s < max(STILL_S, TREMOR_COUNTS * count_rad / TREMOR_RAD_S):
+        return False
+    moving = row - 1
+    begin = int(np.searchsorted(times_s, times_s[moving] - SPEED_S, side="right")) - 1
+    begin = min(begin, moving - SPEED_ROWS) if moving >= 0 else -1
+    if begin < 0:
+        return False
+    last_s, span_s = times_s[row] - times_s[moving], times_s[moving] - times_s[begin]
+    least_rad_s = BRAKING_RAD_S2 * (last_s + span_s / 2) + 2.0 * count_rad / span_s
+    before_rad_s = window.speeds_rad_s(begin, moving)
+    if abs(before_rad_s[joint]) <= least_rad_s:
+        return False
+    end = int(np.searchsorted(times_s, times_s[row] + STILL_S))
+    after_rad_s = window.speeds_rad_s(row, min(end, len(times_s) - 1))
+    passed_rad = np.abs(window.counts[-1] - window.counts[row]) * window.count_rad
+    shares = after_rad_s * before_rad_s / np.maximum(before_rad_s**2, 1e-12)
+    goes_on = (shares > 0.5) & (shares < 2.0) & (passed_rad > MOVED_RAD)
+    return bool(goes_on.any())

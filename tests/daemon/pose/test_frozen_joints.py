@@ -1,0 +1,152 @@
+"""Counts that no longer follow their joints, and joints that only rest."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from tests.daemon.values import SetClock, arm_model
+from traverse.daemon.conditions.monitor import ConditionMonitor
+from traverse.daemon.conditions.table import ARM
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.pose.frozen_joints import FrozenJointMonitor
+from traverse.daemon.pose.poses import ArmReadings
+from traverse.drivers.base.values import CountSamples
+
+RATES_HZ = (50.0, 100.0, 1000.0)
+SPEEDS_RAD_S = np.array([0.4, -0.6, 0.8])
+
+
+@dataclass
+class Arm:
+    """An arm of three joints whose angles a test gives at every sample."""
+
+    model: object
+    rate_hz: float
+
+    def __post_init__(self):
+        self.clock, self.events = SetClock(), []
+        log = EventLog(self.clock, self.events.append)
+        self.conditions = ConditionMonitor(self.clock, log)
+        self.conditions.use({"channels": (ARM,)}, (ARM,))
+        self.conditions.establish("channels")
+        self.monitor = FrozenJointMonitor(self.conditions)
+        self.n = 0
+
+    def read(self, angles_rad, rows=7):
+        """Reads (n, 3) angles in blocks; returns after how many it was in doubt."""
+        counts = np.rint(angles_rad / self.model.per_count_rad).astype(np.int64)
+        after = None
+        for begin in range(0, len(counts), rows):
+            block = counts[begin : begin + rows]
+            seq = self.n + np.arange(len(block))
+            times_ns = 10**12 + np.rint(seq * 1e9 / self.rate_hz).astype(np.int64)
+            samples = CountSamples(
+                "base",
+                1,
+                seq,
+                times_ns,
+                int(times_ns[-1]),
+                times_ns,
+                np.zeros(len(block), np.uint8),
+                block.astype(np.uint32),
+                np.zeros(block.shape, np.uint8),
+            )
+            self.n += len(block)
+            self.clock.now_ns = int(times_ns[-1])
+            quality = np.zeros(len(block), np.uint32)
+            self.monitor.add(
+                self.model, ArmReadings(samples, block, block * 1.0, quality, None)
+            )
+            if after is None and not self.conditions.is_established("channels"):
+                after = begin + len(block)
+        return after
+
+    def steady(self, seconds):
+        """Angles of all joints at a constant speed."""
+        times_s = np.arange(round(seconds * self.rate_hz)) / self.rate_hz
+        return np.outer(times_s, SPEEDS_RAD_S)
+
+
+@pytest.fixture(params=RATES_HZ)
+def arm(request, tmp_path):
+    return Arm(arm_model(tmp_path), request.param)
+
+
+@pytest.mark.parametrize("joint", range(3))
+def test_a_count_that_stops_dead_beside_moving_joints_is_frozen(arm, joint):
+    angles_rad = arm.steady(2.0)
+    stop = round(arm.rate_hz)
+    angles_rad[stop:, joint] = angles_rad[stop, joint]
+    after = arm.read(angles_rad)
+    assert after is not None
+    assert 0.0 < (after - stop) / arm.rate_hz <= 0.35
+    assert f"J{joint + 1}" in arm.events[-1].text
+
+    arm.read(angles_rad[-1:] + arm.steady(0.3))
+    assert arm.conditions.is_established("channels")
+    assert not arm.events[-1].active
+
+
+@pytest.mark.parametrize("joint", range(3))
+@pytest.mark.parametrize("braking_rad_s2", [1.0, 3.0, 5.0])
+def test_a_joint_that_brakes_beside_others_only_rests(arm, joint, braking_rad_s2):
+    angles_rad = arm.steady(3.0)
+    times_s = np.arange(len(angles_rad)) / arm.rate_hz
+    speed_rad_s = SPEEDS_RAD_S[joint]
+    lasts_s = abs(speed_rad_s) / braking_rad_s2
+    braked_s = np.clip(times_s - 1.0, 0.0, lasts_s)
+    slower_rad = speed_rad_s * braked_s * (1 - braked_s / lasts_s / 2)
+    angles_rad[:, joint] = speed_rad_s * np.minimum(times_s, 1.0) + slower_rad
+    assert arm.read(angles_rad) is None
+
+
+def test_an_arm_that_stops_dead_only_rests(arm):
+    angles_rad = arm.steady(2.0)
+    angles_rad[round(arm.rate_hz) :] = angles_rad[round(arm.rate_hz)]
+    assert arm.read(angles_rad) is None
+
+
+def test_a_joint_that_never_moved_beside_others_only_rests(arm):
+    angles_rad = arm.steady(3.0)
+    angles_rad[:, 1] = 0.0
+    assert arm.read(angles_rad) is None
+
+
+def noisy(arm, seconds, rng):
+    n = round(seconds * arm.rate_hz)
+    return rng.normal(0.0, 2.0, (n, 3)) * np.abs(arm.model.per_count_rad)
+
+
+def test_noise_that_ends_shows_a_count_that_froze_at_rest(arm):
+    rng = np.random.default_rng(5)
+    assert arm.read(noisy(arm, 25.0, rng)) is None
+    angles_rad = noisy(arm, 4.0, rng)
+    angles_rad[:, 0] = 0.0
+    assert arm.read(angles_rad) is None  # others rest, too
+
+    angles_rad = noisy(arm, 4.0, rng) + arm.steady(4.0)
+    angles_rad[:, 0] = 0.0
+    assert arm.read(angles_rad) is not None
+    assert "its noise has ended" in arm.events[-1].text
+
+
+def test_a_count_that_has_been_still_before_may_be_still_again(arm):
+    rng = np.random.default_rng(6)
+    for _ in range(2):
+        angles_rad = noisy(arm, 30.0, rng)
+        angles_rad[round(22 * arm.rate_hz) : round(26 * arm.rate_hz), 0] = 0.0
+        assert arm.read(angles_rad) is None
+    angles_rad = noisy(arm, 4.0, rng) + arm.steady(4.0)
+    angles_rad[:, 0] = 0.0
+    assert arm.read(angles_rad) is None
+
+
+def test_its_state_continues_in_a_replay(arm):
+    angles_rad = arm.steady(2.0)
+    angles_rad[round(arm.rate_hz) :, 2] = angles_rad[round(arm.rate_hz), 2]
+    arm.read(angles_rad)
+    other = FrozenJointMonitor(arm.conditions)
+    other.resume(arm.monitor.state)
+    assert list(other.counts) == [2]
+    assert other.state == arm.monitor.state
