@@ -42,6 +42,11 @@
 #define I2C_MULTIPLEXER 0
 #endif
 
+/* DS18B20 thermometers, each on a pin of its own: 0 to 4 (Mega), 0 to 3 (Pico). */
+#ifndef THERMOMETERS
+#define THERMOMETERS 0
+#endif
+
 /* Button and touch probe: contacts to ground, 1 or 2 of them. */
 #ifndef INPUTS
 #define INPUTS 2

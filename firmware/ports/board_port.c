@@ -3,6 +3,8 @@
 #include "clock.h"
 #include "encoders.h"
 #include "pins.h"
+#include "settings.h"
+#include "thermometers.h"
 #include "uart.h"
 
 static uint32_t latch(uint32_t *counts, uint8_t *status)
@@ -37,4 +39,7 @@ void board_port_serve(struct lb_board *board)
     }
     lb_poll(board);
     encoders_watch(board, clock_hold, clock_release);
+#if THERMOMETERS > 0
+    thermometers_serve(clock_ticks(), CLOCK_HZ / 1000U);
+#endif
 }

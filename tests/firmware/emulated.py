@@ -10,6 +10,7 @@ from tests.running import run_traverse
 from traverse.drivers.base.values import (
     STATUS_LATE,
     DeviceAlarm,
+    DeviceTemperatures,
     LatchedCounts,
     StreamStarted,
 )
@@ -143,6 +144,28 @@ async def assert_the_kind_is_read(
         assert len(set(press.latch_cycles)) == 1  # all by one edge of the clock
     received = taken.seqs()[:n_samples]
     assert lag_ms > 0 or received == list(range(n_samples)), "samples were lost"
+
+
+async def assert_thermometers_are_read(
+    board: EmulatedProcessor, rate_hz: float
+) -> None:
+    """Beside a stream; the first of three is taken away, the last was never there."""
+    board.do("temperature 0 -1025", "temperature 1 2550", "temperature 2 -32768")
+    rig = ProcessorRig(board)
+    with rig.driver:
+        taken = await up(rig, rate_hz)
+
+        def reported() -> set[tuple[float | None, ...]]:
+            return {event.values_c[:3] for event in taken.of(DeviceTemperatures)}
+
+        await taken.until(lambda: (-10.25, 25.5, None) in reported(), "temperatures")
+        board.do("temperature 0 -32768", "temperature 1 12500")
+        await taken.until(lambda: (None, 125.0, None) in reported(), "a loss")
+        lag_ms = board.lag_ms()
+    between = {(-10.25, 125.0, None), (-10.25, 25.5, None), (None, 125.0, None)}
+    assert reported() <= {(None, None, None)} | between
+    received = taken.seqs()
+    assert lag_ms > 0 or received == list(range(len(received))), "samples were lost"
 
 
 def assert_the_tester_passes(board: EmulatedProcessor, folder: Path) -> None:

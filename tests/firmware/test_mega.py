@@ -10,6 +10,7 @@ from tests.firmware.emulated import (
     ProcessorRig,
     assert_the_kind_is_read,
     assert_the_tester_passes,
+    assert_thermometers_are_read,
     each_kind,
     pressed,
 )
@@ -87,6 +88,12 @@ async def test_encoders_of_each_kind(tmp_path, kind):
     options = ("--encoders", kind.model, "--bits", str(kind.bits))
     with MegaBoard(tmp_path / "port", firmware, *options) as board:
         await assert_the_kind_is_read(board, kind, 500, LATE_CYCLES)
+
+
+async def test_thermometers_on_wires_of_their_own(tmp_path):
+    firmware = mega_firmware("FRONT_END=SSI", "THERMOMETERS=3")
+    with MegaBoard(tmp_path / "port", firmware, "--encoders", "ssi") as board:
+        await assert_thermometers_are_read(board, 500.0)
 
 
 async def test_the_counter_wraps_within_a_stream_and_the_power_comes_back(tmp_path):

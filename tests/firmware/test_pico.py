@@ -9,6 +9,7 @@ from tests.firmware.emulated import (
     COUNTS_PER_TURN,
     assert_the_kind_is_read,
     assert_the_tester_passes,
+    assert_thermometers_are_read,
     each_kind,
     pressed,
 )
@@ -56,6 +57,12 @@ async def test_encoders_of_each_kind(tmp_path, kind):
     options = ("--encoders", kind.model, "--bits", str(kind.bits))
     with PicoBoard(tmp_path / "port", firmware, *options) as board:
         await assert_the_kind_is_read(board, kind, 50, LATE_CYCLES)
+
+
+async def test_thermometers_on_wires_of_their_own(tmp_path):
+    firmware = pico_firmware("FRONT_END=SSI", "THERMOMETERS=3")
+    with PicoBoard(tmp_path / "port", firmware, "--encoders", "ssi") as board:
+        await assert_thermometers_are_read(board, 100.0)
 
 
 def test_the_image_begins_with_a_boot_stage_that_the_rom_accepts():

@@ -24,6 +24,7 @@
 #include "machine.h"
 #include "message.h"
 #include "motion.h"
+#include "thermometers.h"
 
 #define REFUSED 2
 #define SLICE_CYCLES (CYCLES_PER_S / 2000U) /* at most so long without a look at the line */
@@ -34,7 +35,8 @@
 static const char *const commands =
     "count CHANNEL COUNT, turn CHANNEL COUNTS_PER_S, step CHANNEL COUNTS_PER_S, "
     "fail CHANNEL 0 to 4 (nothing, weak, no magnet, absent, bad check), input NUMBER LEVEL, "
-    "bounce NUMBER LEVEL CHANGES, lose SAMPLES, spoil TYPE, unplug, plug, power, forward SECONDS, "
+    "temperature THERMOMETER HUNDREDTHS_C, bounce NUMBER LEVEL CHANGES, lose SAMPLES, spoil TYPE, "
+    "unplug, plug, power, forward SECONDS, "
     "latency, show, quit";
 
 struct options {
@@ -237,6 +239,7 @@ static void power(void)
     world.n_frame = 0U;
     world.n_waiting = 0U;
     encoders_restart();
+    thermometers_restart();
 }
 
 /* A command with numbers; false where it is none. */
@@ -256,6 +259,8 @@ static bool change(const char *command, const double *numbers, int n_numbers)
         encoders_restart();
     } else if (strcmp(command, "fail") == 0 && n_numbers == 2 && is_channel) {
         encoders_fail(first, (enum fault)numbers[1]);
+    } else if (strcmp(command, "temperature") == 0 && n_numbers == 2 && first < THERMOMETER_WIRES) {
+        thermometers_set(first, (int)numbers[1]);
     } else if (strcmp(command, "input") == 0 && n_numbers == 2) {
         bounce(first, numbers[1] != 0.0, 1U);
     } else if (strcmp(command, "bounce") == 0 && n_numbers == 3) {
@@ -351,6 +356,7 @@ int main(int argc, char **argv)
         fprintf(stderr, "mega-emulator: no model of encoders %s\n", options.encoders);
         return REFUSED;
     }
+    thermometers_init();
     machine_on_sent(sent);
     machine_watch_line('G', 5U, marked);
     if (!line_plug(options.link)) {

@@ -17,6 +17,7 @@ const { Motion } = require("./motion.cjs");
 const { quadrature } = require("./quadrature.cjs");
 const { ssi, biss, as5047, amt22 } = require("./shift.cjs");
 const { as5600, multiplexer } = require("./i2c.cjs");
+const { thermometers } = require("./thermometers.cjs");
 
 const NANOS_PER_CYCLE = 8; // 125 MHz
 const SLICE_NANOS = 500_000;
@@ -156,6 +157,7 @@ const commands = {
   turn: (n, speed) => move(n, motions[n].position, speed),
   step: (n, speed) => move(n, motions[n].position, speed, true),
   fail: (n, fault) => (motions[n].fault = fault),
+  temperature: (n, hundredthsC) => (wires[n].hundredthsC = hundredthsC),
   input: (n, level) => input(n, level !== 0),
   bounce: (n, level, changes) => input(n, level !== 0, changes),
   latency: () =>
@@ -171,6 +173,8 @@ chip.core.PC = chip.readUint32(FLASH_VECTORS + 4) & ~1;
 chip.core.VTOR = FLASH_VECTORS;
 for (const pin of [FIRST_INPUT, FIRST_INPUT + 1]) pins.setLine(pin, true);
 const moved = kinds[options.encoders](motions, pins, clock);
+// Their pins are index lines, too.
+const wires = options.encoders === "quadrature" ? [] : thermometers(pins, clock);
 chip.gpio[MARK].addListener((state) => {
   if (state !== 1) return;
   markedAt ??= clock.nanos;

@@ -11,6 +11,7 @@
 #include "pins.h"
 #include "quadrature.h"
 #include "settings.h"
+#include "thermometers.h"
 #include "uart.h"
 
 /* What this processor latches, frames and sends with a third of its time to spare. */
@@ -36,11 +37,15 @@ static uint32_t next_boot_id(void)
     return boot_id;
 }
 
-/* The ATmega2560 has no sensor of its own, and n_temperatures is 0. */
+/* The ATmega2560 has no sensor of its own. */
 int16_t board_port_temperature(uint8_t sensor)
 {
+#if THERMOMETERS > 0
+    return thermometers_hundredths_c(sensor);
+#else
     (void)sensor;
     return LB_NO_SENSOR;
+#endif
 }
 
 static struct lb_identity identity = {
@@ -48,7 +53,7 @@ static struct lb_identity identity = {
                  BOARD_NUMBER & 0xFFU},
     .firmware = {1U, 0U, 0U},
     .n_inputs = INPUTS,
-    .n_temperatures = 0U,
+    .n_temperatures = THERMOMETERS,
     .tick_rate_hz = CLOCK_HZ,
     .max_rate_millihz = MAX_RATE_HZ * 1000U,
     .late_ticks = LATE_TICKS,

@@ -7,6 +7,7 @@
  *   quadrature A and B        PK0 to PK7   A8 to A15: channels 0 to 3, A on the even ones
  *                             PB0 to PB5   D53, D52, D51, D50, D10, D11: channels 4 to 6
  *   quadrature index          PC0 to PC6   D37 down to D31, channel 0 first
+ *   thermometers              PF0 to PF3   A0 to A3
  *   mark while latching       PG5          D4, for an oscilloscope
  *   button, touch probe       PL1, PL0     D48, D49 (see clock.c)
  *
@@ -24,6 +25,7 @@
 #include "settings.h"
 
 #define PINS_DATA_MASK ((uint8_t)((1U << CHANNELS) - 1U))
+#define PINS_WIRES_MASK ((uint8_t)((1U << THERMOMETERS) - 1U))
 
 static inline void pins_set(volatile uint8_t *port, uint8_t bit, bool level)
 {
@@ -99,6 +101,17 @@ static inline void pins_scl(bool released)
 static inline void pins_wait_i2c(void)
 {
     _delay_us(0.8);
+}
+
+/* Wires of thermometers: low, or released to their pull-up resistors. */
+static inline void pins_wires_low(bool low)
+{
+    DDRF = low ? PINS_WIRES_MASK : 0U;
+}
+
+static inline uint8_t pins_wires(void)
+{
+    return PINF;
 }
 
 /* A and B in, pulled up, as are the index lines; a change of any calls an interrupt. */

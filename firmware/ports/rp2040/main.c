@@ -6,6 +6,7 @@
 #include "pins.h"
 #include "settings.h"
 #include "start.h"
+#include "thermometers.h"
 #include "uart.h"
 
 #if FRONT_END == AS5600 && I2C_MULTIPLEXER
@@ -19,7 +20,7 @@
     (UART_SAMPLE_RATE_HZ < PROCESSOR_RATE_HZ ? UART_SAMPLE_RATE_HZ : PROCESSOR_RATE_HZ)
 /* The way from an edge to its latch, another latch in between not included. */
 #define LATE_TICKS 10U
-#define N_TEMPERATURES 1U
+#define N_TEMPERATURES (THERMOMETERS + 1U) /* the last is the chip's */
 
 static struct lb_board board;
 
@@ -34,10 +35,16 @@ static uint32_t draw_boot_id(void)
     return drawn;
 }
 
-/* The chip's own sensor: 0.706 V at 27 Celsius, 1.721 mV less for each degree more. */
+/* The thermometers, then the chip's own sensor: 0.706 V at 27 Celsius, 1.721 mV less for each degree more. */
 int16_t board_port_temperature(uint8_t sensor)
 {
+#if THERMOMETERS > 0
+    if (sensor < THERMOMETERS) {
+        return thermometers_hundredths_c(sensor);
+    }
+#else
     (void)sensor;
+#endif
     ADC_CS = 3U | (4U << 12) | (1U << 2); /* on, sensor on; its channel; convert once */
     while ((ADC_CS & (1U << 8)) == 0U) {
     }
@@ -63,6 +70,7 @@ _Noreturn void main_program(void)
     GPIO_OE_SET = 1U << PIN_MARK;
     identity.boot_id = draw_boot_id();
     encoders_init(&identity);
+    pins_init_wires();
     uart_init();
     clock_init_inputs();
     lb_init(&board, &identity, &board_port);

@@ -6,6 +6,7 @@
  *   chip select, MOSI         10, 11
  *   quadrature A and B        2 to 15, A of channel 0, B of channel 0, A of channel 1 ...
  *   quadrature index          19 to 22, 26 to 28, channel 0 first
+ *   thermometers              26 to 28: not with index lines
  *   button, touch probe       16, 17
  *   mark while latching       18, for an oscilloscope */
 #ifndef PINS_H
@@ -17,8 +18,14 @@
 #include "registers.h"
 #include "settings.h"
 
+#if THERMOMETERS > 0 && FRONT_END == QUADRATURE && INDEX_WIRED
+#error "GPIO 26 to 28 are index lines: thermometers need encoders of another kind, or INDEX_WIRED=0"
+#endif
+
 #define PINS_DATA_MASK ((uint8_t)((1U << CHANNELS) - 1U))
+#define PINS_WIRES_MASK ((1U << THERMOMETERS) - 1U)
 #define PIN_FIRST_LINE 2U
+#define PIN_FIRST_WIRE 26U
 #define PIN_CLOCK 9U
 #define PIN_SELECT 10U
 #define PIN_MOSI 11U
@@ -119,6 +126,29 @@ static inline void pins_scl(bool released)
     } else {
         GPIO_OE_SET = 1U << PIN_CLOCK;
     }
+}
+
+/* Wires of thermometers: low, or released to their pull-up resistors. */
+static inline void pins_init_wires(void)
+{
+    for (uint32_t pin = PIN_FIRST_WIRE; pin < PIN_FIRST_WIRE + THERMOMETERS; pin++) {
+        pins_init_pin(pin);
+    }
+    GPIO_OUT_CLR = PINS_WIRES_MASK << PIN_FIRST_WIRE;
+}
+
+static inline void pins_wires_low(bool low)
+{
+    if (low) {
+        GPIO_OE_SET = PINS_WIRES_MASK << PIN_FIRST_WIRE;
+    } else {
+        GPIO_OE_CLR = PINS_WIRES_MASK << PIN_FIRST_WIRE;
+    }
+}
+
+static inline uint8_t pins_wires(void)
+{
+    return (uint8_t)(GPIO_IN >> PIN_FIRST_WIRE);
 }
 
 /* A and B in, each of their edges an interrupt. */
