@@ -150,7 +150,7 @@ CONDITIONS = (
         "the arm's geometry has been identified, with a covariance",
         "an arm file of an identification that has its covariance file; probes of a "
         "library state theirs",
-        "an arm file without, or a probe whose covariance is not stated",
+        "an arm file without, or changed since; a probe whose covariance is not stated",
         QualityFlag.GEOMETRY_UNKNOWN,
         "all",
         "condition.geometry",

@@ -14,7 +14,12 @@ import numpy as np
 from traverse.arrays import Floats, Indices, Integers
 from traverse.daemon.pose.probe_library import LibraryProbe, with_probe
 from traverse.drivers.base.values import Identity
-from traverse.kinematics.arm_file.arm import Arm, arm_digest, read_arm
+from traverse.kinematics.arm_file.arm import (
+    Arm,
+    arm_digest,
+    geometry_digest,
+    read_arm,
+)
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_from_arm
 from traverse.kinematics.effects.base.block import Covariate
@@ -122,7 +127,8 @@ class ArmModel:
         joint_devices: (n_joints,) id of the device of each joint.
         channels: (n_joints,) channel of each joint on its device.
         covariance: of the arm's parameters; None without a file.
-        geometry_doubt: why errors of points are unknown; else empty.
+        file_doubt: why the arm file's geometry is in doubt; else empty.
+        geometry_doubt: why errors of points are unknown, with the probe in use.
     """
 
     name: str
@@ -137,6 +143,7 @@ class ArmModel:
     arm: Arm
     covariance: ArmCovariance | None = None
     identified_s: float | None = None
+    file_doubt: str = ""
     geometry_doubt: str = ""
 
     @property
@@ -236,6 +243,7 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
     if problems:
         raise FileError(path, problems)
     encoders = [joint.encoder for joint in arm.joints if joint.encoder is not None]
+    doubt = _file_doubt(arm, covariance)
     return ArmModel(
         arm.name,
         arm_digest(arm),
@@ -249,7 +257,8 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
         arm,
         covariance,
         _identified_s(arm),
-        _geometry_doubt(arm, covariance),
+        doubt,
+        doubt,
     )
 
 
@@ -280,16 +289,20 @@ def model_with_probe(model: ArmModel, chosen: LibraryProbe) -> ArmModel:
         covariance=covariance_with_probe(
             model.covariance, arm, model.effects, chosen.covariance_mm2
         ),
-        geometry_doubt=_geometry_doubt(model.arm, model.covariance)
-        or _probe_doubt(chosen),
+        geometry_doubt=model.file_doubt or _probe_doubt(chosen),
     )
 
 
-def _geometry_doubt(arm: Arm, covariance: ArmCovariance | None) -> str:
+def _file_doubt(arm: Arm, covariance: ArmCovariance | None) -> str:
     if arm.identification is None:
         return f"the arm file of {arm.name} is not the result of an identification"
     if covariance is None or not covariance.factor.any():
         return f"the identification of {arm.name} has no covariance"
+    if arm.identification.arm_digest not in (None, geometry_digest(arm)):
+        return (
+            f"the arm file of {arm.name} has been changed since its identification: "
+            "joints, probe, effects or reference are not those that it gave"
+        )
     return ""
 
 

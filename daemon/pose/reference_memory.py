@@ -65,8 +65,12 @@ class ReferenceMemory:
 
 
 def encoders_text(model: ArmModel, device: str, moduli_counts: Sequence[int]) -> str:
-    """Describe a device's encoders, for comparison; several turns as it reports."""
+    """Describe a device's encoders, and where they are homed, for comparison.
+
+    Several turns are as the device reports.
+    """
     encoders, names = model.encoders, model.effects.joint_names
+    homes_rad = {} if model.arm.home is None else model.arm.home.angles_rad
     texts = []
     for joint, of in enumerate(model.joint_devices):
         if of != device:
@@ -76,5 +80,7 @@ def encoders_text(model: ArmModel, device: str, moduli_counts: Sequence[int]) ->
         text = f"{names[joint]}: channel {channel}, {counts} counts"
         if channel < len(moduli_counts) and moduli_counts[channel] != turn:
             text += f" of {moduli_counts[channel]}"
+        if names[joint] in homes_rad:
+            text += f", home {homes_rad[names[joint]]!r} rad"
         texts.append(text)
     return ", ".join(texts)

@@ -31,6 +31,7 @@ from traverse.drivers.base.values import CountSamples, DeviceUp, Identity
 IDENTITY, REFERENCE = "identity", "reference"  # conditions that this feeds
 PLACE, TURN = "place", "turn"
 MAX_SPEED_RAD_S = 20.0  # no joint turns faster, where a device's options do not say
+SAME_HOME_RAD = 0.01  # a posture that is found again by a pin, or by eye at marks
 UNKNOWN = "unknown"  # a serial number that was not reported
 
 
@@ -91,7 +92,10 @@ class ReferenceMonitor:
 
     def use(self, section: QualitySection, model: ArmModel) -> None:
         before: Sequence[int] = self._turning
-        is_other = not model.has_same_encoders(self._model)
+        is_other = (
+            not model.has_same_encoders(self._model)
+            or model.arm.home != self._model.arm.home
+        )
         if is_other:
             before = ()
             self._outages.clear()
@@ -209,7 +213,8 @@ class ReferenceMonitor:
         if known.serials != identity.serials:
             return f"{device} is not the device that was confirmed"
         if known.encoders != self._encoders_text(device):
-            return f"{device}, or the arm file, counts otherwise than when confirmed"
+            text = "counts, or is homed, otherwise than when confirmed"
+            return f"{device}, or the arm file, {text}"
         has_lost_power = up.restarted or bool(
             identity.boot and identity.boot != known.boot
         )
@@ -318,8 +323,14 @@ class ReferenceMonitor:
             What was accepted, by device whose reference is now established.
         """
         names = self._model.effects.joint_names
-        self._offsets_rad |= offsets_rad
+        before_rad = self._offsets_rad
+        self._offsets_rad = {**before_rad, **offsets_rad}
         self.use_offsets(self._offsets_rad)
+        moved = ", ".join(
+            f"{joint} by {offset_rad - before_rad[joint]:.4f} rad"
+            for joint, offset_rad in offsets_rad.items()
+            if abs(offset_rad - before_rad.get(joint, offset_rad)) > SAME_HOME_RAD
+        )
         accepted, homed = {}, {names.index(name) for name in offsets_rad}
         for device, identity in self._identities.items():
             joints = set(self._joints_of(device))
@@ -332,6 +343,11 @@ class ReferenceMonitor:
             if left or is_other:
                 continue
             accepted[device] = f"{device} has been homed"
+            if moved:
+                accepted[device] += (
+                    f", elsewhere than before since its power-up ({moved}): one of the "
+                    "two postures was not the home posture"
+                )
             if known is None and identity.serials:
                 accepted[device] += f"; {self._exchange_text(device)}"
         self._accept(accepted)

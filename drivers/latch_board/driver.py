@@ -74,6 +74,7 @@ class LatchBoardDriver(Driver):
         self._port: SerialPort | None = None
         self._line: LatchBoardLine | None = None
         self._boot_id: int | None = None
+        self._clock_before: DeviceClock | None = None  # of the last connection
         self._session: LatchBoardSession | None = None  # until the board is known
         self._clock_reporter = ClockReporter(self.device, self._delivery_queue.put)
         self._can_latch = False
@@ -120,7 +121,6 @@ class LatchBoardDriver(Driver):
         if not isinstance(hello, wire.Hello):
             raise DeviceError(f"HELLO was answered by {hello}", "update the firmware")
         check_identification(hello, self._path)
-        restarted = not first and hello.boot_id != self._boot_id
         self._latches.clear()  # their requesters have timed out
         heartbeat_ms = HEARTBEAT_MS if hello.channels else EDGES_HEARTBEAT_MS
         line.ask(
@@ -135,6 +135,9 @@ class LatchBoardDriver(Driver):
         )
         self._clock_reporter.forget()
         clock = self._learned_clock(line, hello)
+        restarted = not first and (
+            hello.boot_id != self._boot_id or self._counts_anew(clock)
+        )
         self._deliver_state(DeviceUp(self.device, board_identity(hello), restarted))
         # Not earlier: if CONFIGURE fails, the next try has to report the restart.
         if restarted:
@@ -163,6 +166,16 @@ class LatchBoardDriver(Driver):
             if taken_ns < QUICK_ANSWER_NS or self._now_ns() >= until_ns:
                 break
         return clock
+
+    def _counts_anew(self, clock: DeviceClock) -> bool:
+        """Whether a board has lost power by its counter, whatever its boot_id.
+
+        Firmware without a source of chance may have the same one each time.
+        """
+        before, last = self._clock_before, clock.last
+        if before is None or last is None:
+            return False
+        return not before.is_continued_by(*last)
 
     def _exchange_times(self, line: LatchBoardLine, clock: DeviceClock) -> int:
         """Measure the board's clock by a request and its answer; how long it took."""
@@ -226,7 +239,8 @@ class LatchBoardDriver(Driver):
         self._taken_ns = min(until_ns, self._now_ns())
 
     def _disconnect(self) -> None:
-        self._session = None
+        if self._session is not None:
+            self._clock_before, self._session = self._session.clock, None
         if self._line is not None:
             self._counters["requests_repeated"] += self._line.repeated
             self._frames_before += self._line.decoder.accepted

@@ -43,6 +43,8 @@ BEAT_S = 4.0  # a smallest delay that grows by a frame in less shows in the line
 MAX_BOUND_NS = 20_000_000  # of what has to be learned; beyond, no time is certain
 MAX_TIED_NS = 1_000_000  # of an answer that ties the clock
 MAX_RATE_ERROR = 0.025  # as long as the rate is not known
+LEARNED_RATE_ERROR = 1e-3  # long after it was learned
+LEAST_GAP_NS = 5_000_000_000  # a computer that sleeps for less is no loss of power
 GENERATION_NS = 16_000_000_000  # for two of these the usual delays are remembered
 LATE_MARGIN, LATE_SLACK_NS = 2.0, 3_000_000
 PROOF_SLACK_NS = 500_000  # 0.1 mm of a hand that moves at 200 mm/s
@@ -224,6 +226,23 @@ class DeviceClock:
         if self._jump_ns:
             bound_ns += abs(self._jump_ns) * self._share_left(last)
         return bound_ns
+
+    @property
+    def last(self) -> tuple[int, int] | None:
+        """The latest latch: its ticks, unwrapped, and when it was; None without."""
+        return None if self._last is None else (self._last, self.to_ns(self._last))
+
+    def is_continued_by(self, ticks: int, at_ns: int) -> bool:
+        """Return whether the counter, still counting, may have had ticks at a time."""
+        if self.last is None:
+            return True
+        before, before_ns = self.last
+        passed_ns = at_ns - before_ns
+        expected = passed_ns / (self._ns_per_tick * (1.0 + self._slope))
+        half = self._wrap / 2
+        ahead = (ticks - before - expected + half) % self._wrap - half
+        share = LEARNED_RATE_ERROR if self.is_known else MAX_RATE_ERROR
+        return abs(ahead) * self._ns_per_tick <= LEAST_GAP_NS + share * passed_ns
 
     # -- learning ----------------------------------------------------------------
 

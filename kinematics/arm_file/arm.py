@@ -99,7 +99,7 @@ Moment = datetime | date | str
 
 
 class Identification(StrictModel):
-    """Provenance and quality of an identified arm."""
+    """Provenance and quality of an identified arm; `arm_digest`: `geometry_digest`."""
 
     sigma0: float | None = Field(default=None, ge=0.0)
     redundancy: int | None = None
@@ -109,6 +109,7 @@ class Identification(StrictModel):
     parameters: tuple[str, ...] | None = None
     covariance_file: str | None = None
     covariance_digest: str | None = None
+    arm_digest: str | None = None
 
 
 class Effect(StrictModel):
@@ -229,4 +230,17 @@ def _text_before(path: Path) -> str | None:
 def arm_digest(arm: Arm) -> str:
     """Return a digest of the values (SHA-256, hexadecimal)."""
     values = arm.model_dump(by_alias=True, exclude_none=True)
+    return hashlib.sha256(canonical_text(values).encode()).hexdigest()
+
+
+def geometry_digest(arm: Arm) -> str:
+    """Return a digest of all values that an identification answers for.
+
+    Names, provenance, home posture and sources of encoders are not among them.
+    """
+    left_out: dict[str, Any] = {
+        **dict.fromkeys(("name", "serial_number", "home", "identification"), True),
+        "joints": {"__all__": {"encoder": {"source": True, "absolute": True}}},
+    }
+    values = arm.model_dump(by_alias=True, exclude_none=True, exclude=left_out)
     return hashlib.sha256(canonical_text(values).encode()).hexdigest()

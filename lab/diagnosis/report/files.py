@@ -7,7 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from traverse.kinematics.arm_file.arm import Arm, arm_digest, parse_arm
+from traverse.kinematics.arm_file.arm import (
+    Arm,
+    arm_digest,
+    geometry_digest,
+    parse_arm,
+)
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.adjustment import IteratedAdjustment
 from traverse.lab.diagnosis.model.fit import has_epoch
@@ -95,14 +100,14 @@ def arm_with_provenance(
 ) -> Arm:
     """Make the arm that is written, with the digest of its covariance."""
     arm, campaign = diagnosis.adapted, diagnosis.campaign
-    effects = arm.effects
     if campaign.start_utc is None:
         nowhere = campaign.start
         effects = tuple(
             effect
-            for effect in effects
+            for effect in arm.effects
             if has_epoch(effect, campaign) or effect.epoch_utc != nowhere
         )
+        arm = arm.model_copy(update={"effects": effects})
     provenance = Provenance(
         sigma0=diagnosis.after.sigma0,
         redundancy=diagnosis.after.redundancy,
@@ -112,8 +117,9 @@ def arm_with_provenance(
         parameters=diagnosis.after.network.parameters.free_names,
         covariance_file=None if covariance is None else COVARIANCE_FILE,
         covariance_digest=covariance,
+        arm_digest=geometry_digest(arm),
     )
-    return arm.model_copy(update={"effects": effects, "identification": provenance})
+    return arm.model_copy(update={"identification": provenance})
 
 
 def accept_adapted(path: Path, arm: Arm, folder: Path) -> None:

@@ -7,7 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from traverse.kinematics.arm_file.arm import Arm, arm_digest, write_arm
+from traverse.kinematics.arm_file.arm import (
+    Arm,
+    arm_digest,
+    geometry_digest,
+    write_arm,
+)
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.campaign.poses import texts
 from traverse.lab.campaign.prior import family_json
@@ -69,6 +74,7 @@ def identified_arm(result: Identification, when: datetime, covariance: str) -> A
         parameters=tuple(entry.name for entry in result.parameters),
         covariance_file=COVARIANCE_FILE,
         covariance_digest=covariance,
+        arm_digest=geometry_digest(result.arm),
     )
     return result.arm.model_copy(update={"identification": provenance})
 

@@ -123,6 +123,36 @@ async def test_it_lasts_until_the_power_is_lost(arm, tmp_path):
     again.close()
 
 
+async def test_another_home_posture_of_the_arm_file_has_to_be_homed_again(
+    arm, tmp_path
+):
+    arm.at(list(HOME.values()))
+    await arm.home()
+    assert arm.at((2.1, -1.9, 0.9)).quality.ok
+    text = HOMED.replace("J2 = -0.4", "J2 = -0.5")
+    other = Arm(tmp_path, text, memory=arm.memory)
+    other.bench.take(up())  # the same power-up, another start of the daemon
+    assert other.at((2.1, -1.9, 0.9)).quality.flags == ("turns_uncertain",)
+    other.close()
+
+    measurement = arm.bench.measurement
+    measurement.apply_settings(measurement.configuration, arm_model(tmp_path, text))
+    assert arm.at((2.1, -1.9, 0.9)).quality.flags == ("turns_uncertain",)
+
+
+async def test_homing_elsewhere_since_the_same_power_up_is_reported(arm):
+    arm.at(list(HOME.values()))
+    await arm.home()
+    arm.at((1.3, -0.4, 0.205))
+    await arm.home()
+    assert "elsewhere" not in arm.bench.events[-1].text
+    arm.at((1.3, -0.1, 0.205))
+    await arm.home()
+    assert "elsewhere than before since its power-up (J2 by -0.3" in (
+        arm.bench.events[-1].text
+    )
+
+
 async def test_a_snapshot_continues_bit_for_bit(arm, tmp_path):
     arm.at(list(HOME.values()))
     await arm.home()

@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from tests.daemon.values import ARM, MODULI, arm_file, arm_model
+from tests.daemon.values import ARM, DEVICES, MODULI, arm_file, arm_model
+from tests.established import identify
 from traverse.daemon.pose.arm_model import read_model
 from traverse.drivers.base.values import Identity
-from traverse.kinematics.arm_file.arm import arm_digest, read_arm
+from traverse.kinematics.arm_file.arm import arm_digest, geometry_digest, read_arm
 from traverse.strict_toml.problems import FileError
 
 
@@ -27,6 +28,32 @@ def test_channels_are_in_the_order_of_the_joints(tmp_path):
     assert (model.joint_devices, model.devices) == (("base",) * 3, ("base",))
     assert model.digest == arm_digest(read_arm(tmp_path / "arm.toml"))
     assert model.mismatches_with("base", device(MODULI)) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "is_in_doubt"),
+    [
+        ("link_mm = [0.0, 20.0, 200.0]", "link_mm = [0.0, 20.0, 205.0]", True),
+        ("zero_rad = 0.25", "zero_rad = 0.35", True),
+        ("sign = -1", "sign = 1", True),
+        ("vector_mm = [0.0, 0.0, 50.0]", "vector_mm = [0.0, 0.0, 51.0]", True),
+        ("[reference]", "[reference]  # of the room", False),
+        ('name = "bench-7"', 'name = "bench-8"', False),
+        ('source = "base/1"', 'source = "base/3"', False),
+    ],
+)
+def test_an_arm_file_that_was_changed_since_its_identification_is_in_doubt(
+    tmp_path, old, new, is_in_doubt
+):
+    path = identify(arm_file(tmp_path))
+    digest = geometry_digest(read_arm(path))
+    path.write_text(f'{path.read_text()}arm_digest = "{digest}"\n')
+    assert not read_model(path, DEVICES).geometry_doubt
+
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    doubt = read_model(path, DEVICES).geometry_doubt
+    assert ("has been changed since its identification" in doubt) == is_in_doubt
 
 
 def empirical(covariate):

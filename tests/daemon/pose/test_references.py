@@ -471,7 +471,7 @@ def test_another_resolution_of_the_same_encoder_is_in_doubt(
         assert not rig.is_doubtful
     rig.monitor.on_up(DeviceUp("base", identity, restarted=False))
     assert rig.is_doubtful
-    assert "counts otherwise" in rig.events[-1].text
+    assert "otherwise than when confirmed" in rig.events[-1].text
     rig.monitor.confirm()
     assert not rig.is_doubtful
 

@@ -73,10 +73,13 @@ class FakeBoard(PtyPeer):
         self._pending = b""
         super().plug()
 
-    def restart(self) -> None:
-        """Lose power for a moment, the cable stays."""
+    def restart(self, *, has_chance: bool = True) -> None:
+        """Lose power for a moment, the cable stays.
+
+        Without a source of chance the boot_id is the same again.
+        """
         with self._lock:
-            self.boot_id += 1
+            self.boot_id += has_chance
             self.stream_request = self.next_sample = self.next_edge = 0
             self.edges.clear()
             self._boot_ns, self._last_ticks = time.monotonic_ns(), 0

@@ -139,14 +139,18 @@ async def test_silence_of_the_board_is_a_loss(rig):
     assert "silent for 2 s" in taken.of(DeviceLost)[0].reason
 
 
-async def test_a_board_that_was_restarted_behind_an_open_port_is_noticed(rig):
+@pytest.mark.parametrize("has_chance", [True, False])
+async def test_a_board_that_was_restarted_behind_an_open_port_is_noticed(
+    rig, has_chance
+):
+    rig.board.jump(100.0)  # so long it has been running
     with rig.driver:
         taken = await streaming(rig)
         for seq in range(3):
             rig.press()
             await taken.until(lambda n=seq: len(taken.of(LatchedCounts)) > n, "edge")
             rig.driver.acknowledge(seq)
-        rig.board.restart()
+        rig.board.restart(has_chance=has_chance)
         await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "up again")
         await taken.until(lambda: len(taken.of(StreamStarted)) == 2, "its stream")
         rig.press()

@@ -173,3 +173,27 @@ def test_a_first_half_second_that_was_late_all_along_makes_no_time_certain():
             assert abs(clock.to_ns(sent_ns // 1000) - sent_ns) < MAX_LAG_NS + 200_000
     assert certain_from is not None
     assert certain_from < 2.1e9
+
+
+@pytest.mark.parametrize(
+    ("away_s", "lost_s", "continues"),
+    [
+        (0.5, 0.0, True),
+        (3600.0, 0.0, True),
+        (10_000.0, 0.0, True),  # the counter has wrapped twice meanwhile
+        (10.0, -3.0, True),  # the computer slept
+        (10.0, 1.0, True),
+        (10.0, 20.0, False),
+        (0.5, 1000.0, False),
+    ],
+)
+def test_a_counter_that_begins_anew_is_not_the_one_of_before(away_s, lost_s, continues):
+    rate_hz, wrap = 1_000_000, 1 << 32
+    before = DeviceClock(rate_hz)
+    for k in range(2000):
+        ticks = 30 * rate_hz + k * rate_hz // 100
+        before.update(before.unwrap_one(ticks % wrap), 10**12 + k * 10**7)
+    at_s = 20.0 + away_s
+    counted = round((30.0 + at_s - lost_s) * rate_hz) % wrap
+    at_ns = 10**12 + round(at_s * 1e9)
+    assert before.is_continued_by(counted, at_ns) == continues

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.lab.simulated import DESIGN, DESIGN_ARM, bar, built, cones, simulate, written
-from traverse.kinematics.arm_file.arm import read_arm
+from traverse.kinematics.arm_file.arm import geometry_digest, read_arm
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.lab.identification.identify import Options, identify
@@ -55,6 +55,7 @@ def test_the_arm_is_written_with_its_provenance(folders):
     assert len(read.identification.parameters) == 25
     content = (target / read.identification.covariance_file).read_bytes()
     assert read.identification.covariance_digest == hashlib.sha256(content).hexdigest()
+    assert read.identification.arm_digest == geometry_digest(read)
     geometry = geometry_from_arm(read)
     assert np.allclose(geometry.axes, result.adjustment.state.arm.geometry.axes)
     assert read.probe == DESIGN_ARM.probe

@@ -20,7 +20,7 @@ from tests.lab.diagnosis.diagnosed import (
     write_source,
     written_files,
 )
-from traverse.kinematics.arm_file.arm import read_arm, write_arm
+from traverse.kinematics.arm_file.arm import geometry_digest, read_arm, write_arm
 from traverse.lab.diagnosis.model.fit import terms_without_epoch
 from traverse.lab.diagnosis.model.result import HoldoutResult
 from traverse.lab.diagnosis.report.files import (
@@ -103,6 +103,7 @@ def test_the_covariance_is_that_of_what_was_estimated(folder):
     stored = np.load(folder / "arm.cov.npz")
     digest = hashlib.sha256((folder / "arm.cov.npz").read_bytes()).hexdigest()
     assert arm.identification.covariance_digest == digest
+    assert arm.identification.arm_digest == geometry_digest(arm)
     names = stored["names"].tolist()
     (term,) = diagnosis.terms
     for key in ("cos_rad", "sin_rad"):
