@@ -11,6 +11,7 @@ from enum import IntEnum
 
 MAX_LENGTH = 268_435_455  # of a packet, section 1.5.5
 HEAD_BYTES = 200_000  # topic and ordinary properties of a message that is cut
+MAX_PROPERTIES = 64  # thousands in each message would take the event loop
 
 
 class Version(IntEnum):
@@ -376,13 +377,18 @@ def _variable_number_at(body: bytes, offset: int) -> tuple[int, int]:
 
 
 def _properties_at(body: bytes, offset: int) -> tuple[Properties, int]:
-    """Return properties by identifier, without those for users, and their end."""
+    """Return properties by identifier, without those for users, and their end.
+
+    Only the first `MAX_PROPERTIES` are read.
+    """
     length, offset = _variable_number_at(body, offset)
     end = offset + length
     if len(body) < end:
         raise IndexError("properties are longer than the packet, or than is kept")
     values: dict[int, PropertyValue] = {}
-    while offset < end:
+    for _ in range(MAX_PROPERTIES):
+        if offset >= end:
+            break
         identifier, offset = body[offset], offset + 1
         if n_bytes := _BYTES_OF_NUMBER.get(identifier):
             values[identifier] = int.from_bytes(body[offset : offset + n_bytes])

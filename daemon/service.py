@@ -20,6 +20,7 @@ from traverse.daemon.command_handlers import handlers_of
 from traverse.daemon.commands.dispatcher import MAX_REMEMBERED, CommandDispatcher
 from traverse.daemon.commands.expiry import KEPT_S, PERIOD_S, CommandExpiry
 from traverse.daemon.commands.points import PointCommands, point_result
+from traverse.daemon.commands.rate_limit import OURS, PAUSE_S, TokenBucket
 from traverse.daemon.commands.reload import ConfigurationReloader
 from traverse.daemon.commands.resend import ResendCommands
 from traverse.daemon.commands.scans import ButtonScans, ScanCommands
@@ -91,6 +92,8 @@ class Service:
         StartupError: a file has gone since it was read.
     """
 
+    phase = "starting"
+
     def __init__(
         self, inputs: Inputs, broker: BrokerSection, path: Path, *, embedded: bool
     ) -> None:
@@ -102,7 +105,6 @@ class Service:
         self.status_due = status_due = asyncio.Event()
         self.health = HealthReporter(clock, latencies)
         self.status_line = StatusLine()
-        self.phase = "starting"
 
         try:
             files = recorded_files(path, configuration)
@@ -173,6 +175,10 @@ class Service:
 
         self.expiry = CommandExpiry(arm, clock)
         self.others = SecondDaemonWatch(arm, encoding, clock, events, status_due.set)
+        self._limits_of_ours = {
+            topic: TokenBucket(OURS, clock)
+            for topic in (topics.status_topic(arm), topics.clock_topic(arm))
+        }
 
         self.connection = connection = BrokerConnection(
             address=address_of(broker, path.parent),
@@ -245,13 +251,23 @@ class Service:
 
     def receive(self, incoming: IncomingCommand) -> float:
         """Take a command, or a status or clock of this arm; see `CommandDispatcher`."""
+        limit = self._limits_of_ours.get(incoming.topic)
+        if limit is None:
+            return self.commands.receive(incoming)
+        if not limit.take():
+            self.events.report(
+                "warning",
+                "broker.flood",
+                f"another program writes to {incoming.topic}, which is for this daemon "
+                "alone, faster than it is read",
+                remedy="find it; see the broker's access list",
+            )
+            return PAUSE_S
         if incoming.topic == self.expiry.topic:
             self.expiry.receive(incoming)
-            return 0.0
-        if incoming.topic == topics.status_topic(self.measurement.model.name):
+        else:
             self.others.receive(incoming.payload, retained=incoming.retained)
-            return 0.0
-        return self.commands.receive(incoming)
+        return 0.0
 
     def status(self, online: bool) -> Status:
         """Return the status, or that of a daemon that has ended."""
@@ -286,25 +302,15 @@ class Service:
         remedy = "" if connected else "start or correct the broker; points are kept"
         self.events.change(not connected, "error", "broker.lost", text, remedy=remedy)
 
-    def _limit_exceeded(self, kind: str, n_bytes: int, limit_bytes: int) -> None:
-        text = "all messages are short enough for the broker"
-        if n_bytes:
-            outcome = {
-                "point": "points wait on the disk",
-                "status": "it is sent without its lists (probes, alarms, conditions)",
-            }.get(kind, "it is left out")
-            text = (
-                f"a message ({kind}) of {n_bytes} bytes is longer than the "
-                f"{limit_bytes} that the broker takes; {outcome}"
-            )
+    def _limit_exceeded(self, kind: str, text: str) -> None:
+        remedy = "raise the broker's limit (mosquitto: max_packet_size)"
         self.events.change(
-            n_bytes > 0,
+            bool(text),
             "error",
             "broker.packet_limit",
-            text,
-            remedy="raise the broker's limit (mosquitto: max_packet_size)"
-            if n_bytes
-            else "",
+            text or f"no message ({kind}) was too long for the broker yet",
+            source=kind,
+            remedy=remedy if text else "",
         )
 
     def publish_status(self) -> None:

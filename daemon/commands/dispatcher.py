@@ -76,17 +76,18 @@ class CommandDispatcher:
         Returns how long the broker should keep further commands [s], mostly 0.
         """
         self.received += 1
-        if not self._limits.admit():
-            self.refused += 1
-            return PAUSE_S if self._limits.is_flooded else 0.0
         topic = single_line(incoming.topic)
-        if incoming.retained:
+        if incoming.retained:  # no flood: it comes once with each subscription
             self._drop(
                 "commands.retained",
                 f"the broker keeps an old command on {topic}; ignored",
                 "clear it: publish an empty retained message there",
             )
-        elif len(incoming.payload) > MAX_COMMAND_BYTES:
+            return 0.0
+        if not self._limits.admit():
+            self.refused += 1
+            return PAUSE_S if self._limits.is_flooded else 0.0
+        if len(incoming.payload) > MAX_COMMAND_BYTES:
             self._drop(
                 "commands.too_long",
                 f"a command on {topic} has more than {MAX_COMMAND_BYTES} bytes; "

@@ -31,6 +31,8 @@ OF_KIND: Final[Mapping[str, Limit]] = {
     "session": Limit(2.0, 10),
     "reload": Limit(1.0, 5),
 }
+OURS: Final = Limit(20.0, 100)
+"""Messages on a topic that the daemon itself writes to: its status, its clock."""
 LOG_LINES: Final = Limit(5.0, 20)
 FLOOD: Final = 200
 """Commands dropped in a second before the broker is asked to keep them."""

@@ -99,8 +99,8 @@ class BrokerConnection:
         subscriptions: topic filters, see `CommandSubscriber`.
         changed: called when the connection is up (True) or lost (False, reason).
         least_retry_s: returns the least time to stay away after a loss [s].
-        limit_exceeded: called when a message is longer than the broker takes (its kind,
-            its length, the limit), and with a length of 0 when all are short enough.
+        limit_exceeded: called with a kind of messages, and what becomes of those that
+            are longer than the broker takes, or nothing where all are short enough.
 
     Attributes:
         state_known: set as soon as the connection is up, or has failed.
@@ -114,7 +114,7 @@ class BrokerConnection:
     subscriptions: Sequence[str]
     changed: Callable[[bool, str], None]
     least_retry_s: Callable[[], float] = lambda: 0.0
-    limit_exceeded: Callable[[str, int, int], None] = lambda kind, n_bytes, limit: None
+    limit_exceeded: Callable[[str, str], None] = lambda kind, text: None
 
     def __post_init__(self) -> None:
         self._access: Credentials | None = None
@@ -187,10 +187,13 @@ class BrokerConnection:
                     self.state = "connected"
                     self.state_known.set()
                     self.changed(True, f"broker {self.address} connected")
+                    if subscriber.refusal:
+                        text = f"broker {self.address} {subscriber.refusal}"
+                        self.changed(False, text)
                     await run_until_first(
                         publish_loop.run(client),
                         client.wait_closed(),
-                        subscriber.run(client),
+                        subscriber.run(),
                         self._wait_for_changed_files(),
                     )
                     continue  # immediately: with the new certificates

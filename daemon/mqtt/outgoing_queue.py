@@ -9,7 +9,7 @@ points, events, requested again, spooled scan blocks, scan blocks, live, health.
 import asyncio
 import contextlib
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from traverse.protocol.encoding import Encoding
@@ -132,18 +132,19 @@ class OutgoingQueue:
         finally:
             self._on_offered = None
 
-    def next(self) -> tuple[str, OutgoingMessage] | None:
-        """Take the next message to send; now it is on its way."""
+    def next(self, without: str = "") -> tuple[str, OutgoingMessage] | None:
+        """Take the next message to send, but of one kind; now it is on its way."""
         for kind, queue in self._waiting.items():
-            if queue:
+            if queue and kind != without:
                 message = queue.popleft()
                 self._on_the_way[kind].append(message)
                 return kind, message
         return None
 
-    def take_back(self) -> None:
-        """Queue the messages on their way again, in order, after a lost connection."""
-        for kind, gone in self._on_the_way.items():
+    def take_back(self, kinds: Iterable[str] = LIMITS) -> None:
+        """Queue the messages on their way again, in order."""
+        for kind in kinds:
+            gone = self._on_the_way[kind]
             if self._limits[kind] is not None or not self._waiting[kind]:
                 self._waiting[kind].extendleft(reversed(gone))
             gone.clear()

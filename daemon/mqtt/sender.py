@@ -10,7 +10,7 @@ from traverse.broker.client import MqttClient
 from traverse.broker.errors import MqttError
 from traverse.broker.packets import Version, publish_packet
 from traverse.broker.reasons import sentence
-from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
+from traverse.daemon.mqtt.outgoing_queue import LIMITS, OutgoingMessage, OutgoingQueue
 from traverse.daemon.mqtt.packet_limit import cut_to_fit
 from traverse.daemon.mqtt.wording import WORDING
 
@@ -20,6 +20,12 @@ ANSWER_S = 5.0
 CHECK_S = 1.0
 WRITE_BYTES = 65_536  # more is not collected before it is written
 REFUSED_S = 5.0  # a refused point is tried again: the access list may be corrected
+REPLY = "reply"  # its refusal says nothing of the broker: senders choose its topic
+TOO_LONG = {
+    "point": "points wait on the disk",
+    "status": "nobody learns the state of the arm",
+}
+SHORTENED = "it is sent without its lists (probes, alarms, conditions)"
 
 
 @dataclass(eq=False)
@@ -31,7 +37,8 @@ class PublishLoop:
 
     Args:
         properties: makes a message's packed properties of MQTT 5.
-        changed: called when points are refused (False, reason) and taken again (True).
+        changed: called when messages of a kind are refused (False, reason), and when
+            none are any more (True).
         limit_exceeded: see `BrokerConnection`.
         broker: name of the broker, for people.
     """
@@ -40,15 +47,15 @@ class PublishLoop:
     _: KW_ONLY
     properties: Callable[[OutgoingMessage], bytes]
     changed: Callable[[bool, str], None]
-    limit_exceeded: Callable[[str, int, int], None]
+    limit_exceeded: Callable[[str, str], None]
     broker: str
 
     def __post_init__(self) -> None:
         self._client: MqttClient | None = None
         self._in_flight: dict[int, tuple[str, OutgoingMessage, float]] = {}
         self._is_sending = self._is_full = False
-        self._was_refused = False
-        self._resumes_s = 0.0
+        self._refused: set[str] = set()
+        self._points_resume_s = 0.0
         self._failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
     async def run(self, client: MqttClient) -> None:
@@ -58,7 +65,8 @@ class PublishLoop:
             MqttError: it failed, or the broker does not answer.
         """
         self._client, queue = client, self.queue
-        self.limit_exceeded("", 0, client.limits.maximum_packet_bytes)
+        for kind in LIMITS:
+            self.limit_exceeded(kind, "")
         try:
             with queue.notifying(self.send):
                 while True:
@@ -76,7 +84,7 @@ class PublishLoop:
 
     def send(self) -> None:
         client = self._client
-        if client is None or self._is_sending or self._failed.done() or self._resumes_s:
+        if client is None or self._is_sending or self._failed.done():
             return
         self._is_sending = True
         try:
@@ -100,8 +108,7 @@ class PublishLoop:
         while (
             len(self._in_flight) < client.max_in_flight
             and n_bytes < WRITE_BYTES
-            and not self._resumes_s
-            and (taken := self.queue.next()) is not None
+            and (taken := self.queue.next("point" if self._points_resume_s else ""))
         ):
             kind, message = taken
             number = client.next_number() if message.qos else 0
@@ -139,15 +146,20 @@ class PublishLoop:
             return packet
         overhead_bytes = len(packet) - len(message.payload)
         parts = cut_to_fit(kind, message, limit_bytes - overhead_bytes)
-        if kind == "status" or not parts:
-            self.limit_exceeded(kind, len(packet), limit_bytes)
+        outcome = TOO_LONG.get(kind, "it is left out")
         if parts:
+            outcome = SHORTENED if kind == "status" else ""
             self.queue.replace(kind, message, parts)
-            return None
-        if kind == "point":  # it is kept, and so are all after it
-            self._resumes_s = time.monotonic() + REFUSED_S
+        elif kind == "point":  # it is kept, and so are all after it
+            self._points_resume_s = time.monotonic() + REFUSED_S
         else:
             self.queue.set_aside(kind, message)
+        if outcome:
+            self.limit_exceeded(
+                kind,
+                f"a message ({kind}) of {len(packet)} bytes is longer than the "
+                f"{limit_bytes} that the broker takes; {outcome}",
+            )
         return None
 
     def on_acknowledged(self, number: int, refusal: int | None) -> None:
@@ -156,33 +168,40 @@ class PublishLoop:
         if answered is None:
             return
         kind, message, _ = answered
-        why = "" if refusal is None else sentence(refusal, WORDING)
-        text = f"broker {self.broker} refuses {message.topic}: {why}"
         if refusal is None:
             self.queue.done(kind, message)
-            if kind == "point" and self._was_refused:
-                self._was_refused = False
-                self.changed(True, f"broker {self.broker} takes points again")
-        elif kind == "point":  # it is kept
-            self._resumes_s = time.monotonic() + REFUSED_S
-            if not self._was_refused:
-                self._was_refused = True
-                self.changed(False, text)
-        elif message.refused is not None:
-            log.warning("%s; tried again later", text)
-            self.queue.defer(kind, message)
+            if kind in self._refused - {REPLY}:
+                self._refused.remove(kind)
+                if self._refused <= {REPLY}:
+                    self.changed(True, f"broker {self.broker} takes all messages again")
         else:
-            log.warning("%s; dropped", text)
-            self.queue.drop(kind, message)
+            self._take_refusal(kind, message, sentence(refusal, WORDING))
         if self._is_full:
             self.send()
+
+    def _take_refusal(self, kind: str, message: OutgoingMessage, why: str) -> None:
+        if kind == "point":  # it is kept
+            self._points_resume_s = time.monotonic() + REFUSED_S
+        elif message.refused is not None:
+            self.queue.defer(kind, message)
+        else:
+            self.queue.drop(kind, message)
+        if kind not in self._refused:
+            self._refused.add(kind)
+            text = f"broker {self.broker} refuses {message.topic}: {why}"
+            log.warning("%s", text)
+            if kind != REPLY:
+                self.changed(False, text)
 
     def _check_timeouts(self) -> None:
         """Notice silence, and the end of the wait after a refusal."""
         now_s = time.monotonic()
         if any(now_s - since_s > ANSWER_S for *_, since_s in self._in_flight.values()):
             raise MqttError(f"no answer within {ANSWER_S:g} s")
-        if self._resumes_s and now_s >= self._resumes_s:
-            self._resumes_s = 0.0
-            self._in_flight.clear()
-            self.queue.take_back()
+        if self._points_resume_s and now_s >= self._points_resume_s:
+            self._points_resume_s = 0.0
+            for number in [
+                n for n, (kind, *_) in self._in_flight.items() if kind == "point"
+            ]:
+                del self._in_flight[number]
+            self.queue.take_back(("point",))

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 from traverse.broker.client import REFUSAL, MqttClient
@@ -42,9 +42,12 @@ class CommandSubscriber:
     """Subscribe each connection to commands and pass them on.
 
     Args:
-        subscriptions: topic filters, of commands and others.
-        receive: called with each command; returns for how long the broker is to keep
-            further ones, mostly none [s].
+        subscriptions: the topic filter of commands, and further topics.
+        receive: called with each message; returns for how long the broker is to keep
+            further ones of that subscription, mostly none [s].
+
+    Attributes:
+        refusal: what the broker said where it refuses subscriptions; else "".
     """
 
     def __init__(
@@ -52,45 +55,46 @@ class CommandSubscriber:
         subscriptions: Sequence[str],
         receive: Callable[[IncomingCommand], float | None],
     ) -> None:
-        self._subscriptions = [(topic, 1) for topic in subscriptions]
+        self._subscriptions = subscriptions
         self._receive = receive
+        self.refusal = ""
         self._client: MqttClient | None = None
         self._clock = HostClock()
         self._subscribed_ns = 0
-        self._backoff_until_s = 0.0
+        self._paused_until_s: dict[str, float] = {}
         self._flooded = asyncio.Event()
 
     async def subscribe(self, client: MqttClient) -> None:
-        """Subscribe a new connection to commands, unless they are a flood."""
-        self._client = client
+        """Subscribe a new connection to all but those that are a flood."""
+        self._client, self.refusal = client, ""
         # Not at a later one: what waited for the connection is older.
         self._subscribed_ns = self._subscribed_ns or self._clock.elapsed_ns()
-        if self._backoff_s() <= 0.0:
-            await self._subscribe(client)
+        await self._subscribe(set(self._subscriptions) - set(self._paused_until_s))
 
-    async def run(self, client: MqttClient) -> None:
+    async def run(self) -> None:
         """Take commands until cancelled; in a flood of them let the broker keep them.
 
         The connection stays, for points, poses and answers.
         """
+        loop = asyncio.get_running_loop()
         while True:
-            if (backoff_s := self._backoff_s()) > 0.0:
-                await asyncio.sleep(backoff_s)
-                await self._subscribe(client)
-            self._flooded.clear()
-            if self._backoff_s() <= 0.0:
+            if not self._paused_until_s:
+                self._flooded.clear()
                 await self._flooded.wait()
+            topic, until_s = next(iter(self._paused_until_s.items()))
+            await asyncio.sleep(until_s - loop.time())
+            del self._paused_until_s[topic]
+            await self._subscribe({topic})
 
-    async def _subscribe(self, client: MqttClient) -> None:
-        codes = await client.subscribe(*self._subscriptions)
-        for (topic, _), code in zip(self._subscriptions, codes, strict=True):
+    async def _subscribe(self, topics: Collection[str]) -> None:
+        if self._client is None or not topics:
+            return
+        codes = await self._client.subscribe(*((topic, 1) for topic in topics))
+        for topic, code in zip(topics, codes, strict=True):
             if code >= REFUSAL:
-                log.warning(
-                    "the broker refuses the subscription to %s: %s; correct its "
-                    "access list",
-                    topic,
-                    sentence(code, WORDING),
-                )
+                why = sentence(code, WORDING)
+                self.refusal = f"refuses the subscription to {topic}: {why}"
+                log.warning("the broker %s", self.refusal)
 
     def on_message(self, message: Message) -> None:
         response, correlation, expiry_s = (
@@ -112,12 +116,15 @@ class CommandSubscriber:
                 expiry_s if isinstance(expiry_s, int) else None,
             )
         )
-        if pause_s and self._backoff_s() <= 0.0 and self._client is not None:
-            self._backoff_until_s = asyncio.get_running_loop().time() + pause_s
-            with contextlib.suppress(MqttError):  # lost, which is noticed elsewhere
-                self._client.unsubscribe([topic for topic, _ in self._subscriptions])
-            self._flooded.set()
+        if pause_s:
+            self._pause(message.topic, pause_s)
 
-    def _backoff_s(self) -> float:
-        """Time until the next subscription; 0 or less: subscribe now."""
-        return self._backoff_until_s - asyncio.get_running_loop().time()
+    def _pause(self, topic: str, pause_s: float) -> None:
+        if topic not in self._subscriptions:
+            topic = self._subscriptions[0]
+        if self._client is None or topic in self._paused_until_s:
+            return  # what had been sent before
+        self._paused_until_s[topic] = asyncio.get_running_loop().time() + pause_s
+        with contextlib.suppress(MqttError):  # lost, which is noticed elsewhere
+            self._client.unsubscribe([topic])
+        self._flooded.set()

@@ -175,6 +175,18 @@ def test_properties_that_are_too_long_cost_the_message_its_use_only():
     assert pong == Pong()
 
 
+def test_of_thousands_of_properties_the_first_are_read():
+    expiry, user = b"\x02\x00\x00\x00\x09", b"\x26\x00\x00\x00\x00"
+    properties = expiry + user * 30_000 + expiry
+    length = len(properties)
+    packed = bytes((length & 0x7F | 0x80, length >> 7 & 0x7F | 0x80, length >> 14))
+    message, pong = decoded(
+        publish_packet("p", b"abc", properties=packed + properties) + b"\xd0\x00"
+    )
+    assert message == Message("p", b"abc", properties={2: 9}, n_bytes=3)
+    assert pong == Pong()
+
+
 @pytest.mark.parametrize(
     "data",
     [

@@ -150,6 +150,13 @@ async def test_correlation_data_are_bounded(bench):
     assert codes(await bench.replies(2))[-1] == "ok"
 
 
+async def test_thousands_of_retained_commands_are_no_flood(bench):
+    for _ in range(ALL.at_once + 2 * FLOOD):  # as after each subscription
+        assert bench.receive(command("old"), retained=True) == 0.0
+    bench.receive(command("new"))
+    assert codes(await bench.replies(1)) == ["ok"]
+
+
 async def test_retained_commands_are_reported(bench):
     bench.send(command("old"), retained=True)
     (event,) = bench.events

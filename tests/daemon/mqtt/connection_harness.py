@@ -31,9 +31,10 @@ class Bench:
         )
 
     @contextlib.asynccontextmanager
-    async def running(self):
+    async def running(self, receive=None):
         assert await self.publisher.probe() is None  # as the service does
-        task = asyncio.create_task(self.publisher.run(self.received.append))
+        receive = receive or self.received.append
+        task = asyncio.create_task(self.publisher.run(receive))
         try:
             await until(lambda: self.publisher.state == "connected", "a connection")
             yield self

@@ -6,8 +6,10 @@ import contextlib
 import pytest
 
 from tests.daemon.mqtt.connection_harness import STATUS, Bench
+from tests.protocol.message_examples import STATUS as STATUS_VALUE
 from traverse.broker.address import BrokerAddress
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
+from traverse.protocol.encoding import encode
 from traverse.testing.taken import until
 
 HOST = "127.0.0.1"
@@ -19,10 +21,13 @@ class PlayedBroker:
     Attributes:
         connects: the protocol level of each CONNECT.
         lengths: bytes of each PUBLISH, by topic.
+        refused: topics whose messages are refused, with MQTT 5.
     """
 
-    def __init__(self, answer, *, cut_after=None):
+    def __init__(self, answer, *, cut_after=None, refused=(), subscribed=1):
         self._answer = answer
+        self._subscribed = subscribed
+        self.refused = set(refused)
         self._cut_after = cut_after
         self.connects = []
         self.lengths = []
@@ -48,13 +53,19 @@ class PlayedBroker:
                         topic = body[2 : 2 + size].decode()
                         self.lengths.append((topic, 2 + len(body)))
                         if first & 2:
-                            writer.write(b"\x40\x02" + body[2 + size : 4 + size])
+                            code = b"\x87" if topic in self.refused else b""
+                            number = body[2 + size : 4 + size]
+                            answer = bytes((0x40, 2 + len(code))) + number + code
+                            writer.write(answer)
                         if self._cut_after is not None:
                             break
                     elif first >> 4 == 8:
                         codes = b"\0" if level == 5 else b""
                         writer.write(
-                            bytes((0x90, 3 + len(codes))) + body[:2] + codes + b"\x01"
+                            bytes((0x90, 3 + len(codes)))
+                            + body[:2]
+                            + codes
+                            + bytes((self._subscribed,))
                         )
         writer.close()
 
@@ -111,11 +122,67 @@ async def test_what_is_longer_than_the_broker_takes_is_named_and_counted():
             bench.queue.offer("event", OutgoingMessage("e", bytes(50), 1))
             await until(lambda: bench.queue.sent["event"], "the short one")
             assert bench.queue.too_long["event"] == 1
-            assert [kind for kind, n_bytes, _ in exceeded if n_bytes] == ["event"]
+            assert [kind for kind, text in exceeded if text] == ["event"]
             bench.point("x" * 500)
-            await until(lambda: len(exceeded) > 2, "the point")
+            await until(lambda: exceeded[-1][0] == "point", "the point")
+            assert (
+                "longer than the 256 that the broker takes; points wait"
+                in exceeded[-1][1]
+            )
+            bench.queue.offer("event", OutgoingMessage("e", bytes(50), 1))
+            await until(lambda: bench.queue.sent["event"] == 2, "what is not a point")
             assert bench.queue.waiting("point") == 1  # it is kept
     assert max(length for _, length in broker.lengths) <= 256
+
+
+@pytest.mark.parametrize(("encoding", "limit"), [("msgpack", 256), ("json", 2048)])
+async def test_what_becomes_of_a_status_that_is_too_long_is_said(encoding, limit):
+    broker = PlayedBroker(accepted(b"\x27" + limit.to_bytes(4)))
+    status = STATUS_VALUE.model_copy(
+        update={"encoding": encoding, "probes": ("a" * 60,) * 40}
+    )
+    message = OutgoingMessage(STATUS, encode(status, encoding), 1, retain=True)
+    outcomes = []
+    async with broker.running() as address:
+        bench = Bench(address)
+        bench.publisher.limit_exceeded = lambda _, text: text and outcomes.append(text)
+        async with bench.running():
+            bench.queue.offer("status", message)
+            await until(lambda: not bench.queue.waiting("status"), "the status")
+    is_sent = STATUS in dict(broker.lengths)
+    assert is_sent == (limit == 2048)
+    said = "without its lists" if is_sent else "nobody learns the state"
+    assert len(outcomes) == 1
+    assert said in outcomes[0]
+
+
+@pytest.mark.parametrize("kind", ["point", "status"])
+async def test_refused_messages_are_said_once_and_hold_up_no_others(kind):
+    topic = f"traverse/bench-7/{kind}"
+    broker = PlayedBroker(accepted(), refused=[topic])
+    async with broker.running() as address, Bench(address).running() as bench:
+        for n in range(3):
+            bench.queue.offer(kind, OutgoingMessage(topic, b"%d" % n, 1))
+            bench.queue.offer("event", OutgoingMessage("e", b"", 1))
+            await until(lambda: bench.queue.sent["event"] > n, "others")  # noqa: B023
+        refusals = [text for is_up, text in bench.changes if not is_up]
+        assert [topic in text for text in refusals] == [True]
+        assert bench.queue.waiting("point") == (3 if kind == "point" else 0)
+        if kind == "status":
+            broker.refused.clear()
+            bench.queue.offer(kind, OutgoingMessage(topic, b"", 1))
+            await until(lambda: bench.changes[-1][0], "the end of the refusal")
+
+
+async def test_a_refused_subscription_is_said():
+    broker = PlayedBroker(accepted(), subscribed=0xA2)
+    async with broker.running() as address, Bench(address).running() as bench:
+        await until(lambda: len(bench.changes) == 2, "the refusal")
+    assert bench.changes[0][0]
+    is_up, text = bench.changes[1]
+    assert not is_up
+    assert "traverse/bench-7/cmd/+" in text
+    assert "no wildcards" in text
 
 
 async def test_the_pause_grows_where_a_connection_does_not_last():

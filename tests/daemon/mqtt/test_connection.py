@@ -115,3 +115,43 @@ async def test_a_broker_of_mqtt_3_is_spoken_to_in_its_own_tongue():
             await witness.client.publish("traverse/bench-7/cmd/point", b"now", 1)
             await until(lambda: bench.received, "the command")
     assert bench.received[0].response_topic is None
+
+
+def flooded(bench, pause_s):
+    """Have each status of a bench judged as a flood, and no command; keep payloads."""
+    bench.publisher.subscriptions = ("traverse/bench-7/cmd/+", STATUS)
+
+    def receive(message):
+        bench.received.append(message.payload)
+        return pause_s if message.topic == STATUS else 0.0
+
+    return receive
+
+
+async def test_a_flood_on_one_topic_leaves_the_others(mosquitto):
+    bench = Bench(address(mosquitto))
+    receive = flooded(bench, 60.0)
+    async with (
+        Witness(mosquitto.port, "none") as witness,
+        bench.running(receive),
+    ):
+        await witness.client.publish(STATUS, b"1", qos=1)
+        await until(lambda: bench.received, "a status")
+        bench.point("0")  # which the broker takes after it has been unsubscribed
+        await bench.all_sent()
+        await witness.client.publish(STATUS, b"2", qos=1)
+        await witness.client.publish("traverse/bench-7/cmd/point", b"3", qos=1)
+        await until(lambda: b"3" in bench.received, "the command")
+    assert b"2" not in bench.received
+
+
+async def test_after_a_flood_its_topic_is_subscribed_to_again(mosquitto):
+    bench = Bench(address(mosquitto))
+    receive = flooded(bench, 0.05)
+    async with (
+        Witness(mosquitto.port, "none") as witness,
+        bench.running(receive),
+    ):
+        await witness.client.publish(STATUS, b"1", qos=1, retain=True)
+        await until(lambda: bench.received.count(b"1") > 2, "it, each time")
+        await witness.client.publish(STATUS, b"", qos=1, retain=True)
