@@ -27,7 +27,7 @@ def groups() -> dict[str, list[str]]:
     )
     rows = [line.split("|") for line in ran.stdout.splitlines()]
     return {
-        name: [one for one in needed.split() if ":" not in one]
+        name: [program for program in needed.split() if ":" not in program]
         for name, needed, _ in rows
     }
 
@@ -52,9 +52,9 @@ def search_path(needed: frozenset[str], folder: Path) -> str:
     base = _linked(folder, "base", _base_programs())
     if base is None:  # not a Debian: the base system is unknown
         return EVERYWHERE
-    found = {g: [p for n in groups()[g] if (p := find(n))] for g in sorted(needed)}
+    paths = {g: [p for n in groups()[g] if (p := find(n))] for g in sorted(needed)}
     return ":".join(
-        [base, *(str(_linked(folder, group, found[group])) for group in found)]
+        [base, *(str(_linked(folder, group, paths[group])) for group in paths)]
     )
 
 
@@ -71,10 +71,10 @@ def _base_programs() -> tuple[str, ...]:
     names = [f[-1] for f in fields if f[0] == "yes" or "required" in f]
     ran = subprocess.run([query, "-L", *names], capture_output=True, text=True)  # noqa: PLW1510 - a name may be of several architectures
     files = {line for line in ran.stdout.splitlines() if "bin/" in line}
-    found = [find(name) for name in BESIDE_ESSENTIAL]
+    paths = [find(name) for name in BESIDE_ESSENTIAL]
     # What has alternatives (awk, which) is a link that no package lists.
-    found += [find(name) for name in ("awk", "which")]
-    return (*sorted(files), *(path for path in found if path))
+    paths += [find(name) for name in ("awk", "which")]
+    return (*sorted(files), *(path for path in paths if path))
 
 
 def _linked(

@@ -58,8 +58,8 @@ def on_a_ball(centre_mm, radius_mm, outwards):
 
 def of_kind(parts, kind, key=None):
     """The parts of a kind; of a figure the one with that key."""
-    found = [part for part in parts if isinstance(part, kind)]
+    parts_of_kind = [part for part in parts if isinstance(part, kind)]
     if key is None:
-        return found
-    (only,) = [figure for figure in found if figure.key == key]
+        return parts_of_kind
+    (only,) = [figure for figure in parts_of_kind if figure.key == key]
     return only

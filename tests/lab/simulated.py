@@ -116,11 +116,11 @@ def built(seed: int, link_mm=1.0, axis_rad=0.005) -> TrueArm:
 def postures(arm: TrueArm, targets_mm, rng, travel_rad):
     """Find random postures that bring the ball to each target, (n, n_joints)."""
     n_joints = len(arm.axes)
-    found = np.empty((len(targets_mm), n_joints))
+    angles_rad = np.empty((len(targets_mm), n_joints))
     missing = np.arange(len(targets_mm))
     for _ in range(400):
         if len(missing) == 0:
-            return found
+            return angles_rad
         turns = rng.uniform(-1, 1, (len(missing), n_joints)) * travel_rad
         angles = arm.zeros_rad + turns
         moving = np.arange(len(missing))  # rows leave when they have arrived
@@ -140,7 +140,7 @@ def postures(arm: TrueArm, targets_mm, rng, travel_rad):
             )
         away = np.linalg.norm(targets_mm[missing] - arm.centres(angles), axis=1)
         good = away < 1e-6
-        found[missing[good]] = angles[good]
+        angles_rad[missing[good]] = angles[good]
         missing = missing[~good]
     raise RuntimeError(f"{len(missing)} targets were not reached")
 
@@ -188,9 +188,9 @@ def seats_targets(table, rng, n, place_mm):
     distances = [table["distance_mm"]] if "distance_mm" in table else []
     if not distances:
         first = table["distances"][0]["between"][0]
-        assert all(one["between"][0] == first for one in table["distances"])
-        names = [first, *(one["between"][1] for one in table["distances"])]
-        distances = [one["distance_mm"] for one in table["distances"]]
+        assert all(row["between"][0] == first for row in table["distances"])
+        names = [first, *(row["between"][1] for row in table["distances"])]
+        distances = [row["distance_mm"] for row in table["distances"]]
     ways = random_directions(rng, len(distances))
     places += list(ways * np.array(distances)[:, None])
     which = np.arange(n) % len(names)

@@ -103,21 +103,21 @@ def test_every_place_knows_a_planted_kind(tmp_path):
 
 
 def test_without_its_row_it_is_no_kind(tmp_path):
-    found = planted(tmp_path, "kinematics/effect_table.py")
-    assert f"unknown kind '{KIND}'" in found["walk_arm_file"]
-    assert all(told.startswith("failed") for told in found.values())
+    outcomes = planted(tmp_path, "kinematics/effect_table.py")
+    assert f"unknown kind '{KIND}'" in outcomes["walk_arm_file"]
+    assert all(outcome.startswith("failed") for outcome in outcomes.values())
 
 
 def test_without_its_law_no_effect_is_built(tmp_path):
-    found = planted(tmp_path, "law")
-    assert found.pop("walk_docs") == "passed"  # it builds none
-    assert set(found.values()) == {f"failed: KeyError '{KIND}'"}
+    outcomes = planted(tmp_path, "law")
+    assert outcomes.pop("walk_docs") == "passed"  # it builds none
+    assert set(outcomes.values()) == {f"failed: KeyError '{KIND}'"}
 
 
 def test_without_the_simulators_maker_it_is_not_played(tmp_path):
     walks = ("walk_simulator", "walk_arm_file")
-    found = planted(tmp_path, "simulator/effects/laws.py", walks=walks)
-    assert found == {
+    outcomes = planted(tmp_path, "simulator/effects/laws.py", walks=walks)
+    assert outcomes == {
         "walk_simulator": f"failed: KeyError '{KIND}'",
         "walk_arm_file": "passed",
     }

@@ -199,15 +199,15 @@ def test_no_dialect_gives_other_numbers(tmp_path, dialect, places):
     header = ["name", *PLACES]
     path.write_bytes(dialect.table(header, rows))
     try:
-        found = read_touch_table(path, "centre")
+        touches = read_touch_table(path, "centre")
     except FileError as error:
         refused = str(error)
-        found = []
+        touches = []
     # Only a comma that may be one of thousands is ever refused.
     maybe = dialect.separator != ";" and "," in (dialect.decimal, dialect.group)
-    assert found or maybe, refused
-    if found:
-        read = {touch.names[0]: touch.place_mm.tolist() for touch in found}
+    assert touches or maybe, refused
+    if touches:
+        read = {touch.names[0]: touch.place_mm.tolist() for touch in touches}
         assert read == {name: list(place) for name, *place in rows}
 
 

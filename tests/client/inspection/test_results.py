@@ -27,7 +27,7 @@ def plan() -> Plan:
 def shared():
     points, _ = touched_points()
     factors = shared_by_points(points, ARM, read_arm(ARM))
-    return {point.id: one for point, one in zip(points, factors, strict=True)}
+    return {point.id: factor for point, factor in zip(points, factors, strict=True)}
 
 
 def by_name(inspection):
@@ -130,9 +130,11 @@ def test_with_an_alignment_coordinates_are_the_parts(plan, shared):
     in_part_mm = [figure(in_part, "hole a", axis).value for axis in "xyz"]
     np.testing.assert_allclose(in_part_mm, TURN.apply(place_mm) + SHIFT_MM)
     for feature, name in (("pitch", "distance"), ("hole a", "diameter")):
-        one, other = (figure(each, feature, name) for each in (in_arm, in_part))
-        assert one.value == pytest.approx(other.value)
-        assert one.expanded == pytest.approx(other.expanded, rel=1e-6)
+        in_arm_system, other = (
+            figure(each, feature, name) for each in (in_arm, in_part)
+        )
+        assert in_arm_system.value == pytest.approx(other.value)
+        assert in_arm_system.expanded == pytest.approx(other.expanded, rel=1e-6)
     assert "alignment" in sheet_html(in_part)
 
 

@@ -108,14 +108,14 @@ def test_a_table_read_off_an_arm_of_a_table_moves_the_same(table, seed):
     geometry = geometry_from_dh(table, readings_rad[0])
     again = nearest_table(geometry, 1e-9).table
     expected = np.array([multiplied_out(table, row) for row in readings_rad])
-    found = np.array([multiplied_out(again, row) for row in readings_rad])
+    poses = np.array([multiplied_out(again, row) for row in readings_rad])
     feet_mm = np.abs([again.a_mm, again.d_mm]).sum()
     # Nearly parallel hinges have far feet, whose rounding affects the probe.
     tolerance_mm = 1e-12 * (size_mm(geometry) + feet_mm)
     np.testing.assert_allclose(
-        found[:, :3, 3], expected[:, :3, 3], rtol=0, atol=tolerance_mm
+        poses[:, :3, 3], expected[:, :3, 3], rtol=0, atol=tolerance_mm
     )
-    np.testing.assert_allclose(found[:, :3, 2], expected[:, :3, 2], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(poses[:, :3, 2], expected[:, :3, 2], rtol=0, atol=1e-10)
 
 
 @given(geometries, seeds)
@@ -149,12 +149,12 @@ def test_the_ur10_stretched_upwards_is_what_the_hand_computes():
 @given(seeds)
 def test_the_ur10_keeps_its_table_from_any_base_posture(seed):
     posture_rad = np.random.default_rng(seed).uniform(-3, 3, 6)
-    found = nearest_table(geometry_from_dh(UR10, posture_rad), 1e-6)
+    nearest = nearest_table(geometry_from_dh(UR10, posture_rad), 1e-6)
     for name in ("a_mm", "d_mm", "alpha_rad", "theta_rad", "base", "tool"):
         np.testing.assert_allclose(
-            getattr(found.table, name), getattr(UR10, name), rtol=0, atol=1e-9
+            getattr(nearest.table, name), getattr(UR10, name), rtol=0, atol=1e-9
         )
-    assert found.parallel.tolist() == [False, True, True, False, False]
+    assert nearest.parallel.tolist() == [False, True, True, False, False]
 
 
 def test_a_modified_table_is_a_classic_one_with_its_rows_moved_by_one():

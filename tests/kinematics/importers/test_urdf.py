@@ -49,15 +49,15 @@ def random_chain(seed, turning):
 
 def frames(chain, readings_rad):
     """The frame behind every joint, and the number of turning joints passed."""
-    pose, turned, found = np.eye(4), 0, []
+    pose, turned, link_frames = np.eye(4), 0, []
     for joint in chain:
         pose = pose @ joint.origin
         if joint.axis is not None:
             axis = joint.axis / np.linalg.norm(joint.axis)
             pose = pose @ rotation(axis, readings_rad[turned])
             turned += 1
-        found.append((pose, turned))
-    return found
+        link_frames.append((pose, turned))
+    return link_frames
 
 
 @given(seeds, st.integers(1, 7))

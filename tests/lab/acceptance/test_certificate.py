@@ -130,8 +130,8 @@ def test_the_document_is_typeset_and_has_its_data_attached(made, written):
     with pypdfium2.PdfDocument(written / "certificate.pdf") as document:
         pages = [page.get_textpage().get_text_bounded() for page in document]
         attached = {
-            one.get_name(): bytes(one.get_data())
-            for one in (
+            attachment.get_name(): bytes(attachment.get_data())
+            for attachment in (
                 document.get_attachment(at)
                 for at in range(document.count_attachments())
             )

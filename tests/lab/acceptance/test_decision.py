@@ -60,12 +60,12 @@ def test_a_file_of_limits(tmp_path):
         "[mpe]\np_size_mm = 0.012\n"
         "e_uni_mm = { constant_mm = 0.01, per_m_mm = 0.005 }\ne_bi_mm = 1\n"
     )
-    found = read_strict(file, Limits)
-    assert found.mpe.of("e_uni").at(2000.0) == pytest.approx(0.02)
-    assert found.mpe.of("e_uni") == LengthLimit(constant_mm=0.01, per_m_mm=0.005)
-    assert found.mpe.of("e_bi").at(5.0) == 1.0
-    assert found.mpe.of("p_size").constant_mm == 0.012
-    assert found.mpe.of("p_form") is None
+    limits = read_strict(file, Limits)
+    assert limits.mpe.of("e_uni").at(2000.0) == pytest.approx(0.02)
+    assert limits.mpe.of("e_uni") == LengthLimit(constant_mm=0.01, per_m_mm=0.005)
+    assert limits.mpe.of("e_bi").at(5.0) == 1.0
+    assert limits.mpe.of("p_size").constant_mm == 0.012
+    assert limits.mpe.of("p_form") is None
     assert NO_LIMITS.guard_factor == 1.65
 
 

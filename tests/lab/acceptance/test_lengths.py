@@ -84,8 +84,8 @@ def test_parallel_planes_by_hand():
     top = [0, 0, 100.005 + 2 * TIP_MM]
     places = np.concatenate([SQUARE, SQUARE + top])
     data = measured((block, touches(places, ["1"] * 4 + ["2"] * 4)))
-    (found,) = errors_of(data, "L", "e_bi", limits())
-    assert found.error_mm == pytest.approx(0.005, abs=1e-12)
+    (error,) = errors_of(data, "L", "e_bi", limits())
+    assert error.error_mm == pytest.approx(0.005, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -228,9 +228,9 @@ def test_limit_that_grows_with_the_length():
     data = all_sets({"uni-1-1": [0.0079, 0.0, 0.0], "uni-1-5": [0.0119, 0.0, 0.0]})
     parts = list(length_test(data, "e_uni", "uni", limits(e_uni_mm=limit)))
     assert of_kind(parts, Figure, "e_uni").decision.verdict == "accept"
-    found = {e.artefact: e.limit_mm for e in of_kind(parts, LengthError)}
-    assert found["uni-1-1"] == pytest.approx(0.008)
-    assert found["uni-1-5"] == pytest.approx(0.012)
+    limits_mm = {e.artefact: e.limit_mm for e in of_kind(parts, LengthError)}
+    assert limits_mm["uni-1-1"] == pytest.approx(0.008)
+    assert limits_mm["uni-1-5"] == pytest.approx(0.012)
 
 
 def test_interim_check_by_hand():

@@ -99,16 +99,16 @@ def test_errors_of_drawn_arms_are_as_predicted_and_larger_ones_are_found(kind):
         places_mm = places_mm + shared @ rng.normal(size=4)
         moved = replace(data.touched["L"], places_mm=places_mm)
         found_data = replace(data, touched={"L": moved})
-        found = errors_of(found_data, "L", "e_uni", limits())
+        errors = errors_of(found_data, "L", "e_uni", limits())
         # The certificate is wrong by its own uncertainty.
         wrong_mm = std_mm * rng.normal()
-        found = [replace(e, error_mm=e.error_mm + wrong_mm) for e in found]
-        predicted = predicted_lengths(found_data, found)
+        errors = [replace(e, error_mm=e.error_mm + wrong_mm) for e in errors]
+        predicted = predicted_lengths(found_data, errors)
         p_values.append(predicted.p_value)
         inside += predicted.n_inside
     assert 0.92 < inside / N_ARMS < 0.98
     assert 0.44 < np.mean(p_values) < 0.56
-    too_small = [replace(e, error_mm=5.0 * e.error_mm + 0.1) for e in found]
+    too_small = [replace(e, error_mm=5.0 * e.error_mm + 0.1) for e in errors]
     assert not predicted_lengths(found_data, too_small).explains
 
 

@@ -73,29 +73,29 @@ def run(*arguments, status=0):
 
 @pytest.mark.parametrize("standard", STANDARDS)
 def test_a_perfect_arm_has_no_errors_with_any_tool(standard, tmp_path):
-    found = figures(standard, campaign(standard, tmp_path))
-    assert {tool for tool, _ in found} == {"own probe", "star"}
-    for (tool, _), figure in found.items():
+    by_tool = figures(standard, campaign(standard, tmp_path))
+    assert {tool for tool, _ in by_tool} == {"own probe", "star"}
+    for (tool, _), figure in by_tool.items():
         assert figure.name.endswith(f" with {tool}")
         assert figure.value_mm == pytest.approx(0.0, abs=1e-6), figure.name
 
 
 def test_a_wrong_vector_shows_as_an_error_of_that_tool_alone(tmp_path):
     wrong_mm = (STAR_MM[0] + OFF_MM, *STAR_MM[1:])
-    found = figures(ISO, campaign(ISO, tmp_path, wrong_mm))
+    by_tool = figures(ISO, campaign(ISO, tmp_path, wrong_mm))
     # Turned about the shank the ball is off by as much to every side.
-    assert found["star", "l_dia"].value_mm > OFF_MM
-    assert abs(found["star", "e_uni"].value_mm) > OFF_MM
+    assert by_tool["star", "l_dia"].value_mm > OFF_MM
+    assert abs(by_tool["star", "e_uni"].value_mm) > OFF_MM
     for key in ("p_size", "p_form", "l_dia", "e_uni"):
-        assert found["own probe", key].value_mm == pytest.approx(0.0, abs=1e-6)
+        assert by_tool["own probe", key].value_mm == pytest.approx(0.0, abs=1e-6)
 
 
 def test_figures_are_those_of_touches_with_that_tool_alone(tmp_path):
     wrong_mm = (STAR_MM[0], STAR_MM[1] - OFF_MM, STAR_MM[2])
-    found = figures(ISO, campaign(ISO, tmp_path, wrong_mm))
+    by_tool = figures(ISO, campaign(ISO, tmp_path, wrong_mm))
     alone = read_measured(tmp_path / "other", arm_with(wrong_mm))
     for figure in verified([alone], ISO).figures:
-        same = found["star", figure.key]
+        same = by_tool["star", figure.key]
         assert same.value_mm == figure.value_mm
         assert same.parts == figure.parts
 
@@ -192,7 +192,7 @@ def test_qif_keeps_the_tools_apart(tmp_path):
     )
     words = ["to-qif", ARM_FILE, "--out", tmp_path / "arm.qif", "--verification", out]
     ran = invoke("arm", *words, "--json")
-    assert [one["of"] for one in json.loads(ran.stdout)["tests"]] == [
+    assert [row["of"] for row in json.loads(ran.stdout)["tests"]] == [
         "ASME B89.4.22 with own probe",
         "ASME B89.4.22 with star",
     ]

@@ -40,9 +40,9 @@ def fitted(to_mm, seed=None, **options):
     )
 
 
-def codes(found):
-    return {flag.code for flag in found.flags}
+def codes(alignment):
+    return {flag.code for flag in alignment.flags}
 
 
-def told(found, name="part"):
-    return alignment_values(found, name=name, arm=None, measured="m", nominal="n")
+def told(alignment, name="part"):
+    return alignment_values(alignment, name=name, arm=None, measured="m", nominal="n")

@@ -134,7 +134,7 @@ def test_a_wrong_point_fails_the_test_and_is_named():
     # and the covariance grows with sigma0
     good = best_fit_alignment(given, fixed_volume(BOX), "")
     after, before = (
-        told(one)["quality"]["predicted_error_mm"]["rms"] for one in (alignment, good)
+        told(each)["quality"]["predicted_error_mm"]["rms"] for each in (alignment, good)
     )
     assert after / before == pytest.approx(alignment.test.sigma0, rel=0.01)
 
@@ -162,12 +162,12 @@ def test_an_error_of_the_detectable_size_is_found_four_times_out_of_five():
 
 
 def test_the_global_test_against_scipy():
-    found = global_test(21.0, 6, is_stated=True)
-    assert found.p_value == pytest.approx(stats.chi2.sf(21.0, 6))
+    tested = global_test(21.0, 6, is_stated=True)
+    assert tested.p_value == pytest.approx(stats.chi2.sf(21.0, 6))
     critical = stats.chi2.isf(0.05, 6)
-    assert stats.ncx2.sf(critical, 6, found.found_noncentrality) == pytest.approx(0.8)
-    assert stats.chi2.sf(critical / found.found_factor**2, 6) == pytest.approx(0.8)
-    low, high = found.interval
+    assert stats.ncx2.sf(critical, 6, tested.found_noncentrality) == pytest.approx(0.8)
+    assert stats.chi2.sf(critical / tested.found_factor**2, 6) == pytest.approx(0.8)
+    low, high = tested.interval
     assert stats.chi2.cdf(21.0 / low**2, 6) == pytest.approx(0.975)
     assert stats.chi2.cdf(21.0 / high**2, 6) == pytest.approx(0.025)
     assert global_test(0.0, 0, is_stated=True) is None
@@ -178,19 +178,19 @@ def test_a_leapfrog_joined_to_an_alignment_adds_both_errors():
     second = told(fitted(WIDE + 50.0, seed=9))
     joined = chained_values(second, first, "first.json")
     expected = transformation_of(first).after(transformation_of(second))
-    found = transformation_of(joined)
-    np.testing.assert_allclose(found.rotation, expected.rotation, atol=1e-15)
-    np.testing.assert_allclose(found.translation_mm, expected.translation_mm)
+    transformation = transformation_of(joined)
+    np.testing.assert_allclose(transformation.rotation, expected.rotation, atol=1e-15)
+    np.testing.assert_allclose(transformation.translation_mm, expected.translation_mm)
     # Many drawn pairs scatter as it says, at a place.
     place = np.array([[400.0, 100.0, 200.0]])
     outer, inner = transformation_of(first), transformation_of(second)
     rng, ends = np.random.default_rng(10), []
     for _ in range(4000):
         moved = place
-        for one, step in ((second, inner), (first, outer)):
-            xi = rng.multivariate_normal(np.zeros(6), one["covariance"]["matrix"])
+        for errors, step in ((second, inner), (first, outer)):
+            xi = rng.multivariate_normal(np.zeros(6), errors["covariance"]["matrix"])
             moved = step.places_mm(moved)
-            away = moved - one["covariance"]["centre_mm"]
+            away = moved - errors["covariance"]["centre_mm"]
             moved = moved + xi[:3] + np.cross(xi[3:], away)
         ends.append(moved[0])
     away = (outer.after(inner).places_mm(place) - joined["covariance"]["centre_mm"])[0]

@@ -27,12 +27,12 @@ BOX = volume_from_text("0,0,0,400,300,50", None)
 def touches(transformation, noise=0.0, rng=None, shanks=True, top=TOP):
     back = transformation.inverse()
     down = transformation.rotation.T @ [0.0, 0.1, -0.9]
-    found = []
+    drawn = []
     for name, places in (("top", top), ("front", FRONT), ("left", LEFT)):
         for place in back.places_mm(places):
             off = 0.0 if rng is None else rng.normal(0.0, noise, 3)
-            found.append(Touch((name,), place + off, shank=down if shanks else None))
-    return found
+            drawn.append(Touch((name,), place + off, shank=down if shanks else None))
+    return drawn
 
 
 def drawn():

@@ -35,10 +35,10 @@ def touch(name, place, **more):
 
 def test_repeated_touches_are_a_mean_whose_error_is_not_divided():
     given = [touch("A", (0, 0, 0)), touch("A", (0, 0, 0.2)), touch("B", (1, 1, 1))]
-    found, remarks = places_by_name(given, ["A"], std_mm=0.1, spheres=False)
-    assert found["A"].touches == 2
-    assert found["A"].spread_mm == pytest.approx(0.1)
-    np.testing.assert_allclose(found["A"].covariance_mm2, 0.01 * np.eye(3))
+    places, remarks = places_by_name(given, ["A"], std_mm=0.1, spheres=False)
+    assert places["A"].touches == 2
+    assert places["A"].spread_mm == pytest.approx(0.1)
+    np.testing.assert_allclose(places["A"].covariance_mm2, 0.01 * np.eye(3))
     assert remarks == [
         "left out: 1 touch with a name that the other side does not know"
     ]
@@ -67,11 +67,11 @@ def test_flags_of_touches_are_reported():
 def test_centres_of_spheres_are_fitted():
     ways = np.vstack([np.eye(3), -np.eye(3)])
     given = [touch("ball", (5, 6, 7) + 12.7 * way) for way in ways]
-    found, _ = places_by_name(given, None, std_mm=0.01, spheres=True)
-    np.testing.assert_allclose(found["ball"].place_mm, (5, 6, 7), atol=1e-9)
+    places, _ = places_by_name(given, None, std_mm=0.01, spheres=True)
+    np.testing.assert_allclose(places["ball"].place_mm, (5, 6, 7), atol=1e-9)
     # Each coordinate of the centre is determined by two touches.
     expected = 0.5e-4 * np.eye(3)
-    np.testing.assert_allclose(found["ball"].covariance_mm2, expected, atol=1e-12)
+    np.testing.assert_allclose(places["ball"].covariance_mm2, expected, atol=1e-12)
     with pytest.raises(ValueError, match=r"ball: .*at least 4"):
         places_by_name(given[:3], None, std_mm=0.01, spheres=True)
 

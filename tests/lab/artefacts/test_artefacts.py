@@ -67,20 +67,20 @@ def test_derivatives_agree_with_central_differences(table):
     step = rng.normal(size=len(artefact.unknown_scales(touches))) * 0.01
     state = artefact.moved(state, step)
     centres = centres + rng.normal(size=centres.shape)
-    found = artefact.equations(state, centres, touches)
+    linear = artefact.equations(state, centres, touches)
     small = 1e-4
     for component, unit in enumerate(np.eye(3) * small):
         plus = artefact.equations(state, centres + unit, touches).misclosures_mm
         minus = artefact.equations(state, centres - unit, touches).misclosures_mm
         slope = (plus - minus) / (2 * small)
-        assert np.allclose(found.by_centre[:, :, component], slope, atol=1e-6)
+        assert np.allclose(linear.by_centre[:, :, component], slope, atol=1e-6)
     for unknown, unit in enumerate(np.eye(len(step)) * small):
         ahead, behind = artefact.moved(state, unit), artefact.moved(state, -unit)
         plus = artefact.equations(ahead, centres, touches).misclosures_mm
         minus = artefact.equations(behind, centres, touches).misclosures_mm
         slope = (plus - minus) / (2 * small)
         assert np.allclose(
-            found.by_unknowns[:, :, unknown], slope, rtol=1e-6, atol=1e-5
+            linear.by_unknowns[:, :, unknown], slope, rtol=1e-6, atol=1e-5
         )
         plus = artefact.certificate(ahead, touches).misclosures_mm
         minus = artefact.certificate(behind, touches).misclosures_mm
@@ -89,14 +89,14 @@ def test_derivatives_agree_with_central_differences(table):
         assert np.allclose(certificate.by_unknowns[:, unknown], slope, atol=1e-6)
         for length in artefact.lengths(state):
             ((ahead_of),) = [
-                one.value_mm
-                for one in artefact.lengths(ahead)
-                if one.name == length.name
+                measured.value_mm
+                for measured in artefact.lengths(ahead)
+                if measured.name == length.name
             ]
             ((behind_of),) = [
-                one.value_mm
-                for one in artefact.lengths(behind)
-                if one.name == length.name
+                measured.value_mm
+                for measured in artefact.lengths(behind)
+                if measured.name == length.name
             ]
             slope = (ahead_of - behind_of) / (2 * small)
             assert length.by_unknowns[unknown] == pytest.approx(slope, abs=1e-6)
@@ -106,8 +106,8 @@ def test_derivatives_agree_with_central_differences(table):
 def test_the_start_closes_exact_data_and_its_certificate(table):
     artefact, centres, touches = made(table)
     state = artefact.start(centres, touches)
-    found = artefact.equations(state, centres, touches)
-    assert np.allclose(found.misclosures_mm, 0.0, atol=1e-7)
+    at_start = artefact.equations(state, centres, touches)
+    assert np.allclose(at_start.misclosures_mm, 0.0, atol=1e-7)
     certified = artefact.certificate(state, touches)
     assert np.allclose(certified.misclosures_mm, 0.0, atol=1e-6)
 
@@ -118,8 +118,8 @@ def test_the_start_survives_a_few_blunders(table):
     rng = np.random.default_rng(5)
     centres[:3] += 2.0 * random_directions(rng, 3)
     state = artefact.start(centres, touches)
-    found = artefact.equations(state, centres, touches).misclosures_mm[3:]
-    assert np.sqrt(np.median(found**2)) < 0.3
+    left_mm = artefact.equations(state, centres, touches).misclosures_mm[3:]
+    assert np.sqrt(np.median(left_mm**2)) < 0.3
 
 
 @pytest.mark.parametrize("table", TABLES)
@@ -132,8 +132,8 @@ def test_each_certificate_can_be_left_out(table):
         assert without.features == artefact.features
         state = without.start(centres, touches)
         observed = [
-            np.count_nonzero(np.isfinite(one.certificate(at, touches).std_mm))
-            for one, at in (
+            np.count_nonzero(np.isfinite(standard.certificate(at, touches).std_mm))
+            for standard, at in (
                 (artefact, artefact.start(centres, touches)),
                 (without, state),
             )
@@ -192,8 +192,8 @@ def test_a_warm_bar_is_longer_about_its_middle():
     outwards = np.where(touches.features[:, None] == 0, -along, along) / 500.0
     place = state[:6].reshape(2, 3)[touches.features]
     grown = place + 0.25 * outwards + (centres - place) * (13.01 / 13.0)
-    found = artefact.equations(state, grown, warm).misclosures_mm
-    assert np.allclose(found, 0.0, atol=1e-9)
+    left_mm = artefact.equations(state, grown, warm).misclosures_mm
+    assert np.allclose(left_mm, 0.0, atol=1e-9)
 
 
 def test_directions_tell_the_sides_of_a_plate_touched_from_both():
@@ -205,8 +205,8 @@ def test_directions_tell_the_sides_of_a_plate_touched_from_both():
     plane = artefact_from_table({"id": "p", "kind": "plane"})
     touches = Touches(np.zeros(30, int), np.zeros(30), directions, 3.0, ("",))
     state = plane.start(centres, touches)
-    found = plane.equations(state, centres, touches).misclosures_mm
-    assert np.allclose(found, 0.0, atol=1e-12)
+    left_mm = plane.equations(state, centres, touches).misclosures_mm
+    assert np.allclose(left_mm, 0.0, atol=1e-12)
     assert abs(state[3]) < 1e-12
 
 

@@ -92,8 +92,8 @@ def test_the_length_of_a_wire_is_read_where_it_belongs(folder):
     rows = ROWS.replace("\n", ",\n") + "9,wire,,0.1,0.3,,,,,,212.5\n"
     (folder / "poses.csv").write_text(header + rows)
     campaign = read_campaign(folder, ["J1", "J2"])
-    found = campaign.touches(3, np.array([4]), 3.0).known_lengths_mm
-    assert found.tolist() == [212.5]
+    lengths_mm = campaign.touches(3, np.array([4]), 3.0).known_lengths_mm
+    assert lengths_mm.tolist() == [212.5]
     rows += "10,wire,,0.2,0.3,,,,,,\n11,cone-1,,0.1,0.3,,,,,,7\n"
     (folder / "poses.csv").write_text(header + rows)
     assert problems(folder) == [
@@ -141,7 +141,7 @@ x,cone-1,,0.1,0.2,21.5,-1,,,
 5.5,cone-1,,0.1,0.2,20,-1,1,0,0
 """
     (folder / "poses.csv").write_text(HEADER + bad)
-    found = problems(folder)
+    lines = problems(folder)
     expected = [
         ("line 2", "time_s: 'x' is not"),
         ("line 3", "unknown feature '3'"),
@@ -155,8 +155,8 @@ x,cone-1,,0.1,0.2,21.5,-1,,,
         ("line 8", "temperature_c: 'warm' is not"),
         ("line 8", "give all three components or none"),
     ]
-    assert len(found) == len(expected)
-    for text, (where, what) in zip(found, expected, strict=True):
+    assert len(lines) == len(expected)
+    for text, (where, what) in zip(lines, expected, strict=True):
         assert text.startswith(where)
         assert what in text
 
@@ -171,22 +171,22 @@ def test_a_bad_row_far_down_is_found(folder):
 
 def test_many_bad_rows_are_counted_not_listed(folder):
     (folder / "poses.csv").write_text(HEADER + "x\n" * 5000)
-    found = problems(folder)
-    assert len(found) == 101
-    assert found[-1] == "and 4900 more problems like these"
+    lines = problems(folder)
+    assert len(lines) == 101
+    assert lines[-1] == "and 4900 more problems like these"
 
 
 def test_all_mistakes_of_a_header_are_reported(folder):
     (folder / "poses.csv").write_text(
         "time,artefact,feature,J1_rad,J1_rad,J3_rad,direction_x\n"
     )
-    found = "\n".join(problems(folder))
-    assert "column 'time_s' is missing" in found
-    assert "column 'J2_rad' is missing" in found
-    assert "unknown column 'time'; did you mean 'time_s'?" in found
-    assert "column 'J1_rad' stands there twice" in found
-    assert "unknown column 'J3_rad'" in found
-    assert "direction_x needs direction_y, direction_z beside it" in found
+    text = "\n".join(problems(folder))
+    assert "column 'time_s' is missing" in text
+    assert "column 'J2_rad' is missing" in text
+    assert "unknown column 'time'; did you mean 'time_s'?" in text
+    assert "column 'J1_rad' stands there twice" in text
+    assert "unknown column 'J3_rad'" in text
+    assert "direction_x needs direction_y, direction_z beside it" in text
 
 
 @pytest.mark.parametrize(
@@ -205,8 +205,8 @@ def test_all_mistakes_of_a_header_are_reported(folder):
 )
 def test_mistakes_of_the_campaign_file_are_named(folder, old, new, where, what):
     (folder / "campaign.toml").write_text(CAMPAIGN.replace(old, new))
-    found = problems(folder)
-    assert any(text.startswith(f"{where}: ") and what in text for text in found)
+    lines = problems(folder)
+    assert any(text.startswith(f"{where}: ") and what in text for text in lines)
 
 
 @pytest.mark.parametrize(
@@ -394,7 +394,7 @@ ORIENTED += "orientation_y,orientation_z\n"
 
 
 def write_oriented(folder, *cells, artefact="grid,A", header=ORIENTED):
-    rows = [f"{at}.5,{artefact},0.{at},0.2,{one}\n" for at, one in enumerate(cells)]
+    rows = [f"{at}.5,{artefact},0.{at},0.2,{cell}\n" for at, cell in enumerate(cells)]
     (folder / "poses.csv").write_text(header + "".join(rows))
 
 

@@ -48,32 +48,32 @@ NAMES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 
 
 def said(element: ElementTree.Element, path: str) -> list[str]:
-    return [one.text or "" for one in element.findall(path, NAMES)]
+    return [node.text or "" for node in element.findall(path, NAMES)]
 
 
 def results(folder: Path) -> dict[str, ElementTree.Element]:
     root = ElementTree.parse(folder / "dcc.xml").getroot()
-    found = root.findall(".//dcc:result", NAMES)
-    return {said(one, "dcc:name/dcc:content")[0]: one for one in found}
+    nodes = root.findall(".//dcc:result", NAMES)
+    return {said(node, "dcc:name/dcc:content")[0]: node for node in nodes}
 
 
 def test_figures_of_a_verification_are_those_of_its_values(signed_verification):
     values = json.loads((signed_verification / "certificate.json").read_text())
-    found = results(signed_verification)
-    assert set(found) == {figure["name"] for figure in values["figures"]}
+    by_name = results(signed_verification)
+    assert set(by_name) == {figure["name"] for figure in values["figures"]}
     for figure in values["figures"]:
-        one = found[figure["name"]]
-        stated, limit = said(one, ".//si:value")
-        (expanded,) = said(one, ".//si:valueExpandedMU")
+        result = by_name[figure["name"]]
+        stated, limit = said(result, ".//si:value")
+        (expanded,) = said(result, ".//si:valueExpandedMU")
         decimals = len(expanded.partition(".")[2])
         assert float(expanded) == round(figure["expanded_uncertainty_mm"], decimals)
         assert len(expanded.replace(".", "").lstrip("0")) == 2
         assert stated == f"{figure['value_mm']:.{decimals}f}"
         assert limit == f"{figure['limit_mm']:.4f}"
-        assert said(one, ".//si:coverageFactor") == ["2"]
-        assert said(one, ".//si:coverageProbability") == ["0.9545"]
-        assert said(one, ".//si:unit") == [r"\milli\metre"] * 2
-        assert said(one, ".//dcc:conformity") == ["pass"]
+        assert said(result, ".//si:coverageFactor") == ["2"]
+        assert said(result, ".//si:coverageProbability") == ["0.9545"]
+        assert said(result, ".//si:unit") == [r"\milli\metre"] * 2
+        assert said(result, ".//dcc:conformity") == ["pass"]
 
 
 def test_who_when_what_and_the_digests_of_the_data(signed_verification):
@@ -153,7 +153,7 @@ def test_an_identification_with_tools_and_orientations(laboratory, signer, tmp_p
     root = ElementTree.parse(out / "dcc.xml").getroot()
     statements = said(root, ".//dcc:statement/dcc:declaration/dcc:content")
     assert "89 used, 1 left out without their positions" in statements
-    assert not any("as given" in one for one in statements)
+    assert not any("as given" in statement for statement in statements)
     assert {f"tool.second.{axis}" for axis in "xyz"} <= set(results(out))
 
 
@@ -170,8 +170,8 @@ def test_an_identification_with_tools_and_orientations(laboratory, signer, tmp_p
     ],
 )
 def test_two_digits_of_an_uncertainty(value, expanded, texts):
-    found = quantity(value, "mm", expanded)
-    assert (found["value"], found["expanded"]) == texts
+    stated = quantity(value, "mm", expanded)
+    assert (stated["value"], stated["expanded"]) == texts
 
 
 def figure(name: str, verdict: str | None, **more: object) -> dict[str, object]:
@@ -208,17 +208,17 @@ def test_nothing_passes_that_is_not_accepted(signed_verification, laboratory):
         changed["verdict"] = acceptance_outcome(evidence).verdict
         root = document(changed, laboratory)
         (overall,) = [
-            one
-            for one in root.findall(".//dcc:statement", NAMES)
-            if said(one, "dcc:name/dcc:content") == ["Conformity"]
+            node
+            for node in root.findall(".//dcc:statement", NAMES)
+            if said(node, "dcc:name/dcc:content") == ["Conformity"]
         ]
         each = [
-            one.find(
+            node.find(
                 "dcc:data/dcc:quantity/dcc:measurementMetaData/dcc:metaData", NAMES
             )
-            for one in root.findall(".//dcc:result", NAMES)
+            for node in root.findall(".//dcc:result", NAMES)
         ]
-        stated = [None if one is None else conformity(one) for one in each]
+        stated = [None if node is None else conformity(node) for node in each]
         return [conformity(overall), *stated]
 
     values = json.loads((signed_verification / "certificate.json").read_text())
@@ -256,11 +256,11 @@ def test_without_a_key_nothing_is_signed_and_the_check_says_so(
 ):
     folder = shutil.copytree(verified, tmp_path / "copy")
     certify(folder, laboratory, None)
-    found = checked_certificate(folder, ())
-    assert found.problems == ()
-    assert "is not signed" in found.notes[0]
-    found = checked_certificate(folder, [signer.certificate])
-    assert "is not signed" in found.problems[0]
+    checked = checked_certificate(folder, ())
+    assert checked.problems == ()
+    assert "is not signed" in checked.notes[0]
+    checked = checked_certificate(folder, [signer.certificate])
+    assert "is not signed" in checked.problems[0]
 
 
 def test_a_certificate_needs_the_date_of_the_measurement(
@@ -376,6 +376,6 @@ def test_an_early_signer_and_one_of_another_day(
 ):
     folder = shutil.copytree(verified, tmp_path / "copy")
     certify(folder, laboratory, SigningKey(signer.key, signer.certificate))
-    found = checked_certificate(folder, [signer.certificate])
-    assert found.problems == ()
-    assert "who is trusted" in found.notes[0]
+    checked = checked_certificate(folder, [signer.certificate])
+    assert checked.problems == ()
+    assert "who is trusted" in checked.notes[0]

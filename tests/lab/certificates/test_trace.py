@@ -34,8 +34,8 @@ def chain(identified: Path, verified: Path, tmp_path: Path) -> Path:
 
 def states(path: Path, *folders: Path) -> dict[str, str]:
     """Every link of a chain with its state; names without what varies."""
-    found = Tracer([path.parent, *folders]).trace(path)
-    return {re.sub(r" \(.*", "", link.what): link.state for link in found.every()}
+    chain = Tracer([path.parent, *folders]).trace(path)
+    return {re.sub(r" \(.*", "", link.what): link.state for link in chain.every()}
 
 
 def test_a_whole_chain(chain: Path) -> None:
@@ -90,10 +90,10 @@ def test_altered_bytes_of_any_file_break_the_chain(chain: Path, kind: str) -> No
             changed = mutated(original, chance)
             path.write_bytes(changed)
             try:
-                found = set(states(folder).values())
+                link_states = set(states(folder).values())
             except FileError:
                 continue
-            assert changed == original or found & {"altered", "missing"}, (
+            assert changed == original or link_states & {"altered", "missing"}, (
                 name,
                 changed,
             )
@@ -105,8 +105,8 @@ def test_another_arm_under_the_same_name_is_missing(chain: Path) -> None:
     shutil.rmtree(chain / "certificate")
     arm = read_arm(chain / "design.toml")
     write_arm(chain / "design.toml", arm.model_copy(update={"serial_number": "X"}))
-    found = states(chain / "results" / "arm.toml", chain)
-    assert found["design"] == "missing"
+    link_states = states(chain / "results" / "arm.toml", chain)
+    assert link_states["design"] == "missing"
 
 
 def test_a_recording_and_points_lead_to_the_arm(chain: Path) -> None:
@@ -120,8 +120,8 @@ def test_a_recording_and_points_lead_to_the_arm(chain: Path) -> None:
     recording.write_bytes(content[: len(content) // 2])
     assert states(recording)["recording"] == "altered"
     points = chain / "points.jsonl"
-    one = encode(POINT.model_copy(update={"model": arm_digest(arm)}), "json").decode()
-    points.write_text(f"{one}\n")
+    point = encode(POINT.model_copy(update={"model": arm_digest(arm)}), "json").decode()
+    points.write_text(f"{point}\n")
     assert states(points) == {"points": "whole", "arm file demo-7": "whole"}
     other = encode(POINT, "json").decode()
     points.write_text(f"{other}\nno point\n")

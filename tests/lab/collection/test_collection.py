@@ -197,8 +197,8 @@ def test_a_touch_of_another_place_is_questioned(
     collection = opened(tmp_path, MORE)
     for number, other in enumerate(others_mm):
         collection.take(touch(number, *where, other))
-    found = implausible_mm(collection, touch(99, *where, place), 3.0)
-    assert found == (None if off_mm is None else pytest.approx(off_mm, abs=1e-6))
+    distance_mm = implausible_mm(collection, touch(99, *where, place), 3.0)
+    assert distance_mm == (None if off_mm is None else pytest.approx(off_mm, abs=1e-6))
 
 
 def test_who_counts_a_far_touch_in_is_asked_no_more(tmp_path):
@@ -207,5 +207,5 @@ def test_who_counts_a_far_touch_in_is_asked_no_more(tmp_path):
     for number, x_mm in enumerate([0.0, 1.0, 0.5, 53.5]):
         collection.take(touch(number, place=(x_mm, 0.0, 0.0)))
     far = [touch(9, place=(x_mm, 0.0, 0.0)) for x_mm in (-60.0, 90.0, 110.0)]
-    found = [implausible_mm(collection, one, 3.0) for one in far]
-    assert found == [None, None, pytest.approx(109.25)]
+    distances_mm = [implausible_mm(collection, far_touch, 3.0) for far_touch in far]
+    assert distances_mm == [None, None, pytest.approx(109.25)]

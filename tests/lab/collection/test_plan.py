@@ -82,9 +82,9 @@ def test_a_plan_goes_with_its_campaign(tmp_path):
     text = PLAN.replace('"bar"', '"bra"', 1).replace('feature = "2"', 'feature = "3"')
     with pytest.raises(FileError) as refused:
         planned(tmp_path, text)
-    found = [(problem.where, problem.message) for problem in refused.value.problems]
-    assert found[0] == (
+    reported = [(problem.where, problem.message) for problem in refused.value.problems]
+    assert reported[0] == (
         "steps[0].artefact",
         "unknown artefact 'bra'; did you mean 'bar'?",
     )
-    assert found[1][0] == "steps[1].feature"
+    assert reported[1][0] == "steps[1].feature"

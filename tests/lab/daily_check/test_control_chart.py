@@ -114,10 +114,10 @@ def test_a_slow_drift_is_not_learned_once_the_base_is_settled():
     rng = np.random.default_rng(2)
     n = BASE + 120
     values = rng.normal(0, 1, n) + 0.05 * np.maximum(0, np.arange(n) - BASE)
-    found = charted(values.tolist(), positive=False)
-    assert not any(p.alarms for p in found[:BASE])
-    assert rules("both")[2].name in found[-1].alarms
-    assert found[-1].centre == pytest.approx(values[:BASE].mean())
+    chart = charted(values.tolist(), positive=False)
+    assert not any(p.alarms for p in chart[:BASE])
+    assert rules("both")[2].name in chart[-1].alarms
+    assert chart[-1].centre == pytest.approx(values[:BASE].mean())
 
 
 @settings(max_examples=50)
@@ -132,6 +132,6 @@ def test_another_unit_or_origin_changes_no_judgement(values, factor, shift):
         return
     before = charted(values, positive=False)
     after = charted([factor * v + shift for v in values], positive=False)
-    for one, other in zip(before, after, strict=True):
-        if one.q is not None:
-            assert other.q == pytest.approx(one.q, abs=1e-4)
+    for first, other in zip(before, after, strict=True):
+        if first.q is not None:
+            assert other.q == pytest.approx(first.q, abs=1e-4)

@@ -244,7 +244,9 @@ def first_of_two(wished):
 @pytest.mark.slow
 def test_two_effects_are_found_one_after_the_other():
     diagnosis = decided(measured_with(*two_wrong()), OPTIONS)
-    assert {name[0] for name in names(diagnosis)} == {one.kind for one in two_wrong()}
+    assert {name[0] for name in names(diagnosis)} == {
+        wrong.kind for wrong in two_wrong()
+    }
     s = [step.held_out.chi2 for step in diagnosis.ledger]
     assert s[0] > s[1] > s[2]
     # A decision alone says the same terms, of the ledger the ends only.

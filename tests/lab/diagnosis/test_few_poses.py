@@ -61,9 +61,9 @@ def test_few_poses_give_a_report_or_a_reason(tmp_path, step, stated):
 
 def test_poses_that_are_nearly_the_same_are_called_so():
     whole = measured_with()
-    one = whole.poses.angles_rad[:1]
+    posture_rad = whole.poses.angles_rad[:1]
     rng = np.random.default_rng(1)
-    angles_rad = one + 1e-4 * rng.standard_normal(whole.poses.angles_rad.shape)
+    angles_rad = posture_rad + 1e-4 * rng.standard_normal(whole.poses.angles_rad.shape)
     campaign = replace(whole, poses=replace(whole.poses, angles_rad=angles_rad))
     with pytest.raises(IdentificationError, match="nearly the same: no joint turned"):
         diagnose(campaign, poses().arm, OPTIONS)

@@ -26,16 +26,16 @@ GAUGES = [
 ]
 
 
-def moved(found: Measurement, moves_mm) -> Measurement:
+def moved(measurement: Measurement, moves_mm) -> Measurement:
     """What the ball touches lies elsewhere by that, (n_poses, 3): other readings."""
-    angles_rad = found.campaign.poses.angles_rad
-    slopes = probe_derivatives(found.truth.geometry(), angles_rad).by_angles
+    angles_rad = measurement.campaign.poses.angles_rad
+    slopes = probe_derivatives(measurement.truth.geometry(), angles_rad).by_angles
     steps = np.linalg.pinv(slopes) @ moves_mm[:, :, np.newaxis]
-    return found.with_poses(angles_rad=angles_rad + steps[:, :, 0])
+    return measurement.with_poses(angles_rad=angles_rad + steps[:, :, 0])
 
 
-def decided(found: Measurement):
-    return diagnose(found.campaign, found.arm, DECISION)
+def decided(measurement: Measurement):
+    return diagnose(measurement.campaign, measurement.arm, DECISION)
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
@@ -44,14 +44,14 @@ def test_an_eccentricity_of_a_coarse_encoder_is_no_torsion(seed):
     truth = disturbed(seven_joints(), seed)
     campaign = simulate(truth, GAUGES, 50, seed, noise=COARSE)
     table = ECCENTRIC | {"joint": "J2", "cos_rad": 0.008, "sin_rad": -0.005}
-    found = Measurement(arm_value(seven_joints()), truth, campaign)
-    found = decided(found.with_effect(effect_from_table(table)))
-    named = [term for term in found.terms if term.status == "named"]
-    assert found.terms
+    measurement = Measurement(arm_value(seven_joints()), truth, campaign)
+    diagnosis = decided(measurement.with_effect(effect_from_table(table)))
+    named = [term for term in diagnosis.terms if term.status == "named"]
+    assert diagnosis.terms
     assert {(t.candidate.kind, t.candidate.joint) for t in named} <= {
         ("encoder_eccentricity", "J2")
     }
-    first = found.terms[0]
+    first = diagnosis.terms[0]
     names = [first.candidate, *(rival.candidate for rival in first.alternatives)]
     assert ("encoder_eccentricity", "J2") in [(c.kind, c.joint) for c in names]
 

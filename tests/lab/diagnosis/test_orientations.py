@@ -49,7 +49,7 @@ def measured(poses, noise=NOISE):
 
 def turned_lines(poses, noise):
     truth = draw_noise(poses, 1, noise).truth
-    return {one.line for one in truth.blunders if one.kind == "orientation"}
+    return {blunder.line for blunder in truth.blunders if blunder.kind == "orientation"}
 
 
 def without(campaign):
@@ -85,7 +85,7 @@ def test_nothing_is_found_where_nothing_is_and_blunders_are_no_effects(poses):
         wrong = turned_lines(poses, noise) & set(lines[diagnosis.choosing].tolist())
         assert set(lines[diagnosis.turned].tolist()) == wrong
         listed = diagnosis_json(diagnosis)["orientations"]["excluded"]
-        assert {one["line"] for one in listed} == wrong
+        assert {row["line"] for row in listed} == wrong
         said = "\n".join(summary_lines(diagnosis))
         assert ("Orientations that contradict the rest" in said) == bool(wrong)
     assert wrong
@@ -120,8 +120,8 @@ def test_columns_of_effects_are_what_they_do_to_the_rows(poses):
                 amplitudes = problem.design.amplitudes
                 there = replace(state.arm, amplitudes=amplitudes)
                 other = replace(network, parameters=problem.parameters)
-                found = other.all_misclosures(station, there, unknowns)
-                ends.append((white @ found[:, :, None]).ravel())
+                misclosures = other.all_misclosures(station, there, unknowns)
+                ends.append((white @ misclosures[:, :, None]).ravel())
             # A model that has the effect misses by less where the arm has it.
             slope = (ends[0] - ends[1]) / 0.2
             column = bank.columns[:, columns][: len(slope), at]

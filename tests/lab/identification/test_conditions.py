@@ -69,10 +69,10 @@ def postures(arm, place_mm, travel_rad, rng):
     """Find 20 postures at a place within the travel, from random beginnings."""
     angles = rng.uniform(-1, 1, (16 * N_EACH, 7)) * travel_rad
     for _ in range(25):
-        found = probe_derivatives(arm.geometry(), angles)
-        slopes = found.by_angles
+        probe = probe_derivatives(arm.geometry(), angles)
+        slopes = probe.by_angles
         square = slopes @ slopes.swapaxes(1, 2) + 100.0 * np.eye(3)
-        away = np.linalg.solve(square, (place_mm - found.centres_mm)[:, :, None])
+        away = np.linalg.solve(square, (place_mm - probe.centres_mm)[:, :, None])
         step = (slopes.swapaxes(1, 2) @ away)[:, :, 0]
         angles = angles + np.clip(step, -0.5, 0.5)
     away_mm = np.linalg.norm(arm.centres(angles) - place_mm, axis=1)
@@ -82,21 +82,21 @@ def postures(arm, place_mm, travel_rad, rng):
 
 def places(arm, travel_rad, rng):
     """Place five cones that 20 postures reach, with their postures."""
-    found = []
-    while len(found) < 5:
+    reached = []
+    while len(reached) < 5:
         inner = rng.uniform(-INNER, INNER, (1, 7)) * travel_rad
         place_mm = arm.centres(inner)[0]
         angles = postures(arm, place_mm, travel_rad, rng)
         if len(angles) == N_EACH:
-            found.append((place_mm, angles))
-    return found
+            reached.append((place_mm, angles))
+    return reached
 
 
 def campaign_of(arm, travel, seed):
     """100 postures at five cones; the distance of the last two is known."""
     travel_rad = np.radians([travel[1], travel[0]] * 3 + [travel[1]])
-    found = places(arm, travel_rad, np.random.default_rng(seed))
-    size_mm = float(np.linalg.norm(found[4][0] - found[3][0]))
+    reached = places(arm, travel_rad, np.random.default_rng(seed))
+    size_mm = float(np.linalg.norm(reached[4][0] - reached[3][0]))
     pair = {"A": [0.0, 0.0, 0.0], "B": [size_mm, 0.0, 0.0]}
     tables = [{"id": f"cone-{i}", "kind": "cone"} for i in range(3)]
     tables.append({"id": "p", "kind": "points", "frame": "own", "points_mm": pair})
@@ -111,7 +111,7 @@ def campaign_of(arm, travel, seed):
             time_s=numbers.astype(float),
             artefacts=np.minimum(numbers // N_EACH, 3),
             features=(numbers // N_EACH == 4).astype(np.int64),
-            angles_rad=np.concatenate([angles for _, angles in found]),
+            angles_rad=np.concatenate([angles for _, angles in reached]),
         ),
         # Readings without noise: all rows have the same weight. So little of it in the
         # contacts that nothing is held: all condition numbers are required.
@@ -123,7 +123,7 @@ def campaign_of(arm, travel, seed):
 def conditions(travel, seed):
     arm = bent_arm()
     campaign, design = campaign_of(arm, travel, seed), arm_value(arm)
-    found = []
+    condition_numbers = []
     for orders in ORDERS:
         options = Options(
             free=("*.encoder_*",) if orders else (),
@@ -137,8 +137,8 @@ def conditions(travel, seed):
         assert result.undetermined == ()
         n_free = result.adjustment.network.parameters.n_free
         assert n_free == 4 * 7 - 3 + 14 * len(orders)
-        found.append(result.condition_number)
-    return found
+        condition_numbers.append(result.condition_number)
+    return condition_numbers
 
 
 @pytest.mark.slow

@@ -53,10 +53,10 @@ def rigid():
 
 
 def campaign_with(*effects, noise=LOUD, seed=1):
-    found = campaign_from_simulation(
+    simulated = campaign_from_simulation(
         draw_noise(with_effects(rigid(), effects), seed, noise).campaign
     )
-    return replace(found, encoder_rad=5e-6, contact_mm=0.003)
+    return replace(simulated, encoder_rad=5e-6, contact_mm=0.003)
 
 
 def true_arm(poses, effects):
@@ -124,10 +124,10 @@ def test_an_effect_that_is_freed_is_estimated():
         "cos_rad": 0,
         "sin_rad": 0,
     }
-    found = freed(campaign_with(true), design(unknown), "J4.encoder_eccentricity.*")
-    (effect,) = found.arm.effects
-    names = [parameter.name for parameter in found.parameters]
-    stds = {parameter.name: parameter.std for parameter in found.parameters}
+    result = freed(campaign_with(true), design(unknown), "J4.encoder_eccentricity.*")
+    (effect,) = result.arm.effects
+    names = [parameter.name for parameter in result.parameters]
+    stds = {parameter.name: parameter.std for parameter in result.parameters}
     for key in ("cos_rad", "sin_rad"):
         name = f"J4.encoder_eccentricity.{key}"
         away = effect.values[key] - true.values[key]
@@ -135,16 +135,16 @@ def test_an_effect_that_is_freed_is_estimated():
     assert names[-2:] == [
         f"J4.encoder_eccentricity.{k}" for k in ("cos_rad", "sin_rad")
     ]
-    assert found.sigma0 == pytest.approx(1.0, abs=0.15)
+    assert result.sigma0 == pytest.approx(1.0, abs=0.15)
 
 
 def test_an_effect_that_is_held_stays_as_the_file_has_it():
     true = example("encoder_eccentricity", cos_rad=5e-5, sin_rad=-3e-5)
     arm = ARM.model_copy(update={"effects": (true,)})
-    found = freed(campaign_with(true), arm)
-    assert found.arm.effects == (true,)
-    assert found.sigma0 == pytest.approx(1.0, abs=0.15)
-    assert not any("encoder" in parameter.name for parameter in found.parameters)
+    result = freed(campaign_with(true), arm)
+    assert result.arm.effects == (true,)
+    assert result.sigma0 == pytest.approx(1.0, abs=0.15)
+    assert not any("encoder" in parameter.name for parameter in result.parameters)
     without = freed(campaign_with(true), ARM, snooping=False)
     assert without.sigma0 > 1.3
 
@@ -152,13 +152,13 @@ def test_an_effect_that_is_held_stays_as_the_file_has_it():
 def test_the_covariance_names_every_key_and_holds_what_is_held():
     tables = [{"kind": kind, **TABLES[kind]} for kind in ("axis_wobble", "base_drift")]
     played = [effect_from_table(table) for table in tables]
-    found = freed(campaign_with(*played), design(*tables), "base_drift.*")
-    names = found.cartesian.names
-    covariance = found.cartesian.covariance
+    result = freed(campaign_with(*played), design(*tables), "base_drift.*")
+    names = result.cartesian.names
+    covariance = result.cartesian.covariance
     assert (
         covariance.shape
         == (len(names), len(names))
-        == (len(found.cartesian.values),) * 2
+        == (len(result.cartesian.values),) * 2
     )
     effects = [name for name in names if "wobble" in name or "drift" in name]
     assert effects == [
@@ -169,7 +169,7 @@ def test_the_covariance_names_every_key_and_holds_what_is_held():
         variance = covariance[names.index(name), names.index(name)]
         assert (variance > 0.0) == ("drift" in name)
     at = names.index("base_drift.rate_mm_s.x")
-    assert found.cartesian.values[at] == found.arm.effects[1].values["rate_mm_s"][0]
+    assert result.cartesian.values[at] == result.arm.effects[1].values["rate_mm_s"][0]
 
 
 def test_vectors_of_a_wobble_stay_across_the_axis():
@@ -177,16 +177,16 @@ def test_vectors_of_a_wobble_stay_across_the_axis():
     played = with_effects(rigid(), (true,)).effects[0]
     table = {"kind": "axis_wobble", "joint": "J3", "order": 2}
     zero = {"cos_rad": [0.0] * 3, "sin_rad": [0.0] * 3}
-    found = freed(campaign_with(true), design({**table, **zero}), "*wobble*")
-    (effect,) = found.arm.effects
-    axis = np.array(found.arm.joints[2].axis)
+    result = freed(campaign_with(true), design({**table, **zero}), "*wobble*")
+    (effect,) = result.arm.effects
+    axis = np.array(result.arm.joints[2].axis)
     start = np.array(ARM.joints[2].axis)
     assert np.linalg.norm(axis - start) > 1e-4
-    names = [parameter.name for parameter in found.parameters]
+    names = [parameter.name for parameter in result.parameters]
     assert names[-4:] == [
         f"J3.axis_wobble.2.{key}.{c}" for key in ("cos_rad", "sin_rad") for c in "vw"
     ]
-    std = max(parameter.std for parameter in found.parameters[-4:])
+    std = max(parameter.std for parameter in result.parameters[-4:])
     for key in ("cos_rad", "sin_rad"):
         assert abs(np.dot(effect.values[key], axis)) < 1e-18 + 1e-9 * std
         away = np.subtract(effect.values[key], played.values[key])
@@ -196,10 +196,10 @@ def test_vectors_of_a_wobble_stay_across_the_axis():
 def test_a_vector_that_leans_is_brought_across_the_axis():
     leaning = {"cos_rad": [3e-5, 0.0, -5e-5], "sin_rad": [0.0, 2e-5, 6e-5]}
     table = {"kind": "axis_wobble", "joint": "J3", "order": 2, **leaning}
-    found = freed(campaign_with(), design(table), "*wobble*")
-    axis = found.arm.joints[2].axis
+    result = freed(campaign_with(), design(table), "*wobble*")
+    axis = result.arm.joints[2].axis
     for key in ("cos_rad", "sin_rad"):
-        assert np.dot(found.arm.effects[0].values[key], axis) == pytest.approx(
+        assert np.dot(result.arm.effects[0].values[key], axis) == pytest.approx(
             0.0, abs=1e-15
         )
 
@@ -207,15 +207,17 @@ def test_a_vector_that_leans_is_brought_across_the_axis():
 def test_a_wrong_standard_is_estimated_beside_another():
     wrong = example("artefact_length", artefact="short", error_ppm=150.0)
     campaign = with_certificates(campaign_with(wrong))
-    found = freed(
+    result = freed(
         campaign, design({**LENGTH, "artefact": "short"}), "artefact_length.*"
     )
-    (one,) = [p for p in found.parameters if p.name.startswith("artefact_length")]
-    value_ppm = found.arm.effects[0].values["error_ppm"]
-    assert abs(value_ppm - 150.0) < 4.0 * one.std
-    assert 1.0 < one.std < 15.0
-    assert one.unit == "ppm"
-    assert found.sigma0 == pytest.approx(1.0, abs=0.15)
+    (parameter,) = [
+        p for p in result.parameters if p.name.startswith("artefact_length")
+    ]
+    value_ppm = result.arm.effects[0].values["error_ppm"]
+    assert abs(value_ppm - 150.0) < 4.0 * parameter.std
+    assert 1.0 < parameter.std < 15.0
+    assert parameter.unit == "ppm"
+    assert result.sigma0 == pytest.approx(1.0, abs=0.15)
 
 
 def test_balls_of_a_bar_say_a_little_about_its_length():
@@ -223,11 +225,13 @@ def test_balls_of_a_bar_say_a_little_about_its_length():
     campaign = with_certificates(campaign_with(wrong))
     keep = campaign.poses.artefacts != [a.id for a in campaign.artefacts].index("bar")
     alone = replace(campaign, poses=campaign.poses.part(np.flatnonzero(keep)))
-    found = freed(alone, design({**LENGTH, "artefact": "short"}), "artefact_length.*")
-    (one,) = [p for p in found.parameters if p.name.startswith("artefact_length")]
-    assert abs(found.arm.effects[0].values["error_ppm"] - 150.0) < 4.0 * one.std
+    result = freed(alone, design({**LENGTH, "artefact": "short"}), "artefact_length.*")
+    (parameter,) = [
+        p for p in result.parameters if p.name.startswith("artefact_length")
+    ]
+    assert abs(result.arm.effects[0].values["error_ppm"] - 150.0) < 4.0 * parameter.std
     # 25 contacts of some micrometres on each, 12.7 + 3 mm from the middle.
-    assert 20.0 < one.std < 100.0
+    assert 20.0 < parameter.std < 100.0
 
 
 def test_the_only_length_of_a_campaign_cannot_be_wrong():
@@ -237,10 +241,12 @@ def test_the_only_length_of_a_campaign_cannot_be_wrong():
     poses = with_effects(make_poses(ARM, spec, 3), (wrong,))
     campaign = campaign_from_simulation(draw_noise(poses, 1, LOUD).campaign)
     guess = {**LENGTH, "artefact": "gauge", "error_ppm": 7.0}
-    found = freed(campaign, design(guess), "artefact_length.*")
+    result = freed(campaign, design(guess), "artefact_length.*")
     # The arm has grown instead; what is held is near the guess, not near the truth.
-    assert found.arm.effects[0].values["error_ppm"] == pytest.approx(7.0, abs=20.0)
-    names = [name for one in found.undetermined for name in one.direction]
+    assert result.arm.effects[0].values["error_ppm"] == pytest.approx(7.0, abs=20.0)
+    names = [
+        name for combination in result.undetermined for name in combination.direction
+    ]
     assert any(name.startswith("artefact_length") for name in names)
 
 
@@ -282,12 +288,12 @@ def test_times_before_the_start_are_times_of_the_campaign():
     later = freed(shifted, design(table), "base_drift.*")
     plain = freed(campaign, design(table), "base_drift.*")
     # Where the whole arm was at the epoch is no part of the rate.
-    for one, other in zip(
+    for rate, other in zip(
         later.arm.effects[0].values["rate_mm_s"],
         plain.arm.effects[0].values["rate_mm_s"],
         strict=True,
     ):
-        assert one == pytest.approx(other, abs=1e-7)
+        assert rate == pytest.approx(other, abs=1e-7)
 
 
 def test_a_campaign_without_a_start_has_one_all_the_same():
@@ -295,9 +301,9 @@ def test_a_campaign_without_a_start_has_one_all_the_same():
     start, end = campaign.span
     assert end > start
     table = {"kind": "encoder_drift", "joint": "J2", "rate_rad_s": 0.0}
-    found = freed(campaign, design({**table, "epoch_utc": start}), "*drift*")
-    (one,) = [p for p in found.parameters if "drift" in p.name]
-    assert abs(one.value) < 4.0 * one.std < 1e-7
+    result = freed(campaign, design({**table, "epoch_utc": start}), "*drift*")
+    (parameter,) = [p for p in result.parameters if "drift" in p.name]
+    assert abs(parameter.value) < 4.0 * parameter.std < 1e-7
 
 
 def test_coordinates_say_the_step_that_was_taken():

@@ -45,7 +45,7 @@ def test_one_distribution_serves_both_as_well_as_the_true_masses(campaign, resul
     assert result.rms_after_mm < 1.02 * known.rms_after_mm
     assert result.sigma0 < 1.02 * known.sigma0
     compliances = [e for e in result.arm.effects if e.kind != "first_moment"]
-    assert all(one.compliance_rad_nm > 0.0 for one in compliances)
+    assert all(each.compliance_rad_nm > 0.0 for each in compliances)
     # What compliances do to the ball is that of compliances times moments.
     true = [effect.compliance_rad_nm for effect in known.arm.effects]
     levers = [
@@ -84,7 +84,7 @@ def test_held_moments_are_those_of_an_arm_of_usual_build(campaign):
     assumed = assumed_moments(BARE)
     moments = [e for e in result.arm.effects if e.kind == "first_moment"]
     np.testing.assert_allclose(
-        [one.moment_kg_m for one in moments], assumed.moments_kg_m[1:], atol=1e-12
+        [moment.moment_kg_m for moment in moments], assumed.moments_kg_m[1:], atol=1e-12
     )
     assert "mass_distribution" not in identification_json(result)
 

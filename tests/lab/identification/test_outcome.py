@@ -41,7 +41,9 @@ def test_a_good_campaign_establishes_everything():
     judged = outcome_of(result)
     # By chance a few of a hundred campaigns have too large residuals: not this one.
     assert judged.outcome.state is State.GOOD, judged.outcome.sentences
-    assert set(judged.outcome.established) == {one.code for one in CONDITIONS}
+    assert set(judged.outcome.established) == {
+        condition.code for condition in CONDITIONS
+    }
     assert judged.writes_arm
     values = identification_json(result)
     assert (values["state"], values["reasons"]) == ("good", [])

@@ -181,19 +181,19 @@ def test_blunders_count_and_are_named_by_their_line(exact):
 
 
 def test_places_are_where_the_artefacts_stand(exact):
-    found = {
+    places = {
         entry.id: entry.place for entry in placed(exact, arm_value(TRUE)).artefacts
     }
     centres_mm = TRUE.centres(exact.poses.angles_rad)
     at = exact.poses.artefacts
-    assert found["cone-0"]["point_mm"] == pytest.approx(centres_mm[at == 0][0])
-    ends_mm = np.array(found["bar"]["centres_mm"])
+    assert places["cone-0"]["point_mm"] == pytest.approx(centres_mm[at == 0][0])
+    ends_mm = np.array(places["bar"]["centres_mm"])
     assert np.linalg.norm(ends_mm[1] - ends_mm[0]) == pytest.approx(400.0)
-    seats_mm = found["gauge"]["points_mm"]
+    seats_mm = places["gauge"]["points_mm"]
     for feature, name in enumerate(("1", "2")):
         mine = (at == 2) & (exact.poses.features == feature)
         assert seats_mm[name] == pytest.approx(centres_mm[mine][0])
-    frame = found["grid"]
+    frame = places["grid"]
     known_mm = np.array(list(GRID.values()))[exact.poses.features[at == 3]]
     placed_mm = known_mm @ np.array(frame["rotation"]).T + frame["translation_mm"]
     assert placed_mm == pytest.approx(centres_mm[at == 3])
@@ -207,20 +207,20 @@ def test_surfaces_have_places_in_the_arm_s_system():
         {"id": "ball", "kind": "sphere", "radius_mm": 20.0},
     ]
     campaign = simulate(TRUE, tables, 24, seed=5, noise=NONE, travel_rad=2.5)
-    found = {e.id: e.place for e in placed(campaign, arm_value(TRUE)).artefacts}
+    places = {e.id: e.place for e in placed(campaign, arm_value(TRUE)).artefacts}
     centres_mm = TRUE.centres(campaign.poses.angles_rad)
     at = campaign.poses.artefacts
-    plane = found["plate"]
+    plane = places["plate"]
     heights_mm = centres_mm[at == 0] @ plane["normal"] - plane["offset_mm"]
     assert np.abs(heights_mm) == pytest.approx(3.0)
-    pair = found["gauge"]
+    pair = places["gauge"]
     assert np.diff(pair["offsets_mm"]) == pytest.approx(60.0)
     for feature, offset_mm in enumerate(pair["offsets_mm"]):
         mine = (at == 1) & (campaign.poses.features == feature)
         assert np.abs(centres_mm[mine] @ pair["normal"] - offset_mm) == pytest.approx(
             3.0
         )
-    away_mm = centres_mm[at == 2] - found["ball"]["centre_mm"]
+    away_mm = centres_mm[at == 2] - places["ball"]["centre_mm"]
     assert np.linalg.norm(away_mm, axis=1) == pytest.approx(23.0)
 
 
@@ -326,11 +326,13 @@ def test_excluded_poses_that_lie_together_are_a_finding_of_the_model(seed, n_blu
     clean_mm = places_mm.copy()
     places_mm[away] += [6.0, -8.0, 5.0]
     result, rms_mm = ours(angles_rad, places_mm, true_mm=clean_mm)
-    (found,) = result.clusters
-    assert found.taken_back
-    assert found.cluster.joint == "J4"
+    (excluded,) = result.clusters
+    assert excluded.taken_back
+    assert excluded.cluster.joint == "J4"
     zero_rad = DESIGN.zeros_rad[3]
-    assert zero_rad + 0.05 < found.cluster.low < found.cluster.high < zero_rad + 0.75
+    assert (
+        zero_rad + 0.05 < excluded.cluster.low < excluded.cluster.high < zero_rad + 0.75
+    )
     assert np.isin(away, np.flatnonzero(~result.included)).all()
     words = said(result)
     assert "where joint J4 is at" in words
@@ -349,8 +351,8 @@ def test_blunders_that_lie_together_by_chance_stay_out():
     places_mm[wrong] += towards
     result, _ = ours(angles_rad, places_mm)
     assert np.flatnonzero(~result.included).tolist() == sorted(wrong)
-    (found,) = result.clusters
-    assert (found.cluster.joint, found.taken_back) == ("J2", False)
+    (excluded,) = result.clusters
+    assert (excluded.cluster.joint, excluded.taken_back) == ("J2", False)
     words = said(result)
     assert "the arm may do something there" in words
     assert "They were left out" in words
@@ -364,8 +366,8 @@ def test_excluded_poses_of_one_time_stay_out_and_are_reported():
     places_mm[50:62] += [0.7, 0.0, -0.4]
     result, rms_mm = ours(angles_rad, places_mm, true_mm=true_mm)
     assert np.flatnonzero(~result.included).tolist() == list(range(50, 62))
-    (found,) = result.clusters
-    assert (found.cluster.covariate, found.taken_back) == ("time_s", False)
+    (excluded,) = result.clusters
+    assert (excluded.cluster.covariate, excluded.taken_back) == ("time_s", False)
     words = said(result)
     assert "12 poses that contradict the others lie together, among 12" in words
     assert "between 50 and 61 s of the campaign's time" in words

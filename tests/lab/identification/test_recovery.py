@@ -126,8 +126,12 @@ def test_the_answer_does_not_depend_on_the_datum():
     assert not set(hold) & set(np.array(used.names)[~used.free])
     second = identify(campaign, DESIGN_ARM, replace(PLAIN, hold=hold))
     assert second.adjustment.network.parameters.n_free == 25
-    one, two = (r.adjustment.state.arm.geometry for r in (first, second))
-    assert distances(one, angles) == pytest.approx(distances(two, angles), abs=1e-9)
+    first_geometry, second_geometry = (
+        r.adjustment.state.arm.geometry for r in (first, second)
+    )
+    assert distances(first_geometry, angles) == pytest.approx(
+        distances(second_geometry, angles), abs=1e-9
+    )
     assert first.sigma0 == pytest.approx(second.sigma0, rel=1e-9)
 
 
@@ -137,14 +141,14 @@ def test_the_answer_does_not_depend_on_the_base_posture():
     turns = np.random.default_rng(2).uniform(-2, 2, 7)
     moved = in_another_posture(DESIGN, turns)
     assert moved.centres(angles) == pytest.approx(DESIGN.centres(angles), abs=1e-10)
-    found = [
+    distances_mm = [
         distances(
             identify(campaign, arm_value(arm), PLAIN).adjustment.state.arm.geometry,
             angles,
         )
         for arm in (DESIGN, moved)
     ]
-    assert found[0] == pytest.approx(found[1], rel=0, abs=1e-9)
+    assert distances_mm[0] == pytest.approx(distances_mm[1], rel=0, abs=1e-9)
 
 
 def in_another_posture(arm: TrueArm, turns_rad) -> TrueArm:

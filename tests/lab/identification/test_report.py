@@ -211,8 +211,8 @@ def test_an_undetermined_scale_is_no_clean_verdict(scaleless: Identification) ->
 def test_only_a_tested_and_determined_result_is_good(
     good: Identification, changed: dict[str, Any], state: str, title: str
 ) -> None:
-    found = replace(good, **{"undetermined": (), "weak": (), **changed})
-    judged = outcome_of(found)
+    result = replace(good, **{"undetermined": (), "weak": (), **changed})
+    judged = outcome_of(result)
     assert judged.outcome.state == state
     assert title in judged.title
 
@@ -263,14 +263,14 @@ def result() -> Identification:
 
 
 @pytest.fixture(scope="module")
-def found(result: Identification) -> UncertaintyMap:
+def uncertainty(result: Identification) -> UncertaintyMap:
     return result_map(result)
 
 
 @pytest.fixture(scope="module")
-def text(result: Identification, found: UncertaintyMap) -> str:
+def text(result: Identification, uncertainty: UncertaintyMap) -> str:
     provenance = result.campaign.provenance("C. Gauss", WHEN)
-    return report_page(result, found, provenance)
+    return report_page(result, uncertainty, provenance)
 
 
 def test_the_head_says_who_computed_what_and_when(page: Page) -> None:
@@ -337,11 +337,11 @@ def test_excluded_poses_are_listed_with_their_line(
 
 
 def test_figures_of_the_verdict_are_those_of_the_result(
-    page: Page, result: Identification, found: UncertaintyMap
+    page: Page, result: Identification, uncertainty: UncertaintyMap
 ) -> None:
     assert f"sigma0 = {result.sigma0:.3g}" in page.text
     assert f"redundancy of {result.redundancy}" in page.text
-    worst_mm = max(figures.largest_mm for figures in found.summary().values())
+    worst_mm = max(figures.largest_mm for figures in uncertainty.summary().values())
     assert f"{worst_mm:.4f} mm at worst" in page.text
 
 
@@ -356,10 +356,10 @@ def test_suggested_poses_are_shown_in_degrees(
 
 
 def test_the_page_is_the_same_each_time(
-    text: str, result: Identification, found: UncertaintyMap
+    text: str, result: Identification, uncertainty: UncertaintyMap
 ) -> None:
     provenance = result.campaign.provenance("C. Gauss", WHEN)
-    assert report_page(result, found, provenance) == text
+    assert report_page(result, uncertainty, provenance) == text
 
 
 def test_a_page_without_free_parameters_says_so() -> None:

@@ -79,8 +79,8 @@ def test_how_many_samples_say_as_much_as_one_is_that_of_the_process(shared):
 
 
 def test_correlations_are_those_of_the_process(shared):
-    found = correlations(shared.adjustment)[:20]
-    assert np.allclose(found, PHI ** np.arange(1, 21), atol=0.06)
+    estimates = correlations(shared.adjustment)[:20]
+    assert np.allclose(estimates, PHI ** np.arange(1, 21), atol=0.06)
 
 
 def test_samples_that_share_nothing_count_as_they_are():
@@ -142,14 +142,14 @@ def test_estimates_are_as_far_off_as_the_covariance_says(shared, single):
         white = (left.T @ errors_mm)[: len(sizes)][seen] / sizes[seen]
         return float(white @ white), int(np.count_nonzero(seen))
 
-    found, degrees = square(shared)
-    assert chi2.ppf(0.001, degrees) < found < chi2.ppf(0.999, degrees)
+    distance, degrees = square(shared)
+    assert chi2.ppf(0.001, degrees) < distance < chi2.ppf(0.999, degrees)
     assert square(single)[0] > chi2.ppf(0.999, degrees)
 
 
 def test_a_standard_stays_as_uncertain_as_it_was():
     """Where its length is all that is unsure, samples and their noise do not matter."""
-    found = [
+    results = [
         identified(phi=PHI, std_mm=0.02, is_stream=is_stream)
         for is_stream in (True, False)
     ]
@@ -157,7 +157,7 @@ def test_a_standard_stays_as_uncertain_as_it_was():
         np.linalg.eigvalsh(
             result.covariance / np.outer(*[_tolerances(result)] * 2)
         ).max()
-        for result in found
+        for result in results
     ]
     assert largest[0] == pytest.approx(largest[1], rel=1e-3)
 
@@ -186,10 +186,10 @@ def test_the_test_of_sigma0_counts_samples_by_what_they_say(shared, single):
 def test_it_is_reported_on_the_terminal_and_in_the_file(shared, single):
     said = "Neighbouring samples of the stream share noise"
     assert said in WORDS.serial(shared)
-    found = result_map(shared)
-    assert WORDS.serial(shared) in summary_lines(shared, found)
+    uncertainty = result_map(shared)
+    assert WORDS.serial(shared) in summary_lines(shared, uncertainty)
     values = identification_json(shared)["serial_noise"]
     assert set(values) == {"lasts_s", "samples_per_mean", "samples_per_square"}
     assert WORDS.serial(single) == ""
-    assert not any(said in line for line in summary_lines(single, found))
+    assert not any(said in line for line in summary_lines(single, uncertainty))
     assert identification_json(single)["serial_noise"] is None

@@ -69,9 +69,9 @@ def dense(result):
 def test_the_covariance_is_the_inverse_normal_matrix(result, dense):
     matrix, _, _, n_unknowns = dense
     inverse = np.linalg.inv(matrix.T @ matrix)[n_unknowns:, n_unknowns:]
-    found = result.covariance / result.variance_factor
+    cofactors = result.covariance / result.variance_factor
     scale = np.sqrt(np.outer(np.diag(inverse), np.diag(inverse)))
-    assert np.allclose(found / scale, inverse / scale, rtol=0, atol=1e-5)
+    assert np.allclose(cofactors / scale, inverse / scale, rtol=0, atol=1e-5)
 
 
 def test_the_estimates_are_stationary(dense):
@@ -199,20 +199,20 @@ def test_a_triangle_stands_for_all_rows(n_rows, n_columns, seed):
 def test_elimination_solves_like_the_whole_system():
     rng = np.random.default_rng(1)
     rows = rng.normal(size=(40, 3 + 5 + 1)) * 10
-    found = eliminate_unknowns(sequential_qr([rows], 9), np.full(3, 100.0))
-    arm = np.linalg.lstsq(found.reduced[:, :5], found.reduced[:, 5])[0]
+    eliminated = eliminate_unknowns(sequential_qr([rows], 9), np.full(3, 100.0))
+    arm = np.linalg.lstsq(eliminated.reduced[:, :5], eliminated.reduced[:, 5])[0]
     whole = np.linalg.lstsq(rows[:, :8], rows[:, 8])[0]
     assert arm == pytest.approx(whole[3:])
-    assert found.step(arm) == pytest.approx(whole[:3])
+    assert eliminated.step(arm) == pytest.approx(whole[:3])
 
 
 def test_unknowns_that_nothing_determines_are_held():
     rows = np.zeros((4, 2 + 1 + 1))
     rows[:, 0], rows[:, 2], rows[:, 3] = [1, 2, 3, 4], [1, 0, 1, 0], [1, 1, 1, 1]
-    found = eliminate_unknowns(sequential_qr([rows], 4), np.array([10.0, 10.0]))
-    assert len(found.right) == 1
-    assert np.abs(found.held[0]) == pytest.approx([0.0, 1.0])
-    assert found.step(np.zeros(1))[1] == 0.0
+    eliminated = eliminate_unknowns(sequential_qr([rows], 4), np.array([10.0, 10.0]))
+    assert len(eliminated.right) == 1
+    assert np.abs(eliminated.held[0]) == pytest.approx([0.0, 1.0])
+    assert eliminated.step(np.zeros(1))[1] == 0.0
 
 
 def test_rank_is_decided_in_units_of_the_tolerances():
@@ -254,5 +254,5 @@ def test_tails_agree_with_the_tables():
 @given(*[st.integers(0, 40)] * 4)
 def test_more_here_than_there_is_as_unlikely_as_fisher_says(a, b, c, d):
     expected = stats.fisher_exact([[a, b], [c, d]], alternative="greater")[1]
-    found = excess_p_value(a, a + b, c, c + d)
-    assert found == pytest.approx(expected, rel=1e-9)
+    p_value = excess_p_value(a, a + b, c, c + d)
+    assert p_value == pytest.approx(expected, rel=1e-9)

@@ -110,13 +110,17 @@ def test_chord_of_a_clock_hand_grows_with_the_hand(turn_rad: float) -> None:
     )
     free = np.array([name == along for name in parameters.names])
     arm = uncertain(geometry, parameters.with_free(free), np.array([[0.01**2]]))
-    found = distance_deviations_mm(arm, np.zeros((1, 1)), np.array([[turn_rad]]))
-    assert found[0] == pytest.approx(0.01 * 2.0 * np.sin(turn_rad / 2.0), rel=1e-12)
+    deviations_mm = distance_deviations_mm(
+        arm, np.zeros((1, 1)), np.array([[turn_rad]])
+    )
+    assert deviations_mm[0] == pytest.approx(
+        0.01 * 2.0 * np.sin(turn_rad / 2.0), rel=1e-12
+    )
 
 
 def test_noise_of_a_clock_hand_is_that_of_both_ends() -> None:
     # A quarter turn: the chord's slope by each angle is r cos(45 degrees).
-    found = noise_deviations_mm(
+    deviations_mm = noise_deviations_mm(
         one_joint(400.0),
         np.array([1e-5]),
         0.003,
@@ -125,7 +129,7 @@ def test_noise_of_a_clock_hand_is_that_of_both_ends() -> None:
     )
     slope_mm = 400.0 * np.cos(np.pi / 4) * 1e-5
     expected = np.sqrt(2.0 * slope_mm**2 + 2.0 * 0.003**2)
-    assert found[0] == pytest.approx(expected, rel=1e-12)
+    assert deviations_mm[0] == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_distance_of_a_pose_to_itself_has_no_direction_and_no_deviation() -> None:

@@ -109,9 +109,9 @@ class Delivery:
         reply = await self._command(ResendArgs())
         assert reply.result is not None, reply.error
         sessions = {
-            str(one["session"]): range(int(one["first_seq"]), int(one["last_seq"]) + 1)
-            for one in json.loads(json.dumps(reply.result["sessions"]))
-            if one["first_seq"] is not None
+            str(row["session"]): range(int(row["first_seq"]), int(row["last_seq"]) + 1)
+            for row in json.loads(json.dumps(reply.result["sessions"]))
+            if row["first_seq"] is not None
         }
         n_asked = 0
         for session, held in sessions.items():

@@ -18,10 +18,10 @@ static void take(void *to, size_t size, size_t n)
 
 static double *room(size_t n)
 {
-    double *found = calloc(n, sizeof(double));
-    if (!found)
+    double *doubles = calloc(n, sizeof(double));
+    if (!doubles)
         exit(2);
-    return found;
+    return doubles;
 }
 
 static void give(const double *from, size_t n)
@@ -66,7 +66,7 @@ int main(void)
     take(arm.origin_mm, sizeof(double), 3);
     take(arm.direction, sizeof(double), 3);
     double *angles = room(rows * n), *centres = room(3 * rows);
-    double *directions = room(3 * rows), *one = room(6);
+    double *directions = room(3 * rows), *single = room(6);
     take(angles, sizeof(double), rows * n);
     derivatives_t out = {room(3 * rows), room(3 * n * rows), room(9 * n * rows),
                          room(9 * n * rows)};
@@ -76,13 +76,13 @@ int main(void)
     const table_t to_directions = {(char *)directions, 24, 8};
     code->poses(&arm, source, (ptrdiff_t)rows, to_centres, to_directions);
     code->derivatives(&arm, source, (ptrdiff_t)rows, out);
-    code->pose(&arm, angles, one, one + 3);
+    code->pose(&arm, angles, single, single + 3);
     give(centres, 3 * rows);
     give(directions, 3 * rows);
     give(out.by_angles, 3 * n * rows);
     give(out.by_axes, 9 * n * rows);
     give(out.by_links, 9 * n * rows);
-    give(one, 6);
+    give(single, 6);
     deflect(code, &arm, source, (ptrdiff_t)rows, to_centres, to_directions);
     give(centres, 3 * rows);
     give(directions, 3 * rows);

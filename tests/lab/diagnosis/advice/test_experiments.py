@@ -71,9 +71,9 @@ def test_the_table_knows_pairs_in_either_order():
 
 def test_the_last_joint_needs_a_second_stylus():
     runout = ("axis_runout", "J7", 2, "radial")
-    found = pair(("encoder_eccentricity", "J7"), runout)
-    assert found.is_structural
-    assert "second stylus" in found.experiment
+    proposed = pair(("encoder_eccentricity", "J7"), runout)
+    assert proposed.is_structural
+    assert "second stylus" in proposed.experiment
     inner = pair(("encoder_eccentricity", "J3"), ("axis_runout", "J3", 2, "radial"))
     assert not inner.is_structural
 
@@ -119,34 +119,36 @@ def test_further_contacts_touch_within_the_travelled_ranges():
 def found_experiment():
     effects = candidate_of(*ECCENTRIC_6), candidate_of(*SECOND_6)
     amplitudes = np.array([2e-5, -1e-5])
-    found = experiment(
+    proposed = experiment(
         effects, amplitudes, measured_rows(), measured().arm, gains=[6.0], n_most=12
     )
-    assert found is not None
-    return effects, amplitudes, found
+    assert proposed is not None
+    return effects, amplitudes, proposed
 
 
 def test_the_separation_is_that_of_all_equations_together():
-    effects, amplitudes, found = found_experiment()
-    rows = extended_rows(measured_rows().adjustment, found.poses)
+    effects, amplitudes, proposed = found_experiment()
+    rows = extended_rows(measured_rows().adjustment, proposed.poses)
     own = columns_of(rows, effects[0]) @ (amplitudes / effects[0].scales)
     own = rows.project(own[:, np.newaxis])
     other = rows.project(columns_of(rows, effects[1]))
     left = own - other @ np.linalg.lstsq(other, own, rcond=None)[0]
-    assert found.separations[-1, 0] == pytest.approx(float(np.sum(left**2)), rel=0.01)
+    assert proposed.separations[-1, 0] == pytest.approx(
+        float(np.sum(left**2)), rel=0.01
+    )
     chance = stats.norm.cdf(-0.5 * np.linalg.norm(left))
-    assert found.chances[-1, 0] == pytest.approx(chance, rel=0.05)
+    assert proposed.chances[-1, 0] == pytest.approx(chance, rel=0.05)
 
 
 def test_every_chosen_pose_helps_and_more_than_poses_at_random():
-    _, _, found = found_experiment()
-    n = len(found.poses)
-    assert np.all(np.diff(found.separations[:, 0]) > 0.0)
-    growth = float(found.separations[-1, 0] - found.separations[0, 0])
-    assert found.is_enough == (growth >= 6.0)
-    assert found.is_enough or n == 12
+    _, _, proposed = found_experiment()
+    n = len(proposed.poses)
+    assert np.all(np.diff(proposed.separations[:, 0]) > 0.0)
+    growth = float(proposed.separations[-1, 0] - proposed.separations[0, 0])
+    assert proposed.is_enough == (growth >= 6.0)
+    assert proposed.is_enough or n == 12
     # An earlier pose gained the mean; a chosen one gains a multiple of it.
-    so_far = float(found.separations[0, 0]) / len(measured().campaign.poses)
+    so_far = float(proposed.separations[0, 0]) / len(measured().campaign.poses)
     assert growth > 2.0 * n * so_far
 
 
@@ -211,7 +213,7 @@ def test_all_rivals_are_separated_at_once():
         candidate_of(*SECOND_6),
         candidate_of("encoder_scale", "J6"),
     )
-    found = experiment(
+    proposed = experiment(
         effects,
         np.array([2e-5, -1e-5]),
         measured_rows(),
@@ -219,10 +221,10 @@ def test_all_rivals_are_separated_at_once():
         gains=[3.0, 3.0],
         n_most=30,
     )
-    assert found is not None
-    assert found.separations.shape == (len(found.poses) + 1, 2)
-    assert np.all(found.separations[-1] - found.separations[0] >= 3.0)
-    assert len(found.poses) >= 5
+    assert proposed is not None
+    assert proposed.separations.shape == (len(proposed.poses) + 1, 2)
+    assert np.all(proposed.separations[-1] - proposed.separations[0] >= 3.0)
+    assert len(proposed.poses) >= 5
 
 
 def test_a_curve_is_no_alias_by_structure():

@@ -46,16 +46,16 @@ def projected(columns):
 
 def test_a_single_column_by_the_formula():
     rows = measured_rows()
-    found, column = found_of("encoder_scale", "J3")
+    size, column = found_of("encoder_scale", "J3")
     length = float(np.linalg.norm(projected(column)))
     level = 0.005 / len(bank().candidates)
     spare = rows.redundancy - 1
     critical = stats.f.isf(level, 1, spare)
     sigma = np.sqrt(rows.sum_of_squares / rows.redundancy)
-    root = found.minimum / found.candidate.scales[0] * length / sigma
+    root = size.minimum / size.candidate.scales[0] * length / sigma
     assert stats.ncf.sf(critical, 1, spare, root**2) == pytest.approx(0.95, abs=1e-4)
-    assert found.minimum == found.best
-    assert (found.key, found.unit, found.why) == ("scale_ppm", "ppm", "")
+    assert size.minimum == size.best
+    assert (size.key, size.unit, size.why) == ("scale_ppm", "ppm", "")
 
 
 @pytest.mark.parametrize(
@@ -68,13 +68,13 @@ def test_a_single_column_by_the_formula():
 )
 def test_what_is_just_detectable_is_found_in_95_of_100(which):
     rows = measured_rows()
-    found, columns = found_of(*which)
+    size, columns = found_of(*which)
     clean = projected(columns)
     directions, values, turned = np.linalg.svd(clean, full_matrices=False)
     n_draws, q = 1500, columns.shape[1]
     sigma = np.sqrt(rows.sum_of_squares / rows.redundancy)
     # In the weakest direction, an amplitude of the stated size.
-    amplitude = found.minimum / found.candidate.scales[0]
+    amplitude = size.minimum / size.candidate.scales[0]
     signal = clean @ (turned[-1] * amplitude)
     rng = np.random.default_rng(8)
     noise = rng.standard_normal((len(rows.values), n_draws))
@@ -86,15 +86,15 @@ def test_what_is_just_detectable_is_found_in_95_of_100(which):
     level = 0.005 / len(bank().candidates)
     seen = np.mean(tests > stats.f.isf(level, q, spare))
     assert seen == pytest.approx(0.95, abs=3.5 * np.sqrt(0.05 * 0.95 / n_draws))
-    assert found.best <= found.minimum
-    assert found.best / found.minimum == pytest.approx(values[-1] / values[0])
+    assert size.best <= size.minimum
+    assert size.best / size.minimum == pytest.approx(values[-1] / values[0])
 
 
 def test_a_stricter_threshold_needs_a_larger_effect():
     strict = detectable(measured_rows(), bank(), log_p=-40.0)
-    for loose, one in zip(all_found(), strict, strict=True):
+    for loose, size in zip(all_found(), strict, strict=True):
         if loose.minimum is not None:
-            assert one.minimum > 1.3 * loose.minimum
+            assert size.minimum > 1.3 * loose.minimum
 
 
 def test_a_vertical_first_joint_is_not_twisted_by_gravity():
@@ -105,9 +105,9 @@ def test_a_vertical_first_joint_is_not_twisted_by_gravity():
     rows = equations_of(fitted(campaign, arm, everyone).adjustment)
     names = library_bank(rows, arm)
     by_name = {size.candidate.name: size for size in detectable(rows, names)}
-    found = by_name["joint_compliance J1"]
-    assert found.minimum is None
-    assert found.why == "J1 is vertical: gravity does not twist it"
+    compliance = by_name["joint_compliance J1"]
+    assert compliance.minimum is None
+    assert compliance.why == "J1 is vertical: gravity does not twist it"
     assert by_name["joint_compliance J2"].minimum is not None
 
 
@@ -125,16 +125,16 @@ def test_a_probe_on_the_last_axis_hides_that_joints_encoder():
     rows = equations_of(replace(adjustment, state=state))
     names = library_bank(rows, arm)
     by_name = {size.candidate.name: size for size in detectable(rows, names)}
-    found = by_name["encoder_eccentricity J7"]
-    assert found.minimum is None
-    assert "the probe lies on the axis of J7" in found.why
+    eccentricity = by_name["encoder_eccentricity J7"]
+    assert eccentricity.minimum is None
+    assert "the probe lies on the axis of J7" in eccentricity.why
 
 
 def test_a_screw_motion_of_the_last_joint_equals_a_change_of_the_geometry():
-    found, columns = found_of("axis_runout", "J7", 1, "axial")
+    size, columns = found_of("axis_runout", "J7", 1, "axial")
     assert np.linalg.norm(columns) > 1.0
-    assert found.minimum is None
-    assert "equals a change of the geometry" in found.why
+    assert size.minimum is None
+    assert "equals a change of the geometry" in size.why
 
 
 def test_what_the_campaign_lacks_is_reported():
@@ -146,7 +146,7 @@ def test_what_the_campaign_lacks_is_reported():
     rows = equations_of(fitted(campaign, arm, everyone).adjustment)
     absent = absent_candidates(rows, arm)
     sizes = detectable(rows, library_bank(rows, arm), absent)
-    whole = [one for one in sizes if one.candidate.name == "thermal_expansion"]
+    whole = [size for size in sizes if size.candidate.name == "thermal_expansion"]
     assert whole[0].minimum is None
     assert "temperature" in whole[0].why
     assert "block" not in whole[0].why
@@ -170,6 +170,6 @@ def test_a_motion_of_everything_together_is_no_error_of_the_arm():
 
 def test_what_is_left_of_an_undetected_effect_is_of_the_size_of_the_noise():
     # 5 urad at 0.7 m and 5 um: some 7 um a pose, 240 poses.
-    for one in all_found():
-        if one.minimum is not None and one.candidate.artefact is None:
-            assert 1e-4 < one.probe_mm < 0.02
+    for size in all_found():
+        if size.minimum is not None and size.candidate.artefact is None:
+            assert 1e-4 < size.probe_mm < 0.02

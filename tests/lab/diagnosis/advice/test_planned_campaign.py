@@ -22,8 +22,10 @@ SLIPPING = {
 }
 
 
-def minima(found):
-    return {one.candidate.name: one.minimum for one in found if one.minimum is not None}
+def minima(sizes):
+    return {
+        size.candidate.name: size.minimum for size in sizes if size.minimum is not None
+    }
 
 
 def test_the_plan_says_what_the_measured_campaign_says():
@@ -63,6 +65,6 @@ def test_twice_the_noise_needs_twice_the_size():
 
 def test_an_effect_of_the_arm_is_estimated_too():
     arm = measured().arm.model_copy(update={"effects": (effect_from_table(SLIPPING),)})
-    found = {one.candidate.name: one for one in planned(measured().campaign, arm)}
-    assert found["encoder_eccentricity J3"].minimum is None
-    assert found["encoder_eccentricity J1"].minimum is not None
+    by_name = {size.candidate.name: size for size in planned(measured().campaign, arm)}
+    assert by_name["encoder_eccentricity J3"].minimum is None
+    assert by_name["encoder_eccentricity J1"].minimum is not None

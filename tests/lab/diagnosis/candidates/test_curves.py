@@ -36,7 +36,7 @@ def test_curves_cover_all_covariates():
     creeping = [
         candidate for candidate in bank.candidates if candidate.artefact is not None
     ]
-    found = {(c.joint, c.component, c.covariate) for c in of_arm}
+    covered = {(c.joint, c.component, c.covariate) for c in of_arm}
     angles = {
         (joint, "angle", covariate)
         for joint in JOINTS
@@ -62,18 +62,18 @@ def test_curves_cover_all_covariates():
         *((None, "shift", covariate) for covariate in held),
         *(("J1", "tilt", covariate) for covariate in held),
     }
-    assert found == angles | moves | base
+    assert covered == angles | moves | base
     fine = [
         candidate
         for candidate in bank.candidates
         if candidate.component == "angle" and candidate.size == N_FINE_KNOTS
     ]
     # The plain ones and, over the joint's own reading, the fine ones.
-    assert len(of_arm) == len(found) + len(JOINTS)
-    assert [one.artefact for one in creeping] == [
+    assert len(of_arm) == len(covered) + len(JOINTS)
+    assert [curve.artefact for curve in creeping] == [
         artefact.id for artefact in measured().campaign.artefacts
     ]
-    assert {(one.joint, one.covariate) for one in fine} == {
+    assert {(curve.joint, curve.covariate) for curve in fine} == {
         (joint, f"{joint}_rad") for joint in JOINTS
     }
     sizes = {"angle": 1, "tilt": 2, "shift": 3}
@@ -132,8 +132,8 @@ def test_a_curve_of_an_angle_is_the_effect_of_the_arm_file(covariate):
         angles_rad[:, 1] -= sign * centred
         moved.append(probe_centre(geometry, angles_rad))
     expected = rows.moved((moved[0] - moved[1])[:, :, np.newaxis] / 2)[:, 0]
-    found = columns @ (values / candidate.scales)
-    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+    computed = columns @ (values / candidate.scales)
+    np.testing.assert_allclose(computed, expected, atol=1e-6 * np.abs(expected).max())
     effect = effect_of_candidate(candidate, values, rows)
     effects = effects_of(measured().arm, (effect,), measured().campaign.span)
     centres_mm = corrected_pose(geometry, effects, rows.block)[0]
@@ -248,8 +248,8 @@ def test_a_curve_that_is_applied_leaves_nothing_of_itself():
     again = equations_of(measured().fit((effect,)).adjustment)
     bank = generic_bank(again)
     own = bank.candidates.index(candidate)
-    for at, found in enumerate(project(again, bank)):
-        assert (len(found.singular_values) == 0) == (at == own)
+    for at, projection in enumerate(project(again, bank)):
+        assert (len(projection.singular_values) == 0) == (at == own)
 
 
 @given(
@@ -281,7 +281,7 @@ def test_few_different_values_have_a_knot_each():
 
 def test_serial_correlation_is_taken_out_of_curves():
     rows, serial = measured_rows(), serial_rows()
-    plain, found = generic_bank(rows).columns, generic_bank(serial).columns
+    plain, whitened = generic_bank(rows).columns, generic_bank(serial).columns
     np.testing.assert_allclose(
-        serial.root @ found, plain, atol=1e-9 * np.abs(plain).max()
+        serial.root @ whitened, plain, atol=1e-9 * np.abs(plain).max()
     )

@@ -35,11 +35,15 @@ def test_low_harmonics_are_those_of_the_library():
     identities = {candidate.identity for candidate in library.candidates}
     shared = [c for c in harmonics.candidates if c.identity in identities]
     assert len(shared) == 7 * 4
-    for one in shared:
-        wanted = {"kind": one.kind, "joint": one.joint, "order": one.order}
+    for harmonic in shared:
+        wanted = {
+            "kind": harmonic.kind,
+            "joint": harmonic.joint,
+            "order": harmonic.order,
+        }
         same, expected = chosen(library, **wanted)
-        assert (same.scales, same.log_prior) == (one.scales, one.log_prior)
-        own = harmonics.slices[harmonics.candidates.index(one)]
+        assert (same.scales, same.log_prior) == (harmonic.scales, harmonic.log_prior)
+        own = harmonics.slices[harmonics.candidates.index(harmonic)]
         np.testing.assert_allclose(
             harmonics.columns[:, own], expected, atol=1e-6 * np.abs(expected).max()
         )
@@ -47,7 +51,7 @@ def test_low_harmonics_are_those_of_the_library():
 
 def test_serial_correlation_is_taken_out_of_harmonics():
     rows, serial = measured_rows(), serial_rows()
-    plain, found = harmonic_bank(rows).columns, harmonic_bank(serial).columns
+    plain, whitened = harmonic_bank(rows).columns, harmonic_bank(serial).columns
     np.testing.assert_allclose(
-        serial.root @ found, plain, atol=1e-9 * np.abs(plain).max()
+        serial.root @ whitened, plain, atol=1e-9 * np.abs(plain).max()
     )

@@ -139,9 +139,9 @@ def assert_recovered(given, wanted, truth):
     """In each visible direction z is s times the truth, with unit noise."""
     rows = given.rows()
     candidate, columns = chosen(library_bank(rows, given.arm), **wanted)
-    (found,) = project(rows, Bank((candidate,), columns))
-    visible = found.singular_values * (found.combinations.T @ truth)
-    noise = found.directions.T @ rows.residuals - visible
+    (projection,) = project(rows, Bank((candidate,), columns))
+    visible = projection.singular_values * (projection.combinations.T @ truth)
+    noise = projection.directions.T @ rows.residuals - visible
     assert np.linalg.norm(visible) > 5.0 or candidate.kind == "artefact_length"
     assert noise @ noise < stats.chi2.isf(1e-4, len(noise))
 
@@ -149,9 +149,9 @@ def assert_recovered(given, wanted, truth):
 def test_serial_correlation_is_taken_out_of_the_columns():
     rows, serial = measured_rows(), serial_rows()
     plain = library_bank(rows, measured().arm).columns
-    found = library_bank(serial, measured().arm).columns
+    whitened = library_bank(serial, measured().arm).columns
     np.testing.assert_allclose(
-        serial.root @ found, plain, atol=1e-9 * np.abs(plain).max()
+        serial.root @ whitened, plain, atol=1e-9 * np.abs(plain).max()
     )
 
 
@@ -244,14 +244,14 @@ def test_without_any_mass_other_moments_than_assumed_are_columns_beside():
     arm = arm_value(seven_joints())
     rows = measured_rows()
     bank = library_bank(rows, arm)
-    found, columns = chosen(bank, kind="joint_compliance", joint="J3")
-    assert found.parameters == (
+    compliance, columns = chosen(bank, kind="joint_compliance", joint="J3")
+    assert compliance.parameters == (
         "compliance_rad_nm",
         *(f"J{number}.{axis}" for number in (3, 4, 5, 6, 7) for axis in "xyz"),
     )
     moments = first_moments(arm)
-    effect = effect_of_candidate(found, np.array(found.scales), rows)
-    assert effect.values == {"compliance_rad_nm": found.scales[0]}
+    effect = effect_of_candidate(compliance, np.array(compliance.scales), rows)
+    assert effect.values == {"compliance_rad_nm": compliance.scales[0]}
     geometry = rows.adjustment.state.arm.geometry
     own = effects_of(arm, (effect, *moments), rows.adjustment.network.campaign.span)
     plain_mm = corrected_pose(geometry, own, rows.block)[0]
@@ -259,9 +259,9 @@ def test_without_any_mass_other_moments_than_assumed_are_columns_beside():
         [(m, a) for m in moments[2:] for a in range(3)]
     ):
         changed = np.array(moment.moment_kg_m)
-        changed[axis] += found.scales[1 + at] / found.scales[0]
+        changed[axis] += compliance.scales[1 + at] / compliance.scales[0]
         other = moment.model_copy(update={"moment_kg_m": tuple(changed)})
-        swapped = tuple(other if one is moment else one for one in moments)
+        swapped = tuple(other if each is moment else each for each in moments)
         heavier = effects_of(arm, (effect, *swapped))
         moves_mm = corrected_pose(geometry, heavier, rows.block)[0] - plain_mm
         wanted = rows.moved(moves_mm[:, :, np.newaxis])[:, 0]

@@ -69,8 +69,8 @@ def test_p_values_are_those_of_f_tests(degrees, redundancy):
 
 def test_many_rows_give_the_tail_of_chi_square():
     redundancy, statistic = 10**7, 30.0
-    found = log_p(statistic / redundancy, 3, redundancy)
-    assert found == pytest.approx(stats.chi2.logsf(statistic, 3), rel=1e-4)
+    log_chance = log_p(statistic / redundancy, 3, redundancy)
+    assert log_chance == pytest.approx(stats.chi2.logsf(statistic, 3), rel=1e-4)
 
 
 @pytest.mark.parametrize("degrees", [1, 2, 4, 10])
@@ -80,17 +80,17 @@ def test_far_tails_do_not_underflow(degrees, redundancy):
         part = -np.expm1(log_rest)
         expected = far_log_p(part, degrees, redundancy)
         if expected < -50.0:
-            found = log_p(part, degrees, redundancy)
-            assert found == pytest.approx(expected, abs=1e-4)
+            log_chance = log_p(part, degrees, redundancy)
+            assert log_chance == pytest.approx(expected, abs=1e-4)
 
 
 def test_log_p_falls_without_a_jump_where_the_formula_changes():
     redundancy = 5000
     parts = -np.expm1(-np.linspace(0.23, 0.26, 400))
     for degrees in (1, 2, 4, 10):
-        found = log_p_values(parts, np.full(400, degrees), redundancy)
-        steps = np.diff(found)
-        assert found[0] > -600.0 > found[-1]
+        log_chances = log_p_values(parts, np.full(400, degrees), redundancy)
+        steps = np.diff(log_chances)
+        assert log_chances[0] > -600.0 > log_chances[-1]
         assert np.all(steps < 0.0)
         np.testing.assert_allclose(steps, steps.mean(), rtol=0.02)
 
@@ -103,7 +103,9 @@ def test_log_p_falls_without_a_jump_where_the_formula_changes():
 )
 def test_more_explained_is_less_likely_by_chance(part, more, degrees, redundancy):
     larger = part + (1.0 - part) * more
-    less_likely, before = (log_p(one, degrees, redundancy) for one in (larger, part))
+    less_likely, before = (
+        log_p(explained, degrees, redundancy) for explained in (larger, part)
+    )
     assert less_likely <= before <= 0.0
     # Near a probability of 1 the logarithm is lost in rounding.
     assert less_likely < before or before > -1e-6
@@ -163,9 +165,9 @@ def test_evidence_does_not_end_where_everything_is_explained():
 
 def test_visible_directions_are_orthonormal_and_free_of_the_unknowns():
     rows = measured_rows()
-    for one in project(rows, library_bank(rows, measured().arm)):
-        u = one.directions
-        assert u.shape == (len(rows.values), len(one.singular_values))
+    for projection in project(rows, library_bank(rows, measured().arm)):
+        u = projection.directions
+        assert u.shape == (len(rows.values), len(projection.singular_values))
         np.testing.assert_allclose(u.T @ u, np.eye(u.shape[1]), atol=1e-6)
         np.testing.assert_allclose(rows.basis.T @ u, 0.0, atol=1e-6)
 
@@ -177,10 +179,10 @@ def test_directions_that_the_unknowns_absorb_are_not_visible():
     free = rng.normal(size=(len(rows.values), 1))
     (none,) = project(rows, bank_of(100.0 * absorbed))
     assert len(none.singular_values) == 0
-    (one,) = project(rows, bank_of(np.hstack([100.0 * absorbed, free])))
+    (visible,) = project(rows, bank_of(np.hstack([100.0 * absorbed, free])))
     expected = np.linalg.norm(rows.project(free))
-    np.testing.assert_allclose(one.singular_values, [expected], rtol=1e-6)
-    scores = judge(rows, (none, one))
+    np.testing.assert_allclose(visible.singular_values, [expected], rtol=1e-6)
+    scores = judge(rows, (none, visible))
     assert scores.degrees.tolist() == [0, 1]
     assert scores.log_p[0] == 0.0
     assert scores.statistics[0] == 0.0
@@ -199,8 +201,8 @@ def test_a_statistic_is_the_drop_of_the_sum_of_squares():
     rest = rows.redundancy - 3
     expected = stats.f.logsf(drop / 3 / (left @ left / rest), 3, rest)
     assert scores.log_p[0] == pytest.approx(expected, rel=1e-7)
-    one = scores.projected[0]
-    amplitudes, covariance = one.amplitudes(rows.residuals)
+    projection = scores.projected[0]
+    amplitudes, covariance = projection.amplitudes(rows.residuals)
     fit = np.linalg.lstsq(both, rows.values)[0][-3:]
     np.testing.assert_allclose(amplitudes, fit, rtol=1e-6)
     cofactors = np.linalg.inv(both.T @ both)[-3:, -3:]
@@ -233,8 +235,8 @@ def test_a_statistic_is_what_a_whole_new_fit_gains(table, joint):
     scores = judge(rows, project(rows, library_bank(rows, given_here.arm)))
     (at,) = [
         at
-        for at, one in enumerate(scores.candidates)
-        if (one.kind, one.joint) == (table["kind"], joint)
+        for at, candidate in enumerate(scores.candidates)
+        if (candidate.kind, candidate.joint) == (table["kind"], joint)
     ]
     assert drop > 20.0
     assert scores.statistics[at] == pytest.approx(drop, rel=0.01)
@@ -244,9 +246,9 @@ def test_a_wrong_noise_level_changes_no_test():
     rows = measured_rows()
     louder = replace(rows, values=1.4 * rows.values)
     projected = project(rows, library_bank(rows, measured().arm))
-    found, loud = judge(rows, projected), judge(louder, projected)
-    np.testing.assert_allclose(loud.log_p, found.log_p, rtol=1e-9)
-    np.testing.assert_allclose(loud.evidences, found.evidences, rtol=1e-9)
+    quiet, loud = judge(rows, projected), judge(louder, projected)
+    np.testing.assert_allclose(loud.log_p, quiet.log_p, rtol=1e-9)
+    np.testing.assert_allclose(loud.evidences, quiet.evidences, rtol=1e-9)
 
 
 def test_an_empty_bank_has_no_findings():

@@ -34,7 +34,7 @@ def test_step_columns_are_the_difference_of_the_whole_model(joint):
     rows = measured_rows()
     at_s = 400.0
     candidate = step_candidate(joint, at_s)
-    found = step_columns(rows, joint, at_s)
+    columns = step_columns(rows, joint, at_s)
     geometry = rows.adjustment.state.arm.geometry
     span = measured().campaign.span
     for column in range(candidate.size):
@@ -47,7 +47,7 @@ def test_step_columns_are_the_difference_of_the_whole_model(joint):
         expected = rows.moved((moved[0] - moved[1])[:, :, np.newaxis] / 2)[:, 0]
         assert np.any(expected == 0.0)
         np.testing.assert_allclose(
-            found[:, column], expected, atol=1e-4 * np.abs(expected).max()
+            columns[:, column], expected, atol=1e-4 * np.abs(expected).max()
         )
 
 
@@ -107,8 +107,8 @@ def test_a_simulated_slip_is_found_where_it_happened():
     # One pose earlier or later makes little difference.
     distance = np.searchsorted(poses.time_s, best.candidate.at_s) - slipped_at
     assert abs(int(distance)) <= 3
-    (found,) = project(rows, step_bank(rows, (best,)))
-    values, covariance = found.amplitudes(rows.residuals)
+    (projection,) = project(rows, step_bank(rows, (best,)))
+    values, covariance = projection.amplitudes(rows.residuals)
     assert abs(values[0] - 8e-5) < 4.0 * np.sqrt(covariance[0, 0])
 
 
@@ -120,8 +120,8 @@ def test_a_simulated_knock_of_the_base_is_found_where_it_happened():
     best = max(scan_steps(rows), key=lambda scan: scan.evidence)
     assert best.joint is None
     assert best.at_s[best.best] == pytest.approx(at_s, abs=15.0)
-    (found,) = project(rows, step_bank(rows, (best,)))
-    values, covariance = found.amplitudes(rows.residuals)
+    (projection,) = project(rows, step_bank(rows, (best,)))
+    values, covariance = projection.amplitudes(rows.residuals)
     away = values - truth_mm
     assert away @ np.linalg.solve(covariance, away) < 25.0
 

@@ -65,7 +65,7 @@ def test_statistics_are_those_of_the_dense_predictive_covariance():
     adjustment = fit.adjustment
     columns = equations_of(adjustment).columns
     cofactors = np.linalg.pinv(columns.T @ columns, rcond=1e-13, hermitian=True)
-    found = adjustment.predicted(held_out)
+    prediction = adjustment.predicted(held_out)
     network, state = adjustment.network, adjustment.state
     n_free = network.parameters.n_free
     first = n_free
@@ -82,7 +82,7 @@ def test_statistics_are_those_of_the_dense_predictive_covariance():
                 full[:, own] = rows.by_unknowns[pose] * station.scales
                 covariance = np.eye(len(full)) + full @ cofactors @ full.T
                 v = rows.misclosures[pose]
-                assert found.statistics[station.poses[pose]] == pytest.approx(
+                assert prediction.statistics[station.poses[pose]] == pytest.approx(
                     v @ np.linalg.solve(covariance, v), rel=1e-4
                 )
 
@@ -168,11 +168,11 @@ def test_an_artefact_that_is_held_out_whole_is_predicted_but_for_its_place():
     for index in range(4):
         whole = of.campaign.poses.artefacts == index
         fit = fitted(of.campaign, of.arm, ~whole)
-        found = fit.adjustment.predicted(whole)
-        assert np.sum(found.degrees[whole]) == pytest.approx(3 * 40 - 3)
-        assert np.all(np.isnan(found.statistics[~whole]))
-        statistics += float(np.sum(found.statistics[whole]))
-        degrees += float(np.sum(found.degrees[whole]))
+        prediction = fit.adjustment.predicted(whole)
+        assert np.sum(prediction.degrees[whole]) == pytest.approx(3 * 40 - 3)
+        assert np.all(np.isnan(prediction.statistics[~whole]))
+        statistics += float(np.sum(prediction.statistics[whole]))
+        degrees += float(np.sum(prediction.degrees[whole]))
     assert statistics / degrees == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / degrees))
 
 

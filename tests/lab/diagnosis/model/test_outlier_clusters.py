@@ -42,9 +42,9 @@ def place_of(left_out):
 
 
 def some(mask, n, seed):
-    found = np.zeros_like(mask)
-    found[np.random.default_rng(seed).choice(np.flatnonzero(mask), n, False)] = True
-    return found
+    drawn = np.zeros_like(mask)
+    drawn[np.random.default_rng(seed).choice(np.flatnonzero(mask), n, False)] = True
+    return drawn
 
 
 @pytest.mark.parametrize("n", [3, 5, 9, 17])
@@ -107,7 +107,7 @@ def test_the_scan_is_that_of_all_windows_counted_one_by_one():
         )
         return ways / comb(n_poses, n)
 
-    for draw, found in zip(draws, lowest_log_p(lines, artefacts, draws), strict=True):
+    for draw, log_p in zip(draws, lowest_log_p(lines, artefacts, draws), strict=True):
         p_values = [1.0]
         for values in lines:
             out = values[draw]
@@ -119,7 +119,7 @@ def test_the_scan_is_that_of_all_windows_counted_one_by_one():
         for index in range(3):
             count = np.count_nonzero(artefacts[draw] == index)
             p_values.append(tail(count, np.count_nonzero(artefacts == index)))
-        assert found == pytest.approx(np.log(min(p_values)), abs=1e-9)
+        assert log_p == pytest.approx(np.log(min(p_values)), abs=1e-9)
 
 
 @cache
@@ -132,24 +132,24 @@ def narrow():
 
 
 def test_what_stays_excluded_at_one_angle_is_never_clean():
-    fault, found = narrow()
-    assert found.verdict == "unknown"
-    (term,) = found.terms
+    fault, diagnosis = narrow()
+    assert diagnosis.verdict == "unknown"
+    (term,) = diagnosis.terms
     assert (term.candidate.joint, term.candidate.covariate) == ("J2", "J2_rad")
     assert term.effect is None
     assert not term.accepted
-    assert found.adapted.effects == ()
+    assert diagnosis.adapted.effects == ()
     assert abs(term.cluster.low - fault.middle_rad) < 0.1
     assert abs(term.cluster.high - fault.middle_rad) < 0.1
 
 
 def test_the_place_is_reported_in_words_and_files():
-    _, found = narrow()
-    place = found.terms[0].cluster
+    _, diagnosis = narrow()
+    place = diagnosis.terms[0].cluster
     low, high = np.degrees([place.low, place.high])
-    (said,) = WORDS.lines("missing", found)
+    (said,) = WORDS.lines("missing", diagnosis)
     assert f"where the reading of J2 is {low:.4g} to {high:.4g} degrees" in said
-    (terms,) = diagnosis_json(found)["terms"]
+    (terms,) = diagnosis_json(diagnosis)["terms"]
     assert (terms["kind"], terms["joint"]) == ("empirical", "J2")
     assert terms["covariate"] == "J2_rad"
     assert terms["poses"] == {
@@ -158,5 +158,5 @@ def test_the_place_is_reported_in_words_and_files():
         "excluded": place.n_excluded,
         "all": place.n_poses,
     }
-    page = report_page(found, plots_of(found))
+    page = report_page(diagnosis, plots_of(diagnosis))
     assert page.count("contradict all others lie together") >= 1

@@ -130,8 +130,10 @@ def test_standard_deviations_are_those_of_the_adjustment(table):
     directions = parameters.effects.directions(adjustment.state.arm.geometry)
     inverse = adjustment.split.inverse[-directions.shape[1] :]
     stds = adjustment.sigma0 * np.linalg.norm(directions @ inverse, axis=1)
-    found = estimates_of(equations_of(adjustment), 0)
-    reported_stds = np.concatenate([np.atleast_1d(one.std) for one in found.values()])
+    estimates = estimates_of(equations_of(adjustment), 0)
+    reported_stds = np.concatenate(
+        [np.atleast_1d(estimate.std) for estimate in estimates.values()]
+    )
     np.testing.assert_allclose(reported_stds, stds, rtol=0.02, atol=1e-3 * stds.max())
 
 
@@ -152,22 +154,24 @@ def test_without_any_length_misclosures_say_nothing_of_it():
     assert rows.sum_of_squares == pytest.approx(adjustment.system.sum_of_squares)
     inverse = adjustment.split.inverse[-2:]
     stds = adjustment.sigma0 * np.linalg.norm(inverse, axis=1)
-    found = estimates_of(rows, 0)
-    np.testing.assert_allclose([one.std for one in found.values()], stds, rtol=1e-3)
+    estimates = estimates_of(rows, 0)
+    np.testing.assert_allclose(
+        [estimate.std for estimate in estimates.values()], stds, rtol=1e-3
+    )
 
 
 def test_estimates_have_the_keys_and_units_of_the_arm_file():
     _, fit = fit_with(frozen(WOBBLE))
-    found = estimates_of(equations_of(fit.adjustment), 0)
-    assert {key: one.unit for key, one in found.items()} == {
+    estimates = estimates_of(equations_of(fit.adjustment), 0)
+    assert {key: estimate.unit for key, estimate in estimates.items()} == {
         "cos_rad": "rad",
         "sin_rad": "rad",
     }
     axis = fit.adjustment.state.arm.geometry.axes[3]
-    for one in found.values():
-        assert np.shape(one.value) == np.shape(one.std) == (3,)
-        assert np.dot(one.value, axis) == pytest.approx(0.0, abs=1e-12)
-    assert fit.arm.effects[0].values["cos_rad"] == found["cos_rad"].value
+    for estimate in estimates.values():
+        assert np.shape(estimate.value) == np.shape(estimate.std) == (3,)
+        assert np.dot(estimate.value, axis) == pytest.approx(0.0, abs=1e-12)
+    assert fit.arm.effects[0].values["cos_rad"] == estimates["cos_rad"].value
 
 
 def test_slow_noise_widens_what_is_slow():
@@ -218,8 +222,10 @@ def test_estimates_scatter_as_much_as_they_say():
         before = fitted(campaign, start_arm, everyone)
         rows = equations_of(before.adjustment)
         for index, effect in enumerate(effects):
-            for key, one in estimates_of(rows, index).items():
-                away = np.subtract(one.value, effect.values[key]) / np.array(one.std)
+            for key, estimate in estimates_of(rows, index).items():
+                away = np.subtract(estimate.value, effect.values[key]) / np.array(
+                    estimate.std
+                )
                 deviations += np.atleast_1d(away).tolist()
     n = len(deviations)
     assert n == 15 * 6

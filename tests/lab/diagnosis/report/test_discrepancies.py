@@ -19,12 +19,12 @@ CONE = 2
 
 @pytest.fixture(scope="module")
 def fit() -> Fit:
-    found = measured()
-    eligible = np.ones(len(found.campaign.poses), dtype=np.bool_)
+    case = measured()
+    eligible = np.ones(len(case.campaign.poses), dtype=np.bool_)
     # A third of the poses takes no part, the first cone none at all.
     eligible[::3] = False
-    eligible[found.campaign.poses.artefacts == 0] = False
-    return fitted(found.campaign, found.arm, eligible)
+    eligible[case.campaign.poses.artefacts == 0] = False
+    return fitted(case.campaign, case.arm, eligible)
 
 
 @pytest.fixture(scope="module")
@@ -135,10 +135,12 @@ def test_other_noise_changes_the_units_only(fit, compared):
     twice = replace(
         noise, encoder_rad=2 * noise.encoder_rad, contact_mm=2 * noise.contact_mm
     )
-    found = discrepancies(fit.adjustment, twice)
-    assert np.allclose(2 * found.sizes, compared.sizes)
+    in_larger_units = discrepancies(fit.adjustment, twice)
+    assert np.allclose(2 * in_larger_units.sizes, compared.sizes)
     seen = np.isfinite(compared.misclosures_mm)
-    assert np.array_equal(found.misclosures_mm[seen], compared.misclosures_mm[seen])
+    assert np.array_equal(
+        in_larger_units.misclosures_mm[seen], compared.misclosures_mm[seen]
+    )
 
 
 def test_the_table_has_a_line_a_pose(compared, tmp_path):
@@ -152,5 +154,5 @@ def test_the_table_has_a_line_a_pose(compared, tmp_path):
     assert on_bar["before_2_mm"] == ""
     assert on_bar["feature"] in ("1", "2")
     errors_rad, _ = compared.reading_errors_rad(4)
-    found = [float(row["after_J5_rad"]) for row in rows]
-    assert np.allclose(found, errors_rad, rtol=1e-4)
+    printed_rad = [float(row["after_J5_rad"]) for row in rows]
+    assert np.allclose(printed_rad, errors_rad, rtol=1e-4)

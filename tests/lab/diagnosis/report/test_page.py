@@ -85,19 +85,19 @@ def test_the_verdict_is_first(page):
 
 
 def test_figures_are_those_of_the_result(page):
-    found = eccentric()
-    for step in found.ledger:
+    diagnosis = eccentric()
+    for step in diagnosis.ledger:
         assert f"{step.held_out.rms_mm:.5f}" in page.cells
         assert f"{step.held_out.chi2:.3f}" in page.cells
-    (term,) = found.terms
+    (term,) = diagnosis.terms
     at = page.cells.index("cos_rad")
     told = [float(cell) for cell in page.cells[at + 1 : at + 3]]
     expected = [term.estimates["cos_rad"].value, term.estimates["cos_rad"].std]
     assert told == pytest.approx(expected, rel=0.05)
     assert page.cells[at + 3] == "rad"
-    line = str(int(found.campaign.poses.lines[100]))
+    line = str(int(diagnosis.campaign.poses.lines[100]))
     assert line in page.cells
-    assert f"Seed {found.seed}" in page.text
+    assert f"Seed {diagnosis.seed}" in page.text
     assert "encoder eccentricity [µrad]" in page.cells
     at = page.cells.index("drift of the base")
     assert page.cells[at + 1 : at + 3] == ["10 nm/s", "3 µm"]
@@ -244,10 +244,10 @@ def test_the_length_of_a_standard_moves_no_pose(plots):
 def test_means_over_parts_of_a_range():
     x = np.repeat([-1.0, 1.0], 50)
     y = np.where(x < 0, 3.0, 5.0) + np.tile([-1.0, 1.0], 50)
-    found = binned(x, y)
-    assert found.centres.tolist() == [-1.0, 1.0]
-    assert found.means.tolist() == [3.0, 5.0]
-    assert np.allclose(found.errors, 1.0 / 7.0)
+    in_parts = binned(x, y)
+    assert in_parts.centres.tolist() == [-1.0, 1.0]
+    assert in_parts.means.tolist() == [3.0, 5.0]
+    assert np.allclose(in_parts.errors, 1.0 / 7.0)
     many = binned(np.arange(1000.0), np.arange(1000.0))
     assert len(many.centres) == 24
     assert np.allclose(many.means, many.centres)
@@ -255,8 +255,8 @@ def test_means_over_parts_of_a_range():
 
 def test_noisy_poses_weigh_less_in_means():
     x, y = np.zeros(4), np.array([1.0, 1.0, 9.0, 9.0])
-    found = binned(x, y, np.array([1.0, 1.0, 1e3, 1e3]))
-    assert found.means[0] == pytest.approx(1.0, abs=1e-4)
+    in_parts = binned(x, y, np.array([1.0, 1.0, 1e3, 1e3]))
+    assert in_parts.means[0] == pytest.approx(1.0, abs=1e-4)
 
 
 def test_no_poses_have_no_means():

@@ -220,9 +220,9 @@ def test_a_move_of_the_base_names_that_of_the_artefacts():
         line for line in WORDS.lines("missing", diagnosis) if "moved against" in line
     )
     assert "all artefacts, together, moved against the base" in line
-    one = replace(diagnosis.campaign, artefacts=diagnosis.campaign.artefacts[:1])
-    said = " ".join(WORDS.lines("missing", replace(diagnosis, campaign=one)))
-    assert f"that {one.artefacts[0].id} moved against the base" in said
+    campaign = replace(diagnosis.campaign, artefacts=diagnosis.campaign.artefacts[:1])
+    said = " ".join(WORDS.lines("missing", replace(diagnosis, campaign=campaign)))
+    assert f"that {campaign.artefacts[0].id} moved against the base" in said
     said = " ".join(WORDS.lines("missing", eccentric()))
     assert "moved against" not in said
 
@@ -293,12 +293,12 @@ def test_a_curve_says_where_it_was_seen():
             "values_rad": [0.0, 1e-5, 2e-5, 0.0],
         }
     )
-    one = diagnosis.terms[0]
+    term = diagnosis.terms[0]
     curve = replace(
-        one,
+        term,
         effect=effect,
         status="unknown",
-        candidate=replace(one.candidate, kind="empirical", covariate="J3_rad"),
+        candidate=replace(term.candidate, kind="empirical", covariate="J3_rad"),
         estimates={},
     )
     words = " ".join(summary_lines(replace(diagnosis, terms=(curve,))))

@@ -79,8 +79,8 @@ def read(folder):
 def test_latency_and_backlash_are_found(folders, tmp_path):
     folder = folders(LATENCY, BACKLASH)
     arguments = ["diagnose", str(folder), "--arm", str(folder / "arm.toml")]
-    found = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "out")])
-    assert found.exit_code == 0, found.output
+    ran = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "out")])
+    assert ran.exit_code == 0, ran.output
     result = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert result["verdict"] == "named"
     terms = {(term["kind"], term["joint"]): term for term in result["terms"]}
@@ -97,7 +97,7 @@ def test_latency_and_backlash_are_found(folders, tmp_path):
     _, first = decimated(*read(folder)[::-1])
     assert 1.3 * len(first.poses) < stream["poses"] <= 2000
     assert stream["rate_hz"] == pytest.approx(200.0)
-    assert "samples at 200 Hz" in found.output
+    assert "samples at 200 Hz" in ran.output
     adapted = read_arm(tmp_path / "out" / "arm.toml")
     assert {effect.kind for effect in adapted.effects} == {
         "encoder_latency",
@@ -135,7 +135,10 @@ def test_what_correlation_is_left_hardly_widens_any_estimate(folders):
     covariance[np.diag_indices_from(covariance)] += 1.0 - SHARE
     ratios = [
         np.sqrt(np.einsum("rd,rs,sd->d", u, covariance, u, optimize=True))
-        for u in (one.directions for one in project(rows, library_bank(rows, arm)))
+        for u in (
+            projection.directions
+            for projection in project(rows, library_bank(rows, arm))
+        )
     ]
     wider = np.concatenate(ratios)
     assert len(wider) > 100
@@ -183,15 +186,17 @@ def test_harmonics_of_all_samples_are_those_of_the_dense_algebra(folders):
         )
     )
     harmonics = stream_harmonics(rows, included)
-    by_name = {one.candidate.name: one for one in harmonics}
+    by_name = {harmonic.candidate.name: harmonic for harmonic in harmonics}
     dense = judge(rows, project(rows, harmonic_bank(rows)))
     ratios, amplitudes = [], []
-    for one, statistic in zip(dense.projected, dense.statistics, strict=True):
-        if len(one.singular_values) < 2 or one.singular_values.min() < 1.0:
+    for harmonic, statistic in zip(dense.projected, dense.statistics, strict=True):
+        if len(harmonic.singular_values) < 2 or harmonic.singular_values.min() < 1.0:
             continue
-        other = by_name[one.candidate.name]
-        ratios.append((one.candidate.order or 1, other.statistic / statistic))
-        amplitudes.append((other.amplitudes_rad, one.amplitudes(rows.residuals)[0]))
+        other = by_name[harmonic.candidate.name]
+        ratios.append((harmonic.candidate.order or 1, other.statistic / statistic))
+        amplitudes.append(
+            (other.amplitudes_rad, harmonic.amplitudes(rows.residuals)[0])
+        )
     orders, quotients = np.array(ratios).T
     assert len(orders) > 300
     # One excess for each order; joints agree.

@@ -86,30 +86,30 @@ def problem():
 
 def test_shifts_are_those_of_least_squares():
     rows, groups, residuals, spoilt = problem()
-    found = shifted(groups, rows.basis, residuals, spoilt)
-    columns = np.zeros((len(residuals), len(found.rows)))
-    columns[found.rows, np.arange(len(found.rows))] = 1.0
+    shifts = shifted(groups, rows.basis, residuals, spoilt)
+    columns = np.zeros((len(residuals), len(shifts.rows)))
+    columns[shifts.rows, np.arange(len(shifts.rows))] = 1.0
     design = np.hstack([rows.basis, columns])
     solution, *_ = np.linalg.lstsq(design, residuals, rcond=None)
     left = residuals - design @ solution
-    np.testing.assert_allclose(found.sizes, solution[rows.basis.shape[1] :], atol=1e-9)
-    assert found.sum_of_squares == pytest.approx(left @ left)
-    assert found.cost == pytest.approx(left @ left + 2 * 28.0 + 20.0)
+    np.testing.assert_allclose(shifts.sizes, solution[rows.basis.shape[1] :], atol=1e-9)
+    assert shifts.sum_of_squares == pytest.approx(left @ left)
+    assert shifts.cost == pytest.approx(left @ left + 2 * 28.0 + 20.0)
     # Taking one shift away raises the squares by its statistic.
-    for at, pose in enumerate(found.poses):
+    for at, pose in enumerate(shifts.poses):
         fewer = spoilt.copy()
         fewer[pose] = False
         more = shifted(groups, rows.basis, residuals, fewer).sum_of_squares
-        assert more - found.sum_of_squares == pytest.approx(found.statistics[at])
+        assert more - shifts.sum_of_squares == pytest.approx(shifts.statistics[at])
 
 
 def test_blunders_are_found_from_any_start():
     rows, groups, residuals, spoilt = problem()
     rng = np.random.default_rng(2)
     for start in (spoilt, np.zeros_like(spoilt), rng.random(len(spoilt)) < 0.05):
-        found = best_mean_shifts(groups, rows.basis, residuals, start)
-        assert set(found.poses) == set(np.flatnonzero(spoilt))
-        assert np.all(found.statistics > found.limits)
+        shifts = best_mean_shifts(groups, rows.basis, residuals, start)
+        assert set(shifts.poses) == set(np.flatnonzero(spoilt))
+        assert np.all(shifts.statistics > shifts.limits)
 
 
 def test_statistics_beside_a_curve_are_those_of_a_basis_with_it():
@@ -120,5 +120,5 @@ def test_statistics_beside_a_curve_are_those_of_a_basis_with_it():
         basis = np.hstack([rows.basis, curve.directions])
         left = residuals - curve.directions @ along
         expected = shifted(groups, basis, left, spoilt).statistics
-        found = plain.statistics_with(curve.directions, along)
-        np.testing.assert_allclose(found, expected, rtol=1e-6)
+        updated = plain.statistics_with(curve.directions, along)
+        np.testing.assert_allclose(updated, expected, rtol=1e-6)
