@@ -103,7 +103,7 @@ check: lint  ## lint, and the quick tests of what has changed; about a minute
 lint: venv  ## ruff, mypy --strict, import contracts, warnings of the firmware
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/mypy
+	$(BIN)/mypy --num-workers 2
 	$(BIN)/lint-imports
 	@$(MAKE) --no-print-directory -C firmware check BUILD=$(abspath $(BUILD))/firmware
 
