@@ -18,6 +18,7 @@ import pytest
 from xdist.scheduler import LoadFileScheduling
 
 from tests import programs, shared, warm_start
+from tests.forked_workers import ForkedWorkers
 from tests.mosquitto import Mosquitto
 
 GRACE_S = 2.0
@@ -25,6 +26,7 @@ GRACE_S = 2.0
 LONG = ("lab/diagnosis", "lab/identification")
 LINKS = pytest.StashKey[Path]()
 SHARED = pytest.StashKey["TemporaryDirectory[str]"]()
+WORKERS = pytest.StashKey[ForkedWorkers]()
 # How long an example takes says how busy this machine is. Each run draws others; many
 # more are run by `make fuzz`: --hypothesis-profile=thorough.
 hypothesis.settings.register_profile("quick", deadline=None, max_examples=25)
@@ -42,8 +44,19 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ[shared.FOLDER] = config.stash[SHARED].name
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_setupnodes(config: pytest.Config, specs: list[Any]) -> None:
+    """Fork workers from one process that imports all tests."""
+    workers = ForkedWorkers(Path(config.stash[SHARED].name), config.args)
+    config.stash[WORKERS] = workers
+    for spec in specs:
+        spec.python = workers.interpreter
+
+
 def pytest_unconfigure(config: pytest.Config) -> None:
     """Remove it."""
+    if WORKERS in config.stash:
+        config.stash[WORKERS].close()
     if SHARED in config.stash:
         del os.environ[shared.FOLDER]
         config.stash[SHARED].cleanup()
