@@ -169,6 +169,41 @@ def live(
     run(f"ws://{host}:{port}", work())
 
 
+@gateway.command("opcua")
+def opcua(
+    *,
+    arm: str,
+    broker: BrokerOptions,
+    listen: str = "4840",
+    since: Literal["now", "session", "beginning"] = "now",
+) -> None:
+    """Serve state, pose and points to OPC UA clients, which read only.
+
+    Ends on Ctrl-C or SIGTERM.
+
+    Args:
+        arm: Name of the arm.
+        listen: PORT on this machine, or HOST:PORT.
+        since: From where on points are events.
+    """
+    from traverse.client.arm import Arm
+    from traverse.client.gateways.opcua import OpcUaServer
+
+    with refusals(ValueError):
+        host, port = host_port(listen, "--listen", "127.0.0.1")
+    address = broker.address()
+
+    async def work() -> None:
+        client = Arm(arm, address, since=since)
+        server = OpcUaServer(client, host, port, report)
+        async with client, server:
+            report(f"OPC UA server of {arm} on {server.address}")
+            await until_signal(server.serve())
+        report(f"{counted(server.points, 'point')} served")
+
+    run(f"tcp {host}:{port}", work())
+
+
 @gateway.command("lines")
 def lines(
     *,
@@ -201,7 +236,7 @@ def lines(
         serial: Write to this serial port.
         baud: Of the serial port [baud].
         file: Append to this file.
-        template: pcdmis, linuxcnc, spreadsheet, or a text with {names}.
+        template: pcdmis, linuxcnc, spreadsheet, mtconnect, or a text with {names}.
         undo: Template for points taken back; else none.
         kind: What is sent.
         coordinates: Of x, y and z.

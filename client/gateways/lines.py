@@ -16,10 +16,12 @@ from traverse.protocol.messages import Point, Scan
 TEMPLATES = {
     "pcdmis": r"{x:.4f},{y:.4f},{z:.4f}\r\n",
     "linuxcnc": r"{x:.6f} {y:.6f} {z:.6f} 0 0 0 0 0 0\n",
+    "mtconnect": r"{time_utc}|point_id|{id}|point|{x:.4f} {y:.4f} {z:.4f}\n",
     "spreadsheet": r"{seq}\t{x:.4f}\t{y:.4f}\t{z:.4f}\t{artefact}\t{flags}\r\n",
 }
 """PC-DMIS: a line of a machine of type "Generic CMM"; LinuxCNC: a line of a probe log,
-X Y Z A B C U V W; a spreadsheet: columns with tabs, the flags of doubt last."""
+X Y Z A B C U V W; MTConnect: SHDR of an adapter; a spreadsheet: columns with tabs, the
+flags of doubt last."""
 MAX_IDS = 10_000  # a point that was taken back is looked for among the latest
 UNITS_MM = {"mm": 1.0, "inch": 25.4}
 

@@ -41,6 +41,7 @@ WITHOUT = {
     "gateway lines": "its lines have the form that is asked for",
     "gateway keys": "what it types has the form that is asked for",
     "gateway live": "a server for viewers",
+    "gateway opcua": "a server for clients of OPC UA",
     "gateway home-assistant": "a service; what it publishes is JSON",
 }
 ELSEWHERE = {

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import aiomqtt
 import pytest
+from asyncua import Client, Node
 
 from tests.client.gateways.foxglove_viewer import Viewer
 from tests.client.virtual_daemon import VirtualDaemon
@@ -19,6 +20,7 @@ from tests.end_to_end.programs import Program
 from tests.mosquitto import Mosquitto, free_port
 from tests.running import invoke, run_traverse
 from traverse.client.cancel_tasks import cancel_tasks
+from traverse.client.gateways.opcua import NAMESPACE
 from traverse.lab.daily_check.figures import DailyCheckFigures
 from traverse.lab.daily_check.history import Check, add_check
 from traverse.testing.waiting import until
@@ -171,6 +173,40 @@ async def test_the_live_view_as_a_program(mosquitto: Mosquitto, tmp_path: Path) 
                 )
             assert await program.stop() == 0
     assert program.log.splitlines()[-1] == "2 points shown"
+
+
+@pytest.mark.needs("mosquitto")
+async def test_the_opc_ua_server_as_a_program(
+    mosquitto: Mosquitto, tmp_path: Path
+) -> None:
+    broker = f"{mosquitto.host}:{mosquitto.port}"
+    arm = f"arm-{uuid.uuid4().hex[:8]}"
+    virtual = VirtualDaemon(arm, mosquitto.host, mosquitto.port)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        options = ("--arm-name", arm, "--broker", broker, "--listen", port)
+        result = run_traverse(tmp_path, "gateway", "opcua", *options, status=2)
+    assert result.stderr.endswith(
+        f"tcp 127.0.0.1:{port}: Address already in use; name another port\n"
+    )
+    async with virtual.running():
+        with Program(tmp_path, "opcua", "gateway", "opcua", *options) as program:
+            await until(lambda: "OPC UA server of" in program.log, "the server")
+            async with Client(f"opc.tcp://127.0.0.1:{port}/") as client:
+                index = await client.get_namespace_index(NAMESPACE)
+                path = [f"{index}:{name}" for name in (arm, "LastPoint", "Sequence")]
+                sequence = await client.nodes.objects.get_child(path)
+                await virtual.take(2)
+                while await read_or_none(sequence) != 1:  # noqa: ASYNC110 - polled
+                    await asyncio.sleep(0.05)
+            assert await program.stop() == 0
+    assert program.log.splitlines()[-1] == "2 points served"
+
+
+async def read_or_none(variable: Node) -> object:
+    """Its value; None while it has none."""
+    data = await variable.read_data_value(raise_on_bad_status=False)
+    return None if data.StatusCode.is_bad() else data.Value.Value
 
 
 def test_a_port_that_is_taken_is_refused(tmp_path: Path) -> None:

@@ -78,6 +78,12 @@ def good(point_id: str, **other: Any) -> Point:
     ("template", "other", "line"),
     [
         ("pcdmis", {}, "612.2500,-80.5000,301.1250\r\n"),
+        (
+            "mtconnect",
+            {},
+            "2026-11-21T08:54:07.123456789Z|point_id|a|"
+            "point|612.2500 -80.5000 301.1250\n",
+        ),
         ("pcdmis", {"unit": "inch"}, "24.1043,-3.1693,11.8553\r\n"),
         ("pcdmis", {"coordinates": "surface"}, "614.0500,-80.5000,298.7250\r\n"),
         ("linuxcnc", {}, "612.250000 -80.500000 301.125000 0 0 0 0 0 0\n"),
