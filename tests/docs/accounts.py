@@ -51,6 +51,9 @@ ELSEWHERE: Final = {
     r"traverse check bad.toml": "tests/cli/test_check.py",
     r"traverse collect ": "tests/end_to_end/cli/test_collect.py",
     r"traverse gateway live ": "tests/cli/points/test_gateway.py",
+    r"traverse gateway lines .*--template mtconnect": (
+        "tests/client/gateways/test_lines.py"
+    ),
     r"traverse gateway opcua ": "tests/cli/points/test_gateway.py",
     r"traverse gateway keys ": "tests/client/gateways/test_keys.py",
     r"traverse gateway home-assistant ": "tests/cli/points/test_gateway.py",
