@@ -45,6 +45,7 @@ from traverse.broker.packets import (
     subscribe_packet,
     unsubscribe_packet,
 )
+from traverse.broker.resolver import addresses_of
 
 log = logging.getLogger(__name__)
 
@@ -206,13 +207,12 @@ class MqttClient(asyncio.BufferedProtocol):
             OSError: none did; the error of the last one.
         """
         name = self.hostname if self.tls_context is not None else None
-        places = await self._loop.getaddrinfo(self.hostname, self.port, type=1)
         failure: OSError | None = None
-        for *_, (address, *_) in places:
+        for address in await addresses_of(self.hostname, self.port):
             try:
                 await self._loop.create_connection(
                     lambda: self,
-                    str(address),
+                    address,
                     self.port,
                     ssl=self.tls_context,
                     server_hostname=name,

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
 MOST_BYTES = 64 * 2**20  # of a file that is read whole; recordings and tables are not
+MOST_TOML_BYTES = 8 * 2**20  # whose values take a hundred times as much memory
 MOST_LINE = 2**20  # characters of a line
 
 
@@ -33,16 +34,16 @@ def open_regular(path: Path) -> BinaryIO:
     return file
 
 
-def bytes_of(path: Path) -> bytes:
-    """Read a whole file of at most `MOST_BYTES`.
+def bytes_of(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """Read a whole file of at most so many bytes.
 
     Raises:
         OSError: It cannot be read, is larger, or is not a regular file.
     """
     with open_regular(path) as file:
-        content = file.read(MOST_BYTES + 1)
-    if len(content) > MOST_BYTES:
-        what = f"is larger than {MOST_BYTES // 2**20} MiB"
+        content = file.read(most_bytes + 1)
+    if len(content) > most_bytes:
+        what = f"is larger than {most_bytes // 2**20} MiB"
         raise OSError(errno.EFBIG, what, str(path))
     return content
 

@@ -16,9 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from traverse.plurals import counted
-from traverse.strict_toml.files import bytes_of
+from traverse.strict_toml.files import MOST_TOML_BYTES, bytes_of
 
 _SHOWN_LENGTH = 60
+MOST_SHOWN = 100  # problems of a file
 DEEPEST = 32
 LARGEST = 1e20
 _SYNTAX_PLACE = re.compile(r" \(at (line \d+, column \d+|end of document)\)$")
@@ -98,14 +99,18 @@ class FileError(ValueError):
         super().__init__(self.source, self.problems)
 
     def __str__(self) -> str:
-        count = len(self.problems)
-        head = f"{self.source}: {counted(count, 'problem')}"
-        return "\n".join([head, *(f"  {problem}" for problem in self.problems)])
+        head = f"{self.source}: {counted(len(self.problems), 'problem')}"
+        return "\n".join([head, *(f"  {text}" for text in self._shown())])
 
     @property
     def line(self) -> str:
         """The same on one line, for messages and logs."""
-        return f"{self.source}: {'; '.join(map(str, self.problems))}"
+        return f"{self.source}: {'; '.join(self._shown())}"
+
+    def _shown(self) -> list[str]:
+        texts = [str(problem) for problem in self.problems[:MOST_SHOWN]]
+        n_more = len(self.problems) - len(texts)
+        return [*texts, f"and {n_more} more"] if n_more else texts
 
 
 def key_path(location: Iterable[str | int]) -> str:
@@ -223,11 +228,11 @@ def problem_from_error(error: Mapping[str, Any], known: Collection[str]) -> Prob
 
 def in_file_order(problems: Iterable[Problem], raw: Mapping[str, Any]) -> list[Problem]:
     """Sort problems by the table they are in, as the file has them."""
-    tables = list(raw)
+    places = {name: number for number, name in enumerate(raw)}
 
     def place(problem: Problem) -> tuple[int, list[tuple[int, str]]]:
         steps = re.findall(r"[^.\[\]]+", problem.where)
-        table = tables.index(steps[0]) if steps and steps[0] in tables else len(tables)
+        table = places.get(steps[0], len(places)) if steps else len(places)
         return table, [(int(s), "") if s.isdigit() else (-1, s) for s in steps[:2]]
 
     return sorted(problems, key=place)
@@ -240,7 +245,7 @@ def toml_text(path: Path) -> str:
         FileError: It cannot be read, or is not UTF-8.
     """
     try:
-        content = bytes_of(path)
+        content = bytes_of(path, MOST_TOML_BYTES)
     except OSError as error:
         raise FileError(path, f"cannot be read: {system_reason(error)}") from error
     try:

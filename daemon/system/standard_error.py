@@ -7,12 +7,15 @@ sockets are written without waiting, and files are always ready. Lines that are 
 taken are dropped and counted; the next one that is taken says so.
 """
 
+import contextlib
 import os
 import select
 import socket
 import stat
 import sys
 from typing import TextIO
+
+from traverse.plurals import counted
 
 PIECE_BYTES = select.PIPE_BUF
 
@@ -39,7 +42,8 @@ class StandardError:
             return
         report = ""
         if self._n_unreported:
-            report = f"{self._n_unreported} lines dropped here: nobody read them\n"
+            lines = counted(self._n_unreported, "line")
+            report = f"{lines} dropped here: they were not taken\n"
         if _written(number, (report + text).encode("utf-8", "backslashreplace")):
             self._n_unreported = 0
         else:
@@ -57,8 +61,9 @@ def _written(number: int, data: bytes) -> bool:
     """Write to a descriptor while it takes bytes; return whether it took all."""
     mode = os.fstat(number).st_mode
     if stat.S_ISREG(mode):
-        os.write(number, data)
-        return True
+        with contextlib.suppress(OSError):  # its disk is full
+            return os.write(number, data) == len(data)
+        return False
     ready = select.poll()
     ready.register(number, select.POLLOUT)
     while data:

@@ -10,13 +10,14 @@ import pytest
 from traverse.strict_toml.files import (
     MOST_BYTES,
     MOST_LINE,
+    MOST_TOML_BYTES,
     bytes_of,
     json_of,
     open_regular,
     text_lines,
 )
-from traverse.strict_toml.problems import FileError, Problem
-from traverse.strict_toml.reader import StrictModel, parse_strict
+from traverse.strict_toml.problems import MOST_SHOWN, FileError, Problem
+from traverse.strict_toml.reader import StrictModel, parse_strict, read_strict
 
 
 @pytest.mark.parametrize("kind", ["fifo", "endless", "folder"])
@@ -129,6 +130,25 @@ def test_other_units_and_decimal_commas_are_answered_with_what_to_write(text, sa
     with pytest.raises(FileError) as refused:
         parse_strict(text, "arm.toml", Arm)
     assert said in str(refused.value)
+
+
+def test_of_thousands_of_problems_the_first_are_shown():
+    text = "".join(f"k{number} = 1\n" for number in range(2_000))
+    with pytest.raises(FileError) as refused:
+        parse_strict(text, "arm.toml", Arm)
+    first, *lines, last = str(refused.value).splitlines()
+    assert first == "arm.toml: 2000 problems"
+    assert len(lines) == MOST_SHOWN
+    assert last == f"  and {2000 - MOST_SHOWN} more"
+    assert refused.value.line.endswith(last.strip())
+
+
+def test_a_larger_file_is_not_parsed(tmp_path):
+    path = tmp_path / "arm.toml"
+    path.touch()
+    os.truncate(path, MOST_TOML_BYTES + 1)
+    with pytest.raises(FileError, match="larger than 8 MiB"):
+        read_strict(path, Arm)
 
 
 def test_cross_check_alone_refuses_a_file():

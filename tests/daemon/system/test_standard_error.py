@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import resource
 import socket
 import sys
 import threading
@@ -51,7 +52,9 @@ def test_a_pipe_that_nobody_reads_costs_lines_and_no_time(pipe):
     assert error.n_dropped == 11
     assert os.read(reading, 100_000).decode() == LINE * n_written
     error.write("now\n")
-    assert os.read(reading, 1000) == b"11 lines dropped here: nobody read them\nnow\n"
+    assert (
+        os.read(reading, 1000) == b"11 lines dropped here: they were not taken\nnow\n"
+    )
     error.write("then\n")
     assert os.read(reading, 1000) == b"then\n"
     assert error.n_dropped == 11
@@ -77,6 +80,22 @@ def test_a_file_and_an_object_without_descriptor_take_it(tmp_path, capsys):
     assert (tmp_path / "log").read_text() == "line\n"
     StandardError().write("line\n")  # pytest's object
     assert capsys.readouterr().err == "line\n"
+
+
+def test_a_file_that_may_not_grow_costs_lines(tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with (tmp_path / "log").open("w") as file:
+        error = StandardError(file)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
+        try:
+            error.write("lost\n")
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        error.write("line\n")
+    assert error.n_dropped == 1
+    first, second = (tmp_path / "log").read_text().splitlines()
+    assert first.startswith("1 line dropped here")
+    assert second == "line"
 
 
 def test_a_reader_that_has_gone_is_no_error():
