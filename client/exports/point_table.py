@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import IO, ClassVar, Literal, Self
+from typing import IO, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,7 +186,7 @@ class Sink(ABC):
         lacks: what the format cannot carry, for people; may be empty.
     """
 
-    lacks: ClassVar[str] = ""
+    lacks: str = ""
 
     def __init__(self, file: IO[bytes], coordinates: Coordinates = "centre") -> None:
         self._file = file

@@ -204,6 +204,8 @@ class Template(Sink):
     ) -> None:
         super().__init__(file, coordinates)
         self._template = LineTemplate(template, SPECIMEN)
+        if self._template.names.isdisjoint({"ok", "flags"}):
+            self.lacks = "quality: what is in doubt is not marked; {ok} and {flags} are"
 
     def points(self, points: Sequence[Point]) -> None:
         self._check(points)

@@ -16,12 +16,14 @@ class ConfirmedDevice:
         encoders: their description, see `encoders_text`.
         serials: of the device, see `Identity`.
         boot: its power-up; empty if it cannot tell.
+        firmware: of the device; empty if it does not say.
         offsets_rad: by joint, added to its reading by homing.
     """
 
     encoders: str
     serials: tuple[str, ...] = ()
     boot: str = ""
+    firmware: str = ""
     offsets_rad: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
@@ -33,7 +35,8 @@ class ConfirmedDevice:
         """
         offsets_rad = {str(j): float(a) for j, a in dict(values["offsets_rad"]).items()}
         serials = tuple(str(serial) for serial in values["serials"])
-        return cls(str(values["encoders"]), serials, str(values["boot"]), offsets_rad)
+        encoders, boot = str(values["encoders"]), str(values["boot"])
+        return cls(encoders, serials, boot, str(values["firmware"]), offsets_rad)
 
     def to_values(self) -> dict[str, Any]:
         return {**asdict(self), "serials": list(self.serials)}

@@ -212,9 +212,8 @@ class ReferenceMonitor:
             return f"{device} was never confirmed{lost}"
         if known.serials != identity.serials:
             return f"{device} is not the device that was confirmed"
-        if known.encoders != self._encoders_text(device):
-            text = "counts, or is homed, otherwise than when confirmed"
-            return f"{device}, or the arm file, {text}"
+        if change := self._change_of_counting(device, known):
+            return change
         has_lost_power = up.restarted or bool(
             identity.boot and identity.boot != known.boot
         )
@@ -226,6 +225,17 @@ class ReferenceMonitor:
         # Another one answers like this one; boards with one switch even count alike.
         if (is_first or is_back) and not self._is_recognised(device):
             return f"no serial number shows that {device} is what was confirmed"
+        return ""
+
+    def _change_of_counting(self, device: str, known: ConfirmedDevice) -> str:
+        """State what says that a device counts otherwise; empty if nothing does."""
+        if known.encoders != self._encoders_text(device):
+            text = "counts, or is homed, otherwise than when confirmed"
+            return f"{device}, or the arm file, {text}"
+        firmware = self._identities[device].firmware
+        if known.firmware not in ("", firmware):
+            text = f"firmware {known.firmware} when confirmed, {firmware} now"
+            return f"{device} may count otherwise: {text}"
         return ""
 
     def _encoders_text(self, device: str) -> str:
@@ -372,6 +382,7 @@ class ReferenceMonitor:
                 self._encoders_text(device),
                 identity.serials,
                 identity.boot,
+                identity.firmware,
                 offsets_rad,
             )
         if confirmed:

@@ -215,19 +215,20 @@ def test_a_damaged_line_is_named(lines: Path, tmp_path: Path) -> None:
         ("qif", ""),
         ("csv", ""),
         ("jsonl", ""),
+        ("text --template {x};{y}", "what is in doubt is not marked"),
+        ("text --template {x};{ok}", ""),
+        ("text --template {x};{flags}", ""),
     ],
 )
 def test_what_a_format_cannot_carry_is_said(
     to: str, lacks: str, lines: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / f"out.{to}"
-    said = export(lines, "--to", to, "--out", out)
+    out, words = tmp_path / "out", ("--to", *to.split())
+    said = export(lines, *words, "--out", out)
     assert "3 points, 3 in doubt" in said.stderr
     assert ("not in this file" in said.stderr) == bool(lacks)
     assert lacks in said.stderr
-    report = json.loads(
-        export(lines, "--to", to, "--out", out, "--force", "--json").stdout
-    )
+    report = json.loads(export(lines, *words, "--out", out, "--force", "--json").stdout)
     assert report["in_doubt"] == 3
     assert lacks in report["lacks"]
 

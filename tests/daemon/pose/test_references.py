@@ -182,7 +182,7 @@ def test_what_is_confirmed_outlives_the_daemon(tmp_path):
     path = tmp_path / "references.json"
     memory = ReferenceFile(path)
     assert memory.devices == {}
-    base = ConfirmedDevice("J1: channel 0", ("AAA111", ""), "b", {"J1": -1.25})
+    base = ConfirmedDevice("J1: channel 0", ("AAA111", ""), "b", "1.2.3", {"J1": -1.25})
     memory.add({"base": ConfirmedDevice("J1: channel 0", boot="a")})
     memory.add({"base": base, "wrist": ConfirmedDevice("J2: channel 1")})
     memory.writing.result(timeout=10.0)  # durable before it is answered
@@ -501,3 +501,23 @@ def test_another_arm_file_needs_another_confirmation(tmp_path):
     other.monitor.on_up(up(absolute=True))
     assert other.is_doubtful
     assert "otherwise than when confirmed" in other.events[0].text
+
+
+@pytest.mark.parametrize("is_restart_of_daemon", [False, True])
+def test_other_firmware_may_count_otherwise(tmp_path, is_restart_of_daemon):
+    memory = ReferenceMemory()
+    absolute = ARM.replace("sign =", "absolute = true\nsign =")
+    rig = Rig(tmp_path, absolute, memory)
+    identity = replace(BOARD, boot="a", serials=("A1",), firmware="1.2.3")
+    rig.accept(DeviceUp("base", identity, restarted=False))
+    if is_restart_of_daemon:
+        rig = Rig(tmp_path, absolute, memory)
+    rig.monitor.on_up(DeviceUp("base", replace(identity, boot="b"), restarted=True))
+    assert not rig.is_doubtful
+
+    updated = replace(identity, boot="c", firmware="1.3.0")
+    rig.accept(DeviceUp("base", updated, restarted=True))
+    texts = [event.text for event in rig.events if event.active]
+    assert "firmware 1.2.3 when confirmed, 1.3.0 now" in texts[-1]
+    rig.monitor.on_up(DeviceUp("base", replace(updated, boot="d"), restarted=True))
+    assert not rig.is_doubtful
