@@ -360,8 +360,14 @@ class LatchBoardSession:
         token: int,
         received_ns: int,
     ) -> bool:
-        ticks = self.clock.unwrap_one(latch.ticks)
-        time_status = int(self._time_status(self.clock.is_before_step(ticks)))
+        clock = self.clock
+        ticks = clock.unwrap_one(latch.ticks)
+        time_status = int(self._time_status(clock.is_before_step(ticks)))
+        bound_ns = clock.error_bound_ns
+        if number is not None and clock.is_newer(ticks):
+            # No reading since then denies that the counter stood still meanwhile.
+            late_ns = received_ns - self._debounce_ns - clock.to_ns(ticks)
+            bound_ns = max(bound_ns, late_ns)
         return self._put(
             LatchedCounts(
                 self._device,
@@ -370,13 +376,13 @@ class LatchBoardSession:
                 token,
                 ticks,
                 received_ns,
-                min(self.clock.to_ns(ticks), received_ns),
+                min(clock.to_ns(ticks), received_ns),
                 latch.counts,
                 tuple(
                     time_status | status
                     for status in bytes(latch.status).translate(_STATUS_BYTES)
                 ),
-                self.clock.error_bound_ns,
+                bound_ns,
             )
         )
 

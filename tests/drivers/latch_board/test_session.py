@@ -123,6 +123,18 @@ def known(session) -> int:
     return UP_TICKS + 20_000 * 500
 
 
+def test_an_edge_after_all_reads_may_be_as_old_as_it_is_late(session, delivered, known):
+    """The counter may have stood still just then; a later reading denies it."""
+    ticks, late_ns = known + 10_000, 2_700_000
+    read_ns = received_at_ns(ticks) + DEBOUNCE_TICKS * 1000 + late_ns
+    session.take(edge(0, ticks), read_ns)
+    assert late_ns - 400_000 < delivered[-1].time_bound_ns <= late_ns
+
+    beat_at(session, ticks + 20_000, n_edges=1)
+    session.take(edge(1, ticks + 15_000), read_ns + 20_000_000)
+    assert delivered[-1].time_bound_ns < 400_000
+
+
 def beat_at(session, ticks, late_ns=200_000, n_edges=0):
     beat = replace(heartbeat(n_edges, back=n_edges), ticks=ticks)
     session.take(beat, received_at_ns(ticks) + late_ns)
