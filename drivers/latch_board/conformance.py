@@ -147,6 +147,9 @@ class BoardTester:
     def _heartbeat(self) -> wire.Heartbeat:
         """The next heartbeat, of every 50 ms."""
         self._expect_reply(3, 0, 0, "BHHI", 2, 0xFF, 50, 0, 5000)
+        return self._next_heartbeat()
+
+    def _next_heartbeat(self) -> wire.Heartbeat:
         frames = self._line.gather(1.0, lambda frame: frame.body[0] == HEARTBEAT)
         beat = wire.PARSERS[HEARTBEAT](frames[-1].body) if frames else None
         if not isinstance(beat, wire.Heartbeat):
@@ -243,18 +246,19 @@ class BoardTester:
             raise MismatchError(1, "STOP that comes byte by byte answered", "nothing")
 
     def _check_heartbeats(self) -> None:
-        rate_hz = self._known().tick_rate_hz
+        """Require heartbeats as often as was asked for, by the board's own clock.
+
+        Strategy: a busy computer runs an emulated board late, never early. One of ten
+        intervals is right all the same, and half of them are not much longer.
+        """
+        period_ticks = 0.1 * self._known().tick_rate_hz
         self._expect_reply(3, 0, 0, "BHHI", 2, 0xFF, 100, 0, 5000)
-        frames = [f for f in self._line.gather(1.05) if f.body[0] == HEARTBEAT]
-        beats = [wire.PARSERS[HEARTBEAT](frame.body) for frame in frames]
-        ticks = [b.ticks for b in beats if isinstance(b, wire.Heartbeat)]
-        if len(ticks) < len(beats) or not 8 <= len(beats) <= 12:
-            expected = "10 HEARTBEATs of 24 bytes in a second of 100 ms each"
-            raise MismatchError(4, expected, described(frames))
-        passed = (ticks[-1] - ticks[0]) % (1 << 32) / (len(ticks) - 1)
-        if abs(passed / (0.1 * rate_hz) - 1.0) > 0.1:
-            expected = f"{0.1 * rate_hz:.0f} ticks from heartbeat to heartbeat"
-            raise MismatchError(3, expected, f"{passed:.0f}")
+        ticks = [self._next_heartbeat().ticks for _ in range(11)]
+        passed = [(later - t) % (1 << 32) for t, later in pairwise(ticks)]
+        is_right = abs(min(passed) / period_ticks - 1.0) <= 0.1
+        if not is_right or median(passed) > 1.4 * period_ticks:
+            expected = f"{period_ticks:.0f} ticks from heartbeat to heartbeat"
+            raise MismatchError(3, expected, f"{min(passed)} to {max(passed)}")
         self._expect_reply(3, 0, 0, "BHHI", 2, 0xFF, 0, 0, 5000)
         late = [f for f in self._line.gather(QUIET_S) if f.body[0] == HEARTBEAT]
         if late:
