@@ -22,8 +22,8 @@ from tests.forked_workers import ForkedWorkers
 from tests.mosquitto import Mosquitto
 
 GRACE_S = 2.0
-# Folders of files that compute for many seconds.
-LONG = ("lab/diagnosis", "lab/identification")
+# Folders, and a file, that compute for many seconds.
+LONG = ("benchmarks/test_targets.py", "lab/diagnosis", "lab/identification")
 LINKS = pytest.StashKey[Path]()
 SHARED = pytest.StashKey["TemporaryDirectory[str]"]()
 WORKERS = pytest.StashKey[ForkedWorkers]()

@@ -3,7 +3,7 @@
 A scan for an hour: resident memory at five minutes and at the end, file descriptors,
 threads, samples lost. Exit status 1 where memory grew by more than 5 %, descriptors or
 threads by any, or the daemon lost samples. A run of less than ten minutes compares with
-half its time.
+half its time, one of less than a minute judges losses alone.
 
 The simulated board keeps what the daemon does not read for 1.3 s. Where it drops
 samples because its own program had not run for a second, on a busy computer, this is
@@ -32,6 +32,7 @@ STOOD_S = 1.0
 RATE_HZ = 1000.0
 MINUTES = sized(60.0, 0.1)
 EARLY_S = 300.0
+FILLED_S = 60.0  # until then what a daemon holds grows to its usual size
 MAX_GROWTH = 0.05
 
 
@@ -120,11 +121,12 @@ def faults(sizes: list[Size], followed: Followed) -> list[str]:
         size for size in sizes if size.after_s >= min(EARLY_S, end.after_s / 2)
     )
     complaints = []
-    if end.rss_mb > early.rss_mb * (1 + MAX_GROWTH):
+    is_filled = end.after_s > FILLED_S
+    if is_filled and end.rss_mb > early.rss_mb * (1 + MAX_GROWTH):
         complaints.append(f"memory grew from {early.rss_mb:.1f} to {end.rss_mb:.1f} MB")
-    if end.descriptors > early.descriptors:
+    if is_filled and end.descriptors > early.descriptors:
         complaints.append(f"{end.descriptors - early.descriptors} more descriptors")
-    if end.threads > early.threads:
+    if is_filled and end.threads > early.threads:
         complaints.append(f"{end.threads - early.threads} more threads")
     losses = {
         "lost": followed.lost - followed.excused,
