@@ -38,8 +38,8 @@ class Adaptation:
         unhelpful: Indices of terms that would have entered, but without which poses
             kept aside are predicted better.
         vetoed: Whether these predict significantly worse with all terms.
-        is_identified_anew: Whether the arm identified without terms predicts better
-            than the one with them, and is written in its place.
+        is_identified_anew: Whether terms would have entered, but the arm identified
+            without them predicts better, and is written in its place.
         gap: On the poses kept aside, by the arm that is written.
     """
 
@@ -124,7 +124,7 @@ def adaptation(
         written=written,
         unhelpful=frozenset(unhelpful),
         vetoed=vetoed,
-        is_identified_anew=is_identified_anew and bool(search.terms),
+        is_identified_anew=is_identified_anew and bool(candidates),
         gap=gap,
     )
 

@@ -144,6 +144,7 @@ def diagnose(
     if misfit is not None and not (search.is_finished or misfit.is_gross):
         # The terms say already that something is left.
         misfit = None
+    exceeded = noise_exceeded(campaign, gaps[-1].after, search.fit.adjustment)
     terms = terms_of(
         decision,
         estimates.whole.arm,
@@ -152,8 +153,8 @@ def diagnose(
         adaptation=adapted,
         choosing=choosing,
         misfit=misfit,
+        exceeded=exceeded,
     )
-    exceeded = noise_exceeded(campaign, gaps[-1].after, search.fit.adjustment)
     report("working out what could have been seen", 0.85)
     seen = detectable_of(search) if options.details else ()
     library = search.stage.findings[BankName.LIBRARY].projected

@@ -38,17 +38,25 @@ def terms_of(
     adaptation: Adaptation,
     choosing: Booleans,
     misfit: HoldoutMisfit | None,
+    exceeded: float | None,
 ) -> tuple[Term, ...]:
     """Describe every term, in the order in which the search added them.
 
     Arm and rows are of a fit with all terms; its estimates are those of the terms.
+
+    Strategy: a name stands on what is left being noise. Where poses kept aside are
+    still several times the stated noise away, or are predicted better without it, what
+    chose the name may as well be something that no candidate describes.
     """
     search = decision.search
     terms = []
+    is_unproven = exceeded is not None or (misfit is not None and misfit.is_gross)
     for named in decision.names:
         index, naming = named.added.index, named
         if index in adaptation.unhelpful:
             naming = _beside_its_kind(named, decision.names)
+        if naming.status == "named" and (is_unproven or index in adaptation.unhelpful):
+            naming = replace(naming, status="tentative")
         terms.append(
             Term(
                 status=naming.status,
@@ -68,8 +76,6 @@ def terms_of(
                 is_unhelpful=index in adaptation.unhelpful,
             )
         )
-    if search.stuck is not None:
-        terms.append(_stuck_term(search.stuck, decision))
     place = outlier_cluster(
         search.stage.rows,
         choosing,
@@ -77,6 +83,8 @@ def terms_of(
         options.n_draws,
         options.seed,
     )
+    if search.stuck is not None:
+        terms.append(_stuck_term(search.stuck, decision, is_alone=place is None))
     known = [(term.candidate.joint, term.candidate.covariate) for term in terms]
     if place is not None and (place.joint, place.covariate) not in known:
         at = _at_place(place.log_p, place.covariate, place.artefact, place.joint)
@@ -105,10 +113,11 @@ def _beside_its_kind(naming: NamedTerm, names: tuple[NamedTerm, ...]) -> NamedTe
     return replace(naming, status="tentative", alternatives=alternatives)
 
 
-def _stuck_term(stuck: ScoredCandidate, decision: Decision) -> Term:
+def _stuck_term(stuck: ScoredCandidate, decision: Decision, *, is_alone: bool) -> Term:
     """Report a curve that tilts or shifts: it cannot be added.
 
-    That an artefact moves is a name; nothing of it belongs into an arm.
+    That an artefact moves is a name, where nothing else is left; nothing of it belongs
+    into an arm.
     """
     status: Status = "unknown"
     if stuck.candidate.artefact is not None:
@@ -117,7 +126,7 @@ def _stuck_term(stuck: ScoredCandidate, decision: Decision) -> Term:
             for rival in decision.stuck_rivals
             if rival.log_bayes_factor > stuck.evidence - DECIDED and not rival.alias
         ]
-        status = "tentative" if near else "named"
+        status = "named" if is_alone and not near else "tentative"
     return Term(
         status=status,
         candidate=stuck.candidate,

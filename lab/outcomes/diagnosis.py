@@ -245,7 +245,7 @@ def _named(evidence: DiagnosisEvidence) -> Finding:
         )
     if counts["n_tentative"]:
         return doubt(
-            "More than one name fits.",
+            "More than one name fits, or a name is not certain.",
             "Measure what the report proposes to separate them.",
             counts,
         )
@@ -320,27 +320,13 @@ def _helps(evidence: DiagnosisEvidence) -> Finding:
 
 def _written(evidence: DiagnosisEvidence) -> Finding:
     terms = evidence.figures.terms
-    named = [term for term in terms if term.status == "named" and not term.accepted]
-    of_artefacts = [term for term in named if term.candidate.artefact is not None]
-    unwritten = [term for term in named if term not in of_artefacts]
     shortfalls = [
         Shortfall(
             f"The artefact {term.candidate.artefact} is at fault, not the arm.",
             "Fasten it or state it rightly, and measure again.",
         )
-        for term in of_artefacts
-    ]
-    shortfalls += [
-        Shortfall(
-            f"{term.candidate.name} is not in the adapted arm"
-            + (
-                ": poses kept aside are predicted no better with it."
-                if not term.helps
-                else "."
-            ),
-            "Do not expect the written arm to measure better by it.",
-        )
-        for term in unwritten
+        for term in terms
+        if term.status == "named" and not term.accepted
     ]
     why, remedy = (
         "the campaign does not say when it began",
@@ -368,6 +354,19 @@ def _scaled(evidence: DiagnosisEvidence) -> Finding:
             "The measurements shrink the arm to a fraction of its design, whatever "
             "was found: its scale is the design's.",
             "Check arm file and campaign against each other, and measure again.",
+        )
+    lengths = {
+        str(rival.candidate.artefact)
+        for term in evidence.figures.terms
+        for rival in term.alternatives
+        if rival.candidate.kind == "artefact_length"
+    }
+    if lengths:
+        names = " or ".join(sorted(lengths))
+        return doubt(
+            f"What was found may as well be the wrong length of {names}, and then the "
+            "arm has another scale.",
+            "Measure another certified length, or have these standards checked.",
         )
     if evidence.has_length or evidence.was_identified:
         return Established({"from_campaign": evidence.has_length})

@@ -62,8 +62,8 @@ class Term:
         cluster: The cluster of left-out poses, if it reports one.
         misfit: Poses kept aside that contradict the model, if it reports these.
         is_oversized: Whether no machine has as much of it: then it has another cause.
-        is_negative: Whether it is a compliance that yields against the weight: then it
-            is something else that follows the moment.
+        is_negative: Whether it is a compliance that yields against the weight or the
+            force: then it is something else that follows these.
         is_unhelpful: Whether poses kept aside are predicted better without it.
     """
 

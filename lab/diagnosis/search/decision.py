@@ -8,6 +8,7 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
+from traverse.kinematics.effects.contacts.touching import ArtefactLength
 from traverse.lab.adjustment import IdentificationError
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.candidate_scores import (
@@ -68,6 +69,9 @@ _NO_MACHINE = {
     **dict.fromkeys(("cos_mm", "sin_mm", "amplitude_mm", "radius_error_mm"), 2.0),
     **dict.fromkeys(("cos_rad", "sin_rad", "half_width_rad"), 0.1),
 }
+# By which all standards of a campaign may well be off, by their temperature or unit.
+_SHARED_PPM = 100.0
+_COMPLIANCES = ("compliance_rad_nm", "compliance_mm_n")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,8 +84,8 @@ class NamedTerm:
         alternatives: What else it may be, the best first.
         best: The best name of all, which may be another.
         is_oversized: Whether no machine has as much of it.
-        is_negative: Whether it is a compliance that yields against the weight: then
-            something follows the moment of weight, and nothing yields.
+        is_negative: Whether it is a compliance that yields against the weight or the
+            force: then something follows these, and nothing yields.
     """
 
     added: AddedTerm
@@ -121,8 +125,35 @@ def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
     elif _is_doubtful(search, chosen, names, curves):
         status = "tentative"
     shown = names + [curve for curve in curves[:1] if curve.score > chosen.score - _SET]
+    shown += _lengths_of_all(stage)
     rivals = _rivals(chosen, shown, max(best.score, chosen.score))
     return NamedTerm(added, chosen, status, harmonic, rivals, best, oversized, negative)
+
+
+def _lengths_of_all(stage: CandidateScores) -> list[ScoredCandidate]:
+    """Judge that all standards are longer than stated by one factor.
+
+    Strategy: the arm takes up such a factor as its scale, and what is left, at radii,
+    looks like a wrong radius of the probe. No arm file has it, so that it is a rival
+    only.
+    """
+    rows = stage.rows
+    artefacts = tuple(dict.fromkeys(of for _, of, _ in rows.certificates))
+    if len(artefacts) < 2:
+        return []
+    everything = Candidate(
+        kind=ArtefactLength.kind,
+        joint=None,
+        bank=BankName.LIBRARY,
+        artefact=", ".join(artefacts),
+        parameters=("error_ppm",),
+        scales=(_SHARED_PPM,),
+    )
+    columns = [rows.by_artefact_length(artefact) for artefact in artefacts]
+    bank = Bank((everything,), _SHARED_PPM * np.sum(columns, axis=0))
+    findings = judge(rows, project(rows, bank))
+    shared = replace(stage, findings={BankName.LIBRARY: findings})
+    return ranked(shared, (BankName.LIBRARY,), ())
 
 
 def of_single_joints(
@@ -153,10 +184,12 @@ def _is_oversized(search: SearchState, added: AddedTerm) -> bool:
 
 
 def _is_negative(search: SearchState, added: AddedTerm) -> bool:
-    if EFFECT_KINDS[added.candidate.kind].family is not Family.GRAVITY:
-        return False
     estimates = estimates_of(search.stage.rows, added.index)
-    return bool(np.min(estimates["compliance_rad_nm"].value) < 0.0)
+    return any(
+        bool(np.min(estimates[key].value) < 0.0)
+        for key in _COMPLIANCES
+        if key in estimates
+    )
 
 
 def own_choice(
@@ -197,17 +230,23 @@ def correlation(
 def _rivals(
     chosen: ScoredCandidate, choices: Sequence[ScoredCandidate], top: float
 ) -> tuple[Alternative, ...]:
-    """List what is as good as the best, but for the name itself."""
+    """List what is as good as the best, but for the name itself.
+
+    Also what only a prior size excludes, and no measurement here.
+    """
     alternatives = []
     for choice in choices:
         same = choice.candidate.identity == chosen.candidate.identity
-        if choice.score < top - _SET or (
+        is_near = choice.score >= top - _SET
+        if not (is_near or choice.log_p < chosen.log_p + DECIDED) or (
             same and choice.candidate.covariate == chosen.candidate.covariate
         ):
             continue
         rho = correlation(chosen.found, chosen.residuals, choice.found)
         # A curve that follows an effect closely is no other name for it.
         alias = rho >= ALIAS and not choice.candidate.is_curve
+        if not (is_near or alias):
+            continue
         alternatives.append(Alternative(choice.candidate, choice.evidence, rho, alias))
     return tuple(alternatives)
 

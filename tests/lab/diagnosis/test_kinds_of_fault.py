@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.tools.handover import campaign_from_simulation
 from tests.lab.diagnosis.diagnosed import DECISION, ECCENTRIC
+from tests.lab.diagnosis.engine_campaigns import poses
 from tests.lab.diagnosis.fitted_rows import Measurement, measured
 from tests.lab.simulated import Noise, arm_value, disturbed, seven_joints, simulate
 from traverse.kinematics.arm_file.arm import Identification, effect_from_table
@@ -13,6 +15,7 @@ from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.report.outcome import outcome_of
 from traverse.lab.outcomes.base import State
+from traverse.simulator.campaigns import draw_noise
 
 COARSE = Noise(encoder_rad=5e-4, contact_mm=0.03)
 GAUGES = [
@@ -71,10 +74,10 @@ def test_a_base_that_rocks_with_the_approach_is_told_as_that():
 
 def test_an_artefact_that_creeps_is_named():
     start = measured()
-    poses = start.campaign.poses
+    touched = start.campaign.poses
     ids = [artefact.id for artefact in start.campaign.artefacts]
-    is_there = poses.artefacts == ids.index("cone-2")
-    share = poses.time_s / poses.time_s.max()
+    is_there = touched.artefacts == ids.index("cone-2")
+    share = touched.time_s / touched.time_s.max()
     moves_mm = 0.05 * np.outer(share * is_there, [0.6, -0.8, 0.0])
     diagnosis = decided(moved(start, moves_mm))
     (term,) = diagnosis.terms
@@ -143,8 +146,44 @@ def test_an_eccentric_and_tilted_ring_is_named_by_both():
     ]
 
 
-def test_what_yields_against_the_weight_is_no_compliance():
-    table = {"kind": "joint_compliance", "joint": "J2", "compliance_rad_nm": -4e-6}
+@pytest.mark.parametrize(
+    "table",
+    [
+        {"kind": "joint_compliance", "joint": "J2", "compliance_rad_nm": -4e-6},
+        {"kind": "stylus_bending", "compliance_mm_n": -0.03},
+    ],
+    ids=lambda table: table["kind"],
+)
+def test_what_yields_against_weight_or_force_is_no_compliance(table):
     diagnosis = decided(measured().with_effect(effect_from_table(table)))
     (term,) = diagnosis.terms
     assert (term.status, term.is_negative, term.accepted) == ("unknown", True, False)
+
+
+def test_a_wrong_length_of_the_only_bar_is_no_radius_alone():
+    """The arm takes the length up as its scale, and radii look wrong."""
+    campaign = campaign_from_simulation(draw_noise(poses(), 1).campaign)
+    artefacts = [
+        artefact.model_copy(update={"distance_mm": artefact.distance_mm + 0.5})
+        if artefact.id == "bar"
+        else artefact
+        for artefact in campaign.artefacts
+    ]
+    wrong = replace(campaign, artefacts=tuple(artefacts))
+    diagnosis = diagnose(wrong, poses().arm, DECISION)
+    (term,) = diagnosis.terms
+    names = [term.candidate, *(rival.candidate for rival in term.alternatives)]
+    assert {("probe_radius", None), ("artefact_length", "bar")} <= {
+        (name.kind, name.artefact) for name in names
+    }
+    assert "scale" in outcome_of(diagnosis).codes
+
+
+def test_a_name_is_not_certain_where_much_more_than_the_noise_is_left():
+    """A joint is late, and no column says how fast it turned."""
+    table = {"kind": "encoder_latency", "joint": "J4", "latency_s": 1e-3}
+    late = measured().with_effect(effect_from_table(table))
+    diagnosis = decided(late.with_poses(speeds_rad_s=None))
+    assert diagnosis.verdict in ("unexplained", "unknown")
+    assert diagnosis.exceeded > 3.0
+    assert "named" not in [term.status for term in diagnosis.terms]
