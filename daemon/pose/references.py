@@ -245,7 +245,11 @@ class ReferenceMonitor:
     def _is_recognised(self, device: str) -> bool:
         """Return whether an exchange of the confirmed device would be noticed."""
         boot, known = self._identities[device].boot, self.memory.devices.get(device)
-        has_its_power = known is not None and bool(boot) and boot == known.boot
+        identities = self._identities.items()
+        is_boot_its_own = boot not in {of.boot for n, of in identities if n != device}
+        has_its_power = (
+            known is not None and bool(boot) and boot == known.boot and is_boot_its_own
+        )
         is_known = self._is_unique(device) or has_its_power
         return is_known or device in self._assumed
 

@@ -521,3 +521,22 @@ def test_other_firmware_may_count_otherwise(tmp_path, is_restart_of_daemon):
     assert "firmware 1.2.3 when confirmed, 1.3.0 now" in texts[-1]
     rig.monitor.on_up(DeviceUp("base", replace(updated, boot="d"), restarted=True))
     assert not rig.is_doubtful
+
+
+@pytest.mark.parametrize("boots", [("a", "b"), ("1", "1")])
+def test_boards_that_nothing_tells_apart_may_have_changed_places(tmp_path, boots):
+    """Cloned firmware: the same board_id, and perhaps one boot_id for all time."""
+    text, memory = ARM.replace('"base/1"', '"wrist/0"'), ReferenceMemory()
+    names = ("base", "wrist")
+    ups = [
+        DeviceUp(name, replace(BOARD, serials=("0",), boot=boot), restarted=False)
+        for name, boot in zip(names, boots, strict=True)
+    ]
+    for is_again in (False, True):
+        rig = Rig(tmp_path, text, memory)
+        rig.conditions.use({"reference": names}, names)
+        for device_up in ups:
+            rig.monitor.on_up(device_up)
+        assert rig.is_doubtful == (not is_again or boots == ("1", "1"))
+        rig.monitor.confirm()
+        assert not rig.is_doubtful
