@@ -182,15 +182,15 @@ class FrozenJointMonitor:
 
 def _stopped_joints(window: _Window) -> list[int]:
     """Return joints, from 0, that stopped without braking while others moved on."""
-    is_still = window.counts[1:] == window.counts[:-1]
-    n_steps = len(is_still)
-    if n_steps <= STILL_ROWS or not is_still[-STILL_ROWS:].all(axis=0).any():
+    latest = window.counts[-STILL_ROWS - 1 :]
+    may_be = (latest == latest[-1]).all(axis=0)
+    if len(latest) <= STILL_ROWS or not may_be.any() or may_be.all():
         return []
-    n_still = np.where(is_still.all(axis=0), n_steps, np.argmin(is_still[::-1], axis=0))
+    has_moved = window.counts[1:] != window.counts[:-1]
     return [
         joint
-        for joint in np.flatnonzero(n_still >= STILL_ROWS).tolist()
-        if _has_stopped(window, joint, n_steps - int(n_still[joint]))
+        for joint in np.flatnonzero(may_be & has_moved.any(axis=0)).tolist()
+        if _has_stopped(window, joint, 1 + int(np.flatnonzero(has_moved[:, joint])[-1]))
     ]
 
 
@@ -207,9 +207,12 @@ def _has_stopped(window: _Window, joint: int, row: int) -> bool:
         return False
     moving = row - 1
     begin = int(np.searchsorted(times_s, times_s[moving] - SPEED_S, side="right")) - 1
-    begin = min(begin, moving - SPEED_ROWS) if moving >= 0 else -1
+    begin = min(begin, moving - SPEED_ROWS)
     if begin < 0:
         return False
+    senses = np.sign(np.diff(window.counts[begin : row + 1, joint]))
+    if senses.min() * senses.max() < 0:
+        return False  # a single spoilt count of a joint at rest, there and back
     last_s, span_s = times_s[row] - times_s[moving], times_s[moving] - times_s[begin]
     least_rad_s = BRAKING_RAD_S2 * (last_s + span_s / 2) + 2.0 * count_rad / span_s
     before_rad_s = window.speeds_rad_s(begin, moving)

@@ -113,6 +113,13 @@ def test_a_joint_that_never_moved_beside_others_only_rests(arm):
     assert arm.read(angles_rad) is None
 
 
+def test_a_spoilt_count_of_a_resting_joint_is_no_stop(arm):
+    angles_rad = arm.steady(3.0)
+    angles_rad[:, 1] = 0.0
+    angles_rad[round(arm.rate_hz), 1] = 0.2
+    assert arm.read(angles_rad) is None
+
+
 def noisy(arm, seconds, rng):
     n = round(seconds * arm.rate_hz)
     return rng.normal(0.0, 2.0, (n, 3)) * np.abs(arm.model.per_count_rad)
