@@ -39,7 +39,7 @@ class ForkedWorkers:
             self._process = subprocess.Popen(
                 [sys.executable, __file__, "serve", str(listener.fileno()), *arguments],
                 pass_fds=[listener.fileno()],
-                stdin=subprocess.PIPE,
+                stdin=subprocess.PIPE,  # it ends when this process does
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
             )
@@ -51,9 +51,8 @@ class ForkedWorkers:
 
     def close(self) -> None:
         """End the process."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        self._process.wait(20.0)
+        self._process.terminate()
+        self._process.communicate()
 
 
 def _serve(listener: socket.socket, arguments: list[str]) -> None:
