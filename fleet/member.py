@@ -97,6 +97,28 @@ class _Queue:
     changed: ChangeSignal = field(default_factory=ChangeSignal)
 
 
+@dataclass(slots=True)
+class NameConflict:
+    """Notices by lost connections that two members have one name.
+
+    Not every broker tells that another client has the identifier: it ends a connection
+    whenever the other one connects. The one that had been connected for long stays for
+    twice as many losses, so that the other one ends.
+    """
+
+    connected_s: float
+    _most: int = LOSSES
+    _lost_s: deque[float] = field(default_factory=lambda: deque(maxlen=2 * LOSSES))
+
+    def shows(self, lost_s: float) -> bool:
+        """Count a lost connection; return whether there are too many."""
+        if lost_s - self.connected_s >= LOSSES_S:
+            self._most = 2 * LOSSES
+        self._lost_s.append(lost_s)
+        n_recent = sum(lost_s - earlier_s < LOSSES_S for earlier_s in self._lost_s)
+        return n_recent >= self._most
+
+
 class Member:
     """Takes messages until cancelled.
 
@@ -148,7 +170,7 @@ class Member:
         self._process = uuid.uuid4().hex
         self._query_lock = asyncio.Lock()
         self._stores: list[Store] = []
-        self._lost_s: deque[float] = deque(maxlen=LOSSES)
+        self._conflict = NameConflict(time.monotonic())
         self._name_is_taken = asyncio.Event()
         self.counts = MemberCounts()
 
@@ -276,16 +298,11 @@ class Member:
         # What is redelivered has other numbers: it is stored once all the same.
         for requests in self._requests.values():
             requests.link_changed(is_connected)
+        now_s = time.monotonic()
         if is_connected:
+            self._conflict.connected_s = now_s
             self._report(f"connected to {self.link.address}")
-            return
-        # Not every broker tells that another client has the identifier: it ends this
-        # connection whenever the other one connects.
-        self._lost_s.append(time.monotonic())
-        if (
-            len(self._lost_s) == LOSSES
-            and self._lost_s[-1] - self._lost_s[0] < LOSSES_S
-        ):
+        elif self._conflict.shows(now_s):
             self._name_is_taken.set()
 
     async def _report_no_connection(self) -> None:
