@@ -12,6 +12,7 @@ from traverse.client.display.figures import (
     GEOMETRY_UNKNOWN,
     MM,
     SYSTEMS,
+    TIME_UNKNOWN,
     System,
     Unit,
     expanded_axes_mm,
@@ -164,6 +165,8 @@ def _expanded(
         return None, f"U: {GEOMETRY_UNKNOWN}"
     if live.covariance_mm2 is not None:
         return expanded_axes_mm(live, system), "± is k = 2"
+    if "time_uncertain" in live.quality.flags:
+        return None, f"U: {TIME_UNKNOWN}"
     around_mm = expanded_axes_mm(point, system)
     return around_mm, "± not known" if around_mm is None else OF_LAST_POINT
 
