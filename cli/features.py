@@ -34,8 +34,8 @@ def features(
     """Measure planes, circles, distances and so on with their uncertainty.
 
     A point belongs to the feature that its label names. With --out, writes the report
-    sheet features.html, and features.json and .csv. Exit status 1: a figure does not
-    conform, or is not decided; or a feature has no figures.
+    sheet features.html, features.json and .csv, and a drawing features.dxf. Exit status
+    1: a figure does not conform, or is not decided; or a feature has no figures.
 
     Args:
         points: Points: JSON lines, a recording, or an outbox.
@@ -68,7 +68,7 @@ def features(
             _write(inspection, out)
     lines = summary_lines(inspection)
     if out is not None:
-        lines.append(f"wrote {out}: features.html, .json, .csv")
+        lines.append(f"wrote {out}: features.html, .json, .csv, .dxf")
     print_report(asdict(inspection), lines, as_json=as_json)
     has_problem = any(feature.problem for feature in inspection.features)
     if has_problem or inspection.conformity not in (None, "conforming"):
@@ -91,6 +91,7 @@ def _shared(points: "list[Point]", arm: Path | None) -> "Mapping[str, Floats] | 
 
 
 def _write(inspection: "Inspection", folder: Path) -> None:
+    from traverse.client.inspection.drawing import dxf_text
     from traverse.client.inspection.sheet import csv_text, json_text, sheet_html
     from traverse.strict_toml.writing import write_atomically
 
@@ -99,5 +100,6 @@ def _write(inspection: "Inspection", folder: Path) -> None:
         ("features.html", sheet_html(inspection)),
         ("features.json", json_text(inspection)),
         ("features.csv", csv_text(inspection)),
+        ("features.dxf", dxf_text(inspection)),
     ):
         write_atomically(folder / name, text)

@@ -3,7 +3,7 @@
 import io
 import re
 from collections.abc import Sequence
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,11 +12,14 @@ from traverse.client.exports.point_table import Coordinates, PointTable, Sink, p
 from traverse.protocol.messages import Point
 from traverse.protocol.printable import printable
 
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+
 IN_DOUBT = "in doubt"
 APPLICATION = "TRAVERSE"
 _TEXT, _MAX_TEXT = 1000, 255
 _NOT_IN_LAYER = re.compile(r'[<>/\\":;?*|=`,\x00-\x1f\x7f]')
-_RED, _CROSS = 1, 2
+RED, WHITE, _CROSS = 1, 7, 2
 
 
 class Dxf(Sink):
@@ -32,13 +35,8 @@ class Dxf(Sink):
 
     def __init__(self, file: IO[bytes], coordinates: Coordinates = "centre") -> None:
         super().__init__(file, coordinates)
-        from ezdxf import units  # noqa: PLC0415 - slow, and of an extra
-        from ezdxf.filemanagement import new  # noqa: PLC0415
-
-        self._drawing = new("R2010", units=units.MM)
-        self._drawing.header["$PDMODE"] = _CROSS
-        self._drawing.layers.add(IN_DOUBT, color=_RED)
-        self._drawing.appids.add(APPLICATION)
+        self._drawing = new_drawing()
+        self._drawing.layers.add(IN_DOUBT, color=RED)
         self._space = self._drawing.modelspace()
         self._ends_mm = np.empty((0, 3))
         self._way_mm: list[tuple[float, float, float]] = []
@@ -49,13 +47,13 @@ class Dxf(Sink):
         places_mm = [place_of(point, self._coordinates) for point in points]
         for point, place_mm in zip(points, places_mm, strict=True):
             names = (point.session, point.label.artefact, point.label.feature)
-            layer = _NOT_IN_LAYER.sub("_", " ".join(filter(None, names)))
+            layer = layer_name(" ".join(filter(None, names)))
             layer = layer if point.quality.ok else IN_DOUBT
             added = self._space.add_point(place_mm, {"layer": layer})
             tensor = point.covariance_mm2 if self._coordinates != "part" else None
             added.set_xdata(
                 APPLICATION,
-                _data(
+                extended_data(
                     session=point.session,
                     seq=point.seq,
                     id=point.id,
@@ -83,7 +81,7 @@ class Dxf(Sink):
                 self._end_way()
                 added = self._space.add_point(xyz_mm, {"layer": IN_DOUBT})
                 named = {"session": session, "scan": scan}
-                point_data = _data(**named, seq=seq, ok="false", flags=flags)
+                point_data = extended_data(**named, seq=seq, ok="false", flags=flags)
                 added.set_xdata(APPLICATION, point_data)
         self._extend(table.xyz_mm, len(table))
         self.in_doubt += int(np.count_nonzero(~table.ok))
@@ -100,11 +98,7 @@ class Dxf(Sink):
             height_mm = 1.2 * max(float(np.max(high_mm - low_mm)), 1.0)
             self._drawing.set_modelspace_vport(height_mm, middle_mm[:2].tolist())
             self._space.reset_extents(low_mm.tolist(), high_mm.tolist())
-        text = io.TextIOWrapper(
-            self._file, self._drawing.output_encoding, "dxfreplace", "\n"
-        )
-        self._drawing.write(text)
-        text.detach()
+        write_drawing(self._drawing, self._file)
 
     def _end_way(self) -> None:
         layer = {"layer": f"scan {self._scans}"}
@@ -115,7 +109,7 @@ class Dxf(Sink):
                 else self._space.add_point(self._way_mm[0], layer)
             )
             session, scan = self._key
-            added.set_xdata(APPLICATION, _data(session=session, scan=scan))
+            added.set_xdata(APPLICATION, extended_data(session=session, scan=scan))
         self._way_mm = []
 
     def _extend(self, places_mm: ArrayLike, n: int) -> None:
@@ -126,7 +120,30 @@ class Dxf(Sink):
         self.n += n
 
 
-def _data(**values: str | int | None) -> list[tuple[int, str]]:
+def new_drawing() -> "Drawing":
+    """Begin a drawing in millimetres, DXF of AutoCAD 2010."""
+    from ezdxf import units  # noqa: PLC0415 - slow, and of an extra
+    from ezdxf.filemanagement import new  # noqa: PLC0415
+
+    drawing = new("R2010", units=units.MM)
+    drawing.header["$PDMODE"] = _CROSS
+    drawing.appids.add(APPLICATION)
+    return drawing
+
+
+def write_drawing(drawing: "Drawing", file: IO[bytes]) -> None:
+    """Write a drawing; the file stays open."""
+    text = io.TextIOWrapper(file, drawing.output_encoding, "dxfreplace", "\n")
+    drawing.write(text)
+    text.detach()
+
+
+def layer_name(text: str, end: str = "") -> str:
+    """Make a name of a layer out of a text of people."""
+    return _NOT_IN_LAYER.sub("_", printable(text))[: _MAX_TEXT - len(end)] + end
+
+
+def extended_data(**values: str | int | None) -> list[tuple[int, str]]:
     """Return extended data: a text for each known value."""
     return [
         (_TEXT, printable(f"{name}={value}")[:_MAX_TEXT])

@@ -66,8 +66,14 @@ def inspected(
     features, unknown, every = measured.features, measured.unknown, measured.points
     is_of_part = measured.system is not None
     judge = _Judge(plan, assigned, is_known=not unknown, is_of_part=is_of_part)
+    centres_mm = {
+        point.id: tuple(centre_mm)
+        for point, centre_mm in zip(
+            every, features.errors.points_mm.tolist(), strict=True
+        )
+    }
     results = [
-        _feature(entry, assigned[entry.name], features, judge)
+        _feature(entry, assigned[entry.name], centres_mm, features, judge)
         for entry in plan.features
     ]
     results += [_relation(entry, features, judge) for entry in plan.relations]
@@ -324,7 +330,11 @@ class _Judge:
 
 
 def _feature(
-    entry: FeatureEntry, points: list[Point], features: Features, judge: _Judge
+    entry: FeatureEntry,
+    points: list[Point],
+    centres_mm: Mapping[str, tuple[float, ...]],
+    features: Features,
+    judge: _Judge,
 ) -> FeatureResult:
     element = features.elements.get(entry.name)
     distances_mm: Sequence[float | None] = [None] * len(points)
@@ -335,7 +345,9 @@ def _feature(
         )
         distances_mm = of_points_mm.tolist()
     touches = tuple(
-        TouchResult(p.id, p.seq, mm, () if p.quality.ok else p.quality.flags)
+        TouchResult(
+            p.id, p.seq, centres_mm[p.id], mm, () if p.quality.ok else p.quality.flags
+        )
         for p, mm in zip(points, distances_mm, strict=True)
     )
     result = FeatureResult(entry.name, entry.kind, entry.side, touches=touches)

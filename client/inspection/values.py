@@ -31,11 +31,13 @@ class TouchResult:
     """A touch of a feature.
 
     Attributes:
+        centre_mm: of the ball, in the inspection's system.
         distance_mm: from the fitted element; None of elements without a fit.
     """
 
     id: str
     seq: int
+    centre_mm: tuple[float, ...]
     distance_mm: float | None
     doubts: tuple[str, ...]
 

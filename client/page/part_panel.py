@@ -1,5 +1,6 @@
 """A part measured by touches: features, relations, tolerances, the report."""
 
+import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
 
@@ -7,6 +8,7 @@ from nicegui import ui
 
 from traverse.client.display.follower import Follower
 from traverse.client.display.inspection_desk import GOOD_COUNTS, WHERE, InspectionDesk
+from traverse.client.inspection.drawing import dxf_text
 from traverse.client.inspection.plan import (
     PartTemperature,
     Plan,
@@ -84,7 +86,7 @@ class PartPanel:
                     "Report", partial(ui.navigate.to, REPORT_URL, new_tab=True)
                 )
                 report.props('aria-label="Open the report sheet"')
-                for name, kind in (("CSV", "csv"), ("JSON", "json")):
+                for name, kind in (("CSV", "csv"), ("JSON", "json"), ("DXF", "dxf")):
                     file = self._button(name, partial(self._save, kind), "flat")
                     file.props(f'aria-label="Save results as {name}"')
             with ui.element("div").classes("touching") as self._touching:
@@ -418,12 +420,18 @@ class PartPanel:
             self._desk.clear()
             self.show()
 
-    def _save(self, kind: str) -> None:
+    async def _save(self, kind: str) -> None:
         inspection = self._desk.inspection
         if inspection is None:
             self._follower.sight.refuse("nothing is measured yet", "touch a feature")
             return
-        text = csv_text(inspection) if kind == "csv" else json_text(inspection)
+        texts = {"csv": csv_text, "json": json_text, "dxf": dxf_text}
+        try:
+            text = await asyncio.to_thread(texts[kind], inspection)
+        except ModuleNotFoundError as error:
+            needs = f"a drawing needs {error.name}, which is not installed"
+            self._follower.sight.refuse(needs, "install the extra `lab`")
+            return
         ui.download(text.encode(), f"features.{kind}")
 
 
