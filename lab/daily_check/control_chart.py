@@ -80,6 +80,8 @@ def ewma_rate(side: Side, shift: float = 0.0, limit: float = EWMA_LIMIT) -> floa
 
 
 FEWEST = 2  # values that make a first comparison
+FEWEST_OF_DRIFT = 5
+DRIFT_LEVEL = 1e-4  # probability by chance below which a slope is a drift
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,6 +169,26 @@ def charted(
         if not alarms and abs(value) <= most and len(base) < BASE:
             base.append(x)
     return points
+
+
+def drift_per_check(values: Sequence[float], *, positive: bool) -> float | None:
+    """Return how much values change from one to the next; None: chance does as much.
+
+    By the t-test of the slope of a straight line. Strategy: a drift that began with the
+    base is part of its mean and of its spread, so that no other rule sees it. Of
+    positive figures only growth counts.
+    """
+    n = len(values)
+    if n < FEWEST_OF_DRIFT:
+        return None
+    places = np.arange(n) - 0.5 * (n - 1)
+    slope = float(places @ values / (places @ places))
+    left = values - np.mean(values) - slope * places
+    error = max(float(np.sqrt(left @ left / (n - 2) / (places @ places))), 1e-12)
+    chance = float(special.stdtr(n - 2, -abs(slope) / error)) * (1 if positive else 2)
+    if chance > DRIFT_LEVEL or (positive and slope < 0.0):
+        return None
+    return slope
 
 
 def _alarms(

@@ -7,7 +7,13 @@ from typing import Any
 
 from traverse.lab.acceptance.certificate.digests import SCHEMA as CERTIFICATE
 from traverse.lab.acceptance.limits import NO_LIMITS, Limits
-from traverse.lab.daily_check.control_chart import ChartPoint, Rule, charted, rules
+from traverse.lab.daily_check.control_chart import (
+    ChartPoint,
+    Rule,
+    charted,
+    drift_per_check,
+    rules,
+)
 from traverse.lab.daily_check.figures import KINDS, MOST_U, FigureKind
 from traverse.lab.daily_check.history import Check, since_base
 from traverse.lab.measured_points.reading import OWN_PROBE
@@ -65,6 +71,9 @@ class FigureChart:
     def judged(self) -> JudgedFigure:
         """The last check's, as the conditions look at it."""
         last = self.last
+        # What else was touched once is no drift.
+        values_mm = [point.value for point in self.points]
+        possible_mm = [value for value in values_mm if abs(value) <= self.most_mm]
         width_mm = None
         if last.high is not None and last.centre is not None:
             width_mm = last.high - last.centre
@@ -77,6 +86,7 @@ class FigureChart:
             plausible_mm=self.kind.plausible_mm,
             half_width_mm=width_mm,
             alarms=last.alarms,
+            drift_mm=drift_per_check(possible_mm, positive=self.kind.positive),
         )
 
 

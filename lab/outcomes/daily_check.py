@@ -41,6 +41,7 @@ class JudgedFigure:
         plausible_mm: Beyond it not the arm is off, but something else was touched.
         half_width_mm: Of the chart's limits; None where there are too few checks.
         alarms: Rules of the chart that it breaks.
+        drift_mm: Change from check to check since the base began; None: none is seen.
     """
 
     name: str
@@ -51,6 +52,7 @@ class JudgedFigure:
     plausible_mm: float
     half_width_mm: float | None
     alarms: tuple[str, ...]
+    drift_mm: float | None
 
     @property
     def chart_judges(self) -> bool:
@@ -133,6 +135,21 @@ def _no_alarm(check: DailyCheckEvidence) -> Finding:
     ] or Established()
 
 
+def _steady(check: DailyCheckEvidence) -> Finding:
+    return [
+        Shortfall(
+            f"{figure.name}: it drifts by {_um(figure.drift_mm)} a check since the "
+            "base began.",
+            "Look for what wears, loosens or warms up; begin a new base when it is "
+            "found.",
+            {**_values(figure), "drift_mm": figure.drift_mm},
+            State.BAD,
+        )
+        for figure in check.figures
+        if figure.drift_mm is not None
+    ] or Established()
+
+
 def _judged(check: DailyCheckEvidence) -> Finding:
     return [
         Shortfall(
@@ -175,6 +192,7 @@ CONDITIONS: tuple[Condition[DailyCheckEvidence], ...] = (
     Condition("plausible", "the right seat and sphere were touched", _plausible),
     Condition("permitted", "no figure is beyond what is permitted", _permitted),
     Condition("control", "no rule of a chart is broken", _no_alarm),
+    Condition("steady", "no figure drifts from check to check", _steady),
     Condition("judged", "charts or permissible errors judge every figure", _judged),
     Condition("comparable", "it was done as at the check before", _comparable),
 )

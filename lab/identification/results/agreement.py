@@ -16,12 +16,19 @@ from traverse.lab.statistics.outlier_clusters import ExcludedCluster
 
 # Part of the poses that may contradict the others.
 _MOST_EXCLUDED = 0.1
+# Standard deviations within which a certificate is what was measured.
+_AGREES = 3.0
 # Offsets of zeros, found by a search, that are reported.
 _LEAST_OFFSET_RAD = 1e-4
 
 
 def _certificates_agree(result: Identification) -> Finding:
-    return [_contradicted(entry) for entry in result.contradictions] or Established()
+    # One that was left out before another, which spoilt it, may be right after all.
+    return [
+        _contradicted(entry)
+        for entry in result.contradictions
+        if not abs(entry.value_mm - entry.certified_mm) <= _AGREES * entry.std_mm
+    ] or Established()
 
 
 def _contradicted(entry: ContradictedCertificate) -> Shortfall:

@@ -317,6 +317,9 @@ def outcome_of(result: Identification) -> IdentificationOutcome:
         table = tuple(
             condition for condition in CONDITIONS if condition.code in _WITHOUT_FIGURES
         )
+    if not isinstance(_same_size(result), Established):
+        # An arm that shrank or grew contradicts every certificate: none is to blame.
+        table = tuple(entry for entry in table if entry.code != "certificates")
     outcome = judge(table, result)
     bad = {entry.code for entry in outcome.reasons if entry.state is State.BAD}
     return IdentificationOutcome(

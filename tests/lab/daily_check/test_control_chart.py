@@ -13,6 +13,7 @@ from traverse.lab.daily_check.control_chart import (
     RANGE,
     WEIGHT,
     charted,
+    drift_per_check,
     ewma_rate,
     individual_rate,
     range_rate,
@@ -135,3 +136,17 @@ def test_another_unit_or_origin_changes_no_judgement(values, factor, shift):
     for first, other in zip(before, after, strict=True):
         if first.q is not None:
             assert other.q == pytest.approx(first.q, abs=1e-4)
+
+
+def test_a_drift_is_a_slope_that_chance_hardly_gives():
+    rng = np.random.default_rng(3)
+    values = (0.01 * np.arange(12) + rng.normal(0, 0.005, 12)).tolist()
+    line = stats.linregress(range(12), values)
+    assert line.pvalue < 1e-6
+    assert drift_per_check(values, positive=False) == pytest.approx(line.slope)
+    assert drift_per_check(values[:4], positive=False) is None
+    falling = [1.0 - value for value in values]
+    assert drift_per_check(falling, positive=False) == pytest.approx(-line.slope)
+    assert drift_per_check(falling, positive=True) is None
+    steady = rng.normal(size=(500, 12)).tolist()
+    assert not any(drift_per_check(row, positive=False) for row in steady)

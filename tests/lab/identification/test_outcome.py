@@ -12,6 +12,7 @@ from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.results.files import identification_json
 from traverse.lab.identification.results.outcome import CONDITIONS, outcome_of
 from traverse.lab.outcomes.base import State
+from traverse.lab.outcomes.identified import ContradictedCertificate
 
 QUICK = Options(n_suggestions=0)
 # Without the search for zeros and signs, which takes seconds and helps nothing.
@@ -121,9 +122,25 @@ def test_an_arm_that_shrank_is_refused():
             arm=replace(result.adjustment.state.arm, geometry=tiny),
         ),
     )
+    # It contradicts every certificate; and one that agrees with the arm is right.
+    accused = ContradictedCertificate(
+        artefact="bar",
+        length="distance_mm",
+        certified_mm=400.0,
+        value_mm=5.0,
+        std_mm=0.1,
+        sigmas=40.0,
+        or_else=(),
+    )
+    result = replace(result, contradictions=(accused,))
     judged = outcome_of(replace(result, adjustment=adjustment))
     assert "size" in judged.outcome.codes
+    assert "certificates" not in judged.outcome.codes
     assert not judged.writes_arm
+    assert "certificates" in outcome_of(result).outcome.codes
+    agreeing = replace(accused, value_mm=400.1)
+    result = replace(result, contradictions=(agreeing,))
+    assert "certificates" not in outcome_of(result).outcome.codes
 
 
 def test_lengths_say_how_little_an_undetermined_scale_tells():
