@@ -25,6 +25,8 @@ from typing import Literal
 import numpy as np
 from scipy import special
 
+from traverse.arrays import Floats
+
 Side = Literal["both", "above"]
 
 INDIVIDUAL = 3.5
@@ -171,19 +173,20 @@ def charted(
     return points
 
 
-def drift_per_check(values: Sequence[float], *, positive: bool) -> float | None:
+def drift_per_check(figures: Sequence[float], *, positive: bool) -> float | None:
     """Return how much values change from one to the next; None: chance does as much.
 
     By the t-test of the slope of a straight line. Strategy: a drift that began with the
     base is part of its mean and of its spread, so that no other rule sees it. Of
     positive figures only growth counts.
     """
+    values: Floats = np.asarray(figures, dtype=np.float64)
     n = len(values)
     if n < FEWEST_OF_DRIFT:
         return None
-    places = np.arange(n) - 0.5 * (n - 1)
-    slope = float(places @ values / (places @ places))
-    left = values - np.mean(values) - slope * places
+    places, deviations = np.arange(n) - 0.5 * (n - 1), values - np.mean(values)
+    slope = float(places @ deviations / (places @ places))
+    left = deviations - slope * places
     error = max(float(np.sqrt(left @ left / (n - 2) / (places @ places))), 1e-12)
     chance = float(special.stdtr(n - 2, -abs(slope) / error)) * (1 if positive else 2)
     if chance > DRIFT_LEVEL or (positive and slope < 0.0):
