@@ -24,6 +24,7 @@ from traverse.protocol.messages import QualityFlag
 
 CONDITION = "channels"  # that this feeds
 CHECK_NS = 50_000_000  # interval of checks
+STEP_NS = 1_000_000  # between readings that are looked at, where they are quicker
 KEPT_NS = 1_500_000_000
 GAP_NS = 400_000_000  # longer: what was before says nothing
 SPEED_S = 0.01  # over which a speed is measured, at least
@@ -108,7 +109,7 @@ class FrozenJointMonitor:
         ):
             self._forget()
             return
-        blocks.append((times_ns, counts))
+        blocks.append(_thinned(times_ns, counts))
         now_ns = int(times_ns[-1])
         if now_ns - self._checked_ns < CHECK_NS:
             return
@@ -178,6 +179,14 @@ class FrozenJointMonitor:
             self._doubt(model, "it has not moved since")
         else:
             self._conditions.establish(CONDITION, text="every count varies again")
+
+
+def _thinned(times_ns: Integers, counts: Floats) -> tuple[Integers, Floats]:
+    """Return the last reading of a block, and earlier ones at least `STEP_NS` apart."""
+    passed_ns = max(int(times_ns[-1] - times_ns[0]), 1)
+    step = max(STEP_NS * (len(times_ns) - 1) // passed_ns, 1)
+    kept = np.arange(len(times_ns) - 1, -1, -step)[::-1]
+    return times_ns[kept], counts[kept]
 
 
 def _stopped_joints(window: _Window) -> list[int]:
