@@ -64,6 +64,11 @@ class Candidate:
         return EFFECT_KINDS[self.kind].family is Family.CURVE
 
     @property
+    def is_length(self) -> bool:
+        """Whether it is a wrong length of an artefact."""
+        return EFFECT_KINDS[self.kind].family is Family.LENGTH
+
+    @property
     def periods(self) -> float | None:
         """Periods a turn, if it is a wave of the reading."""
         return self.order if self.cycles is None else self.cycles

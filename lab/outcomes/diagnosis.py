@@ -359,7 +359,7 @@ def _scaled(evidence: DiagnosisEvidence) -> Finding:
         str(rival.candidate.artefact)
         for term in evidence.figures.terms
         for rival in term.alternatives
-        if rival.candidate.kind == "artefact_length" and rival.alias
+        if rival.candidate.is_length and rival.alias
     }
     if lengths:
         names = " or ".join(sorted(lengths))
