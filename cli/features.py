@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,7 @@ from traverse.cli.common.refusals import (
     refusals,
     refuse,
 )
+from traverse.installation import missing
 
 if TYPE_CHECKING:
     from traverse.arrays import Floats
@@ -64,11 +66,10 @@ def features(
                 f"{', '.join(sorted(labels)) or 'none'}"
             )
         inspection = inspected(wanted, chosen, _shared(list(used.values()), arm))
-        if out is not None:
-            _write(inspection, out)
+        written = "" if out is None else _write(inspection, out)
     lines = summary_lines(inspection)
-    if out is not None:
-        lines.append(f"wrote {out}: features.html, .json, .csv, .dxf")
+    if written:
+        lines.append(written)
     print_report(asdict(inspection), lines, as_json=as_json)
     has_problem = any(feature.problem for feature in inspection.features)
     if has_problem or inspection.conformity not in (None, "conforming"):
@@ -90,16 +91,23 @@ def _shared(points: "list[Point]", arm: Path | None) -> "Mapping[str, Floats] | 
     return {point.id: factor for point, factor in zip(points, shared_mm, strict=True)}
 
 
-def _write(inspection: "Inspection", folder: Path) -> None:
+def _write(inspection: "Inspection", folder: Path) -> str:
+    """Write the report; return a line that says so."""
     from traverse.client.inspection.drawing import dxf_text
     from traverse.client.inspection.sheet import csv_text, json_text, sheet_html
     from traverse.strict_toml.writing import write_atomically
 
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in (
-        ("features.html", sheet_html(inspection)),
-        ("features.json", json_text(inspection)),
-        ("features.csv", csv_text(inspection)),
-        ("features.dxf", dxf_text(inspection)),
-    ):
-        write_atomically(folder / name, text)
+    texts = {
+        "html": sheet_html(inspection),
+        "json": json_text(inspection),
+        "csv": csv_text(inspection),
+    }
+    remark = ""
+    if find_spec("ezdxf") is None:
+        remark = f"; {missing('a drawing', 'ezdxf', 'lab')}"
+    else:
+        texts["dxf"] = dxf_text(inspection)
+    for kind, text in texts.items():
+        write_atomically(folder / f"features.{kind}", text)
+    return f"wrote {folder}: features.{', .'.join(texts)}{remark}"
