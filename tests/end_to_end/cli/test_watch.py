@@ -19,6 +19,8 @@ from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Point, PointArgs, Status
 from traverse.testing.waiting import until
 
+pytestmark = pytest.mark.needs("mosquitto")
+
 
 def watch(bench: Workbench, *options: str) -> Program:
     """Follow the bench's arm."""
@@ -34,7 +36,6 @@ def watched_by_head(bench: Workbench) -> tuple[str, str]:
     return ended.stdout, ended.stderr
 
 
-@pytest.mark.needs("mosquitto")
 async def test_lines_tell_status_health_and_points_with_units(
     resting: Workbench,
 ) -> None:
@@ -52,7 +53,6 @@ async def test_lines_tell_status_health_and_points_with_units(
             assert watching.log == ""
 
 
-@pytest.mark.needs("mosquitto")
 async def test_json_lines_are_messages(resting: Workbench) -> None:
     async with measuring(resting) as (listener, _, _):
         with watch(resting, "--json", "--kinds", "status,point") as watching:
@@ -66,7 +66,6 @@ async def test_json_lines_are_messages(resting: Workbench) -> None:
     assert decode(Point, point.encode(), "json") == listener.points[0]
 
 
-@pytest.mark.needs("mosquitto")
 async def test_an_arm_that_is_not_there_is_reported_and_waited_for(
     resting: Workbench,
 ) -> None:
@@ -103,7 +102,6 @@ async def test_an_unknown_kind_is_refused(resting: Workbench) -> None:
         assert "points is none of" in watching.log
 
 
-@pytest.mark.needs("mosquitto")
 async def test_it_ends_when_nobody_reads_its_lines_any_more(
     resting: Workbench,
 ) -> None:
@@ -113,7 +111,6 @@ async def test_it_ends_when_nobody_reads_its_lines_any_more(
     assert err == ""
 
 
-@pytest.mark.needs("mosquitto")
 async def test_on_a_terminal_it_is_a_display(resting: Workbench) -> None:
     where = ("--broker", f"{resting.host}:{resting.port}")
     command = [
