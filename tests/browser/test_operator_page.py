@@ -144,6 +144,7 @@ async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
 async def test_the_page_can_be_used_without_a_mouse(scene: Scene) -> None:
     page = scene.page
     await expect(page.locator("header")).to_contain_text("Ready to measure.")
+    await expect(page.get_by_role("button", name="Undo 2")).to_be_enabled()
     names = []
     for _ in range(45):
         await page.keyboard.press("Tab")
