@@ -58,7 +58,7 @@ def wanted(lock: Path) -> list[str]:
 
 
 def uv_settings(listed: str) -> dict[str, str]:
-    """Translate what `pip config list` prints; what uv has already been told stays."""
+    """Return uv's variables for the settings that `pip config list` prints."""
     # As pip does: the best version of all indexes.
     settings = {"UV_INDEX_STRATEGY": "unsafe-best-match"}
     for line in listed.splitlines():

@@ -17,9 +17,9 @@ from traverse.cli.gateway.running import (
     report,
     run,
     send,
+    serve,
     until_signal,
 )
-from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from traverse.client.gateways.outlets import Outlet
@@ -160,11 +160,7 @@ def live(
     async def work() -> None:
         client = Arm(arm, address, since=since)
         server = LiveServer(client, host, port, magnify, report)
-        async with server, client:
-            where = f"{arm} at {server.address}"
-            report(f"{where}: open it in Foxglove as a connection")
-            await until_signal(server.serve())
-        report(f"{counted(server.points, 'point')} shown")
+        await serve(client, server, "open it in Foxglove as a connection")
 
     run(f"ws://{host}:{port}", work())
 
@@ -196,10 +192,7 @@ def opcua(
     async def work() -> None:
         client = Arm(arm, address, since=since)
         server = OpcUaServer(client, host, port, report)
-        async with client, server:
-            report(f"OPC UA server of {arm} on {server.address}")
-            await until_signal(server.serve())
-        report(f"{counted(server.points, 'point')} served")
+        await serve(client, server, "for clients of OPC UA")
 
     run(f"tcp {host}:{port}", work())
 

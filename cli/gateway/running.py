@@ -16,6 +16,8 @@ from traverse.protocol.printable import printable
 if TYPE_CHECKING:
     from traverse.client.arm import Arm
     from traverse.client.gateways.lines import LineGateway
+    from traverse.client.gateways.live import LiveServer
+    from traverse.client.gateways.opcua import OpcUaServer
 
 Kind = Literal["points", "scans"]
 
@@ -62,6 +64,14 @@ async def send(arm: "Arm", kind: Kind, sender: "LineGateway") -> None:
         f"{counted(counts.held_back, 'point')} held back, "
         f"{counts.undone} taken back after they were sent, {counts.lost} lost"
     )
+
+
+async def serve(arm: "Arm", server: "LiveServer | OpcUaServer", use: str) -> None:
+    """Serve until SIGINT or SIGTERM; report the address and its use, and the sum."""
+    async with server, arm:
+        report(f"{arm.name} at {server.address}: {use}")
+        await until_signal(server.serve())
+    report(f"{counted(server.points, 'point')} shown")
 
 
 def host_port(text: str, option: str, host: str | None) -> tuple[str, int]:

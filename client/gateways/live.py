@@ -15,7 +15,7 @@ from foxglove.websocket import Client, ServerListener, StatusLevel, WebSocketSer
 from traverse.client.arm import Arm
 from traverse.client.cancel_tasks import run_together
 from traverse.client.gateways.live_scene import arm_entity, deletion, point_entity
-from traverse.client.gateways.outlets import Report
+from traverse.client.gateways.outlets import Report, url_of
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages import Health, Message, Point, Status
 from traverse.recording.views import (
@@ -105,8 +105,7 @@ class LiveServer:
     @property
     def address(self) -> str:
         """URL for viewers."""
-        host = f"[{self._host}]" if ":" in self._host else self._host
-        return f"ws://{host}:{self.port}"
+        return url_of("ws", self._host, self.port)
 
     async def __aenter__(self) -> Self:
         loop = asyncio.get_running_loop()

@@ -26,7 +26,7 @@ from asyncua.ua.status_codes import StatusCodes
 
 from traverse.client.arm import Arm
 from traverse.client.cancel_tasks import run_together
-from traverse.client.gateways.outlets import Report
+from traverse.client.gateways.outlets import Report, url_of
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages import Live, Point, Status
 from traverse.protocol.messages.point import Covariance
@@ -104,8 +104,7 @@ class OpcUaServer:
     @property
     def address(self) -> str:
         """URL for clients."""
-        host = f"[{self._host}]" if ":" in self._host else self._host
-        return f"opc.tcp://{host}:{self._port}/"
+        return f"{url_of('opc.tcp', self._host, self._port)}/"
 
     async def __aenter__(self) -> Self:
         server = self._server

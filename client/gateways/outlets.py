@@ -27,6 +27,11 @@ REFUSAL_S = 0.005  # after which a computer without a listener has usually said 
 Report = Callable[[str], None]
 
 
+def url_of(scheme: str, host: str, port: int) -> str:
+    """Return the URL of a server; IPv6 addresses stand in brackets."""
+    return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
+
+
 class NotTakenError(Exception):
     """A line must not be sent now, nor later; states why."""
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import aiomqtt
 import pytest
-from asyncua import Client, Node
+from asyncua import Client
 
 from tests.client.gateways.foxglove_viewer import Viewer
 from tests.client.virtual_daemon import VirtualDaemon
@@ -148,19 +148,34 @@ def test_keys_that_cannot_be_typed_are_refused_in_a_sentence(
     assert len(result.stderr.splitlines()) == 1
 
 
-@pytest.mark.needs("mosquitto")
-async def test_the_live_view_as_a_program(mosquitto: Mosquitto, tmp_path: Path) -> None:
-    broker = f"{mosquitto.host}:{mosquitto.port}"
-    arm = f"arm-{uuid.uuid4().hex[:8]}"
-    virtual = VirtualDaemon(arm, mosquitto.host, mosquitto.port)
+def options_of_a_server(
+    kind: str, scheme: str, virtual: VirtualDaemon, mosquitto: Mosquitto, folder: Path
+) -> tuple[str, tuple[str, ...]]:
+    """Refuse a port that is taken; return it, free now, and options with it."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        options = ("--arm-name", arm, "--broker", broker, "--listen", port)
-        result = run_traverse(tmp_path, "gateway", "live", *options, status=2)
-    assert f"ws://127.0.0.1:{port}: " in result.stderr
+        broker = f"{mosquitto.host}:{mosquitto.port}"
+        options = ("--arm-name", virtual.arm, "--broker", broker, "--listen", port)
+        result = run_traverse(folder, "gateway", kind, *options, status=2)
+    assert f"{scheme}127.0.0.1:{port}: " in result.stderr
     assert result.stderr.endswith("name another port\n")
-    async with virtual.running():
-        await virtual.take(2)
+    return port, options
+
+
+@pytest.fixture
+def unseen(mosquitto: Mosquitto) -> VirtualDaemon:
+    """An arm of its own name."""
+    name = f"arm-{uuid.uuid4().hex[:8]}"
+    return VirtualDaemon(name, mosquitto.host, mosquitto.port)
+
+
+@pytest.mark.needs("mosquitto")
+async def test_the_live_view_as_a_program(
+    unseen: VirtualDaemon, mosquitto: Mosquitto, tmp_path: Path
+) -> None:
+    port, options = options_of_a_server("live", "ws://", unseen, mosquitto, tmp_path)
+    async with unseen.running():
+        await unseen.take(2)
         with Program(tmp_path, "live", "gateway", "live", *options) as program:
             await until(lambda: "open it in Foxglove" in program.log, "the server")
             async with Viewer(f"ws://127.0.0.1:{port}") as viewer:
@@ -175,38 +190,37 @@ async def test_the_live_view_as_a_program(mosquitto: Mosquitto, tmp_path: Path) 
     assert program.log.splitlines()[-1] == "2 points shown"
 
 
+class Sequences:
+    """Called by a client of OPC UA with the numbers of points."""
+
+    def __init__(self) -> None:
+        self.received: list[int] = []
+
+    def datachange_notification(self, _node: object, value: int, _data: object) -> None:
+        self.received.append(value)
+
+
 @pytest.mark.needs("mosquitto")
 async def test_the_opc_ua_server_as_a_program(
-    mosquitto: Mosquitto, tmp_path: Path
+    unseen: VirtualDaemon, mosquitto: Mosquitto, tmp_path: Path
 ) -> None:
-    broker = f"{mosquitto.host}:{mosquitto.port}"
-    arm = f"arm-{uuid.uuid4().hex[:8]}"
-    virtual = VirtualDaemon(arm, mosquitto.host, mosquitto.port)
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = str(taken.getsockname()[1])
-        options = ("--arm-name", arm, "--broker", broker, "--listen", port)
-        result = run_traverse(tmp_path, "gateway", "opcua", *options, status=2)
-    assert result.stderr.endswith(
-        f"tcp 127.0.0.1:{port}: Address already in use; name another port\n"
-    )
-    async with virtual.running():
+    port, options = options_of_a_server("opcua", "tcp ", unseen, mosquitto, tmp_path)
+    async with unseen.running():
         with Program(tmp_path, "opcua", "gateway", "opcua", *options) as program:
-            await until(lambda: "OPC UA server of" in program.log, "the server")
+            await until(lambda: "for clients of OPC UA" in program.log, "the server")
             async with Client(f"opc.tcp://127.0.0.1:{port}/") as client:
                 index = await client.get_namespace_index(NAMESPACE)
-                path = [f"{index}:{name}" for name in (arm, "LastPoint", "Sequence")]
+                path = [
+                    f"{index}:{name}" for name in (unseen.arm, "LastPoint", "Sequence")
+                ]
+                numbers = Sequences()
+                subscription = await client.create_subscription(20, numbers)
                 sequence = await client.nodes.objects.get_child(path)
-                await virtual.take(2)
-                while await read_or_none(sequence) != 1:  # noqa: ASYNC110 - polled
-                    await asyncio.sleep(0.05)
+                await subscription.subscribe_data_change(sequence)
+                await unseen.take(2)
+                await until(lambda: numbers.received[-1:] == [1], "the second point")
             assert await program.stop() == 0
-    assert program.log.splitlines()[-1] == "2 points served"
-
-
-async def read_or_none(variable: Node) -> object:
-    """Its value; None while it has none."""
-    data = await variable.read_data_value(raise_on_bad_status=False)
-    return None if data.StatusCode.is_bad() else data.Value.Value
+    assert program.log.splitlines()[-1] == "2 points shown"
 
 
 def test_a_port_that_is_taken_is_refused(tmp_path: Path) -> None:

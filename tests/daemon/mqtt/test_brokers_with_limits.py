@@ -164,7 +164,7 @@ async def test_refused_messages_are_said_once_and_hold_up_no_others(kind):
         for n in range(3):
             bench.queue.offer(kind, OutgoingMessage(topic, b"%d" % n, 1))
             bench.queue.offer("event", OutgoingMessage("e", b"", 1))
-            await until(lambda: bench.queue.sent["event"] > n, "others")  # noqa: B023
+            await until(lambda n=n: bench.queue.sent["event"] > n, "others")
         refusals = [text for is_up, text in bench.changes if not is_up]
         assert [topic in text for text in refusals] == [True]
         assert bench.queue.waiting("point") == (3 if kind == "point" else 0)

@@ -43,9 +43,9 @@ def test_low_harmonics_are_those_of_the_library():
         }
         same, expected = chosen(library, **wanted)
         assert (same.scales, same.log_prior) == (harmonic.scales, harmonic.log_prior)
-        own = harmonics.slices[harmonics.candidates.index(harmonic)]
+        columns = harmonics.slices[harmonics.candidates.index(harmonic)]
         np.testing.assert_allclose(
-            harmonics.columns[:, own], expected, atol=1e-6 * np.abs(expected).max()
+            harmonics.columns[:, columns], expected, atol=1e-6 * np.abs(expected).max()
         )
 
 
