@@ -5,10 +5,14 @@ offset plus a delay that is never negative; `traverse.drivers.timing.delay_floor
 the line below these, whose slope is the error of the device's rate. What remains is the
 smallest delay itself, which no one-way measurement separates from the offset: the
 configuration of the port states it, as ``latency_ns``. A request and its answer do: the
-latch is after the request, so that a quick answer bounds the smallest delay, as well
-as the line was known then. Where a port holds bytes back until its next frame, that
-delay rises and falls slowly by a frame, as the two clocks pass each other, which no
-line tells from an error of the rate: what an answer showed is worth less each second.
+latch is after the request, so that times are late by no more than the time of that
+latch was. Where a port holds bytes back until its next frame, the smallest delay rises
+and falls slowly by a frame, as the two clocks pass each other, which no line tells from
+an error of the rate: what an answer showed is worth less each second.
+
+So a time is bounded from both sides: it is too late by what line, port and answers
+leave open, and too early by as much as the last reading was late, since its latch was
+before its arrival. A counter that stood still before that reading is within the latter.
 
 Strategy: a time is in doubt until the line is known, and whenever a reading suggests
 that it may not hold any more. A reading near the line proves it: the counter has lost
@@ -36,10 +40,9 @@ STEP_S = 1.5
 STEP_READS = 8
 FIRST_BINS = 3  # for a first line, of which nothing is certain
 UNKNOWN_NS = 1e9
-LAST_READS = 2
 EXCHANGES = 64
-RECENT_EXCHANGES = 4
 BEAT_S = 4.0  # a smallest delay that grows by a frame in less shows in the line's bound
+RATE_MARGIN = 2.0  # bounds by which a line of that length is wrong from end to end
 MAX_BOUND_NS = 20_000_000  # of what has to be learned; beyond, no time is certain
 MAX_TIED_NS = 1_000_000  # of an answer that ties the clock
 MAX_RATE_ERROR = 0.025  # as long as the rate is not known
@@ -88,16 +91,10 @@ class _Exchange:
     Attributes:
         ticks: when it was, unwrapped.
         sent_ns: when it had been requested.
-        latency_ns: the smallest delay was no larger then.
-        lifted_ns: by how much the line had been lifted before.
-        early_ns: the latch came by so much before its request, so low lies the line.
     """
 
     ticks: int
     sent_ns: int
-    latency_ns: float
-    lifted_ns: float
-    early_ns: float
 
 
 class DeviceClock:
@@ -129,10 +126,9 @@ class DeviceClock:
         self._usual = _UsualDelays()
         self._tie: tuple[int, float] | None = None  # ticks of a quick answer; how quick
         self._reads: list[tuple[int, int]] = []
-        self._lates_ns: deque[float] = deque([0.0], maxlen=LAST_READS)
         self._exchanges: deque[_Exchange] = deque(maxlen=EXCHANGES)
         self._best: _Exchange | None = None
-        self._lifted_ns = self._early_ns = 0.0
+        self._late_ns = 0.0  # of the last reading
         self._run = self._read_ns = self._read_ticks = self._proven_ns = 0
         self._run_late_ns = self._height_ns = self._jump_ns = 0.0
         self._line_bound_ns = UNKNOWN_NS
@@ -164,7 +160,7 @@ class DeviceClock:
         if not self._run:
             return False
         run_limit = self._usual.run_limit
-        return self._run > run_limit or self._is_unusual(self._lates_ns[-1])
+        return self._run > run_limit or self._is_unusual(self._late_ns)
 
     def is_unusual(self, ticks: int, received_ns: int) -> bool:
         """Return whether a newer latch was read so late that the counter may stand."""
@@ -183,10 +179,7 @@ class DeviceClock:
     @property
     def error_bound_ns(self) -> int:
         """Error of the times of the last read; large while uncertain."""
-        # So much the counter may have lost unseen, unless a read since then denies it.
-        late_ns = self._lates_ns[-1] if self._is_only_tied else min(self._lates_ns)
-        bound_ns = max(self._bound_ns(), late_ns) + self._early_ns
-        bound_ns += self._latency_ns + self._ns_per_tick
+        bound_ns = max(self._most_late_ns(), self._late_ns) + self._ns_per_tick
         return round(min(bound_ns, UNKNOWN_NS))
 
     @property
@@ -194,18 +187,23 @@ class DeviceClock:
         """By how much the device's clock runs fast; 1e-3: 0.1 %."""
         return -self._slope / (1.0 + self._slope)
 
-    @property
-    def _latency_ns(self) -> float:
-        """Bound on the smallest delay now."""
-        if self._best is None:
-            return self._grain_ns
-        return self._best.latency_ns + self._risen_ns(self._best, self._last or 0)
+    def _most_late_ns(self) -> float:
+        """Bound by how much the present times are later than their latches."""
+        bound_ns = self._bound_ns() + self._grain_ns
+        if self._best is not None:
+            bound_ns = min(bound_ns, self._late_by_ns(self._best))
+        return bound_ns
 
-    def _risen_ns(self, exchange: "_Exchange", ticks: int) -> float:
-        """Bound on the rise of the smallest delay since an exchange."""
-        passed_s = abs(ticks - exchange.ticks) * self._ns_per_tick * 1e-9
-        lifted_ns = self._lifted_ns - exchange.lifted_ns
-        return min(self._grain_ns, self._grain_ns * passed_s / BEAT_S + lifted_ns)
+    def _late_by_ns(self, exchange: _Exchange) -> float:
+        """Bound the same by an exchange, and what the rate leaves open since then."""
+        last = self._last or 0
+        passed_ns = abs(last - exchange.ticks) * self._ns_per_tick
+        open_ns = self._grain_ns + RATE_MARGIN * self._line_bound_ns
+        rate_error = min(MAX_RATE_ERROR, open_ns / (BEAT_S * 1e9))
+        jump_ns = self._jump_ns * self._share_left(last)
+        requested_ns = exchange.sent_ns - jump_ns
+        late_ns = self._on_line_ns(exchange.ticks) - requested_ns
+        return max(0.0, late_ns) + rate_error * passed_ns
 
     def is_before_step(self, ticks: int) -> bool:
         """Return whether a latch precedes the last step: no line holds there now."""
@@ -271,6 +269,8 @@ class DeviceClock:
             if late_ns < -bound_ns and self._line_bound_ns < UNKNOWN_NS:
                 # Delays have been smaller than was seen until now.
                 self._line_bound_ns = -2.0 * late_ns
+                self._exchanges.clear()  # or the counter has gained since then
+                self._best = None
             self._judge(ticks, late_ns, received_ns)
         elapsed = ticks - self._anchor_ticks
         elapsed_ns = elapsed * self._ns_per_tick
@@ -298,41 +298,23 @@ class DeviceClock:
             self._height_ns = offset_ns - self._slope * elapsed_ns
             self._jump_ns = 0.0
             self._tie = ticks, float(width_ns)
-        self._exchanges.append(self._exchange(ticks, sent_ns))
-        self._choose_exchange(ticks)
+        self._exchanges.append(_Exchange(ticks, sent_ns))
+        self._choose_exchange()
 
-    def _exchange(self, ticks: int, sent_ns: int) -> "_Exchange":
-        """Bound by how much all times are late, because every read was."""
-        late_ns = max(0.0, float(self.to_ns(ticks) - sent_ns))
-        # As long as an answer ties the clock, the line is that answer's own.
-        line_bound_ns = 0.0 if self._is_only_tied else self._bound_ns()
-        early_ns = max(0.0, float(sent_ns - self.to_ns(ticks)))
-        latency_ns = late_ns + line_bound_ns
-        return _Exchange(ticks, sent_ns, latency_ns, self._lifted_ns, early_ns)
-
-    def _choose_exchange(self, ticks: int) -> None:
-        self._best = min(
-            self._exchanges,
-            key=lambda past: past.latency_ns + self._risen_ns(past, ticks),
-            default=None,
-        )
-        recent = list(self._exchanges)[-RECENT_EXCHANGES:]
-        self._early_ns = max((past.early_ns for past in recent), default=0.0)
+    def _choose_exchange(self) -> None:
+        self._best = min(self._exchanges, key=self._late_by_ns, default=None)
 
     def _judge(self, ticks: int, late_ns: float, received_ns: int) -> None:
         """Detect proofs that the line holds; a step, if there was none for long."""
-        lates_ns = self._lates_ns
         if received_ns != self._read_ns:
             if self._run:
-                self._run_late_ns = max(self._run_late_ns, lates_ns[-1])
+                self._run_late_ns = max(self._run_late_ns, self._late_ns)
             self._run += 1
-            lates_ns.append(late_ns)
         elif ticks <= self._read_ticks:
             return  # of several that were read together the last one is the least late
         else:
             self._run = self._run or 1
-            lates_ns[-1] = late_ns
-        self._read_ns, self._read_ticks = received_ns, ticks
+        self._late_ns, self._read_ns, self._read_ticks = late_ns, received_ns, ticks
         slack_ns = max(PROOF_SLACK_NS, self._grain_ns)
         if late_ns <= self._bound_ns() + self._ns_per_tick + slack_ns:
             if self._run > 1:
@@ -363,12 +345,10 @@ class DeviceClock:
         self._tie = None
         self._exchanges.clear()
         self._best = None
-        self._early_ns = 0.0
         self._usual = _UsualDelays()
         self._run, self._read_ns, self._proven_ns = 0, 0, received_ns
         self._read_ticks, self._run_late_ns = ticks, 0.0
-        self._lates_ns.clear()
-        self._lates_ns.append(0.0)
+        self._late_ns = 0.0
 
     def _lay_line(self, ticks: int) -> None:
         """Adopt the line below the readings so far, if it is due."""
@@ -386,16 +366,13 @@ class DeviceClock:
         self._line_bound_ns = min(line.bound_ns, UNKNOWN_NS)
         self._enter(ticks, line.slope, line.height_ns)
         if not was_known and self._line_bound_ns < UNKNOWN_NS:
-            self._learn_usual(ticks)
+            self._learn_usual()
+        self._choose_exchange()
 
-    def _learn_usual(self, last_ticks: int) -> None:
+    def _learn_usual(self) -> None:
         """Judge earlier readings by the line that they gave."""
         reads, self._reads = self._reads, []
         jump_ns, self._jump_ns = self._jump_ns, 0.0
-        exchanges = [self._exchange(e.ticks, e.sent_ns) for e in self._exchanges]
-        self._exchanges.clear()
-        self._exchanges.extend(exchanges)
-        self._choose_exchange(last_ticks)
         for ticks, received_ns in reads:
             late_ns = float(received_ns - self.to_ns(ticks))
             self._judge(ticks, late_ns, received_ns)
@@ -425,11 +402,13 @@ class DeviceClock:
     # -- mapping -----------------------------------------------------------------
 
     def to_ns(self, ticks: int) -> int:
-        elapsed = ticks - self._anchor_ticks
-        elapsed_ns = elapsed * self._ns_per_tick
-        correction_ns = self._height_ns + self._slope * elapsed_ns
         if self._jump_ns:
-            correction_ns += self._jump_ns * self._share_left(ticks)
+            return self._on_line_ns(ticks, self._jump_ns * self._share_left(ticks))
+        return self._on_line_ns(ticks)
+
+    def _on_line_ns(self, ticks: int, above_ns: float = 0.0) -> int:
+        elapsed_ns = (ticks - self._anchor_ticks) * self._ns_per_tick
+        correction_ns = self._height_ns + self._slope * elapsed_ns + above_ns
         return self._anchor_ns + round(elapsed_ns + correction_ns)
 
     def to_ns_array(self, ticks: Integers) -> Integers:
@@ -453,4 +432,3 @@ class DeviceClock:
         self._slope, self._height_ns, self._jump_ns = slope, height_ns, 0.0
         self._fit_ticks = ticks - self._anchor_ticks
         self._jump_ns = float(before_ns - self.to_ns(ticks))
-        self._lifted_ns += max(0.0, -self._jump_ns)

@@ -195,7 +195,7 @@ def test_an_answer_ties_a_clock_at_once_and_proves_a_step():
     clock = DeviceClock(1e6)
     clock.update(0, 1_000_400_000, 1_000_000_000)
     assert not clock.is_uncertain
-    assert clock.error_bound_ns == pytest.approx(400_000 + 400_000 + 1_000, abs=10)
+    assert clock.error_bound_ns == pytest.approx(400_000 + 1_000, abs=10)
     for k in range(1, 400):
         clock.update(10_000 * k, 1_000_100_000 + 10_000_000 * k)
     assert clock.is_known
@@ -230,8 +230,33 @@ def test_no_delay_is_usual_while_a_single_answer_ties_the_clock():
     clock.update(0, 1_000_400_000, 1_000_000_000)
     for k in range(1, 20):  # every second read is late, and then denied
         late_ns = 6_000_000 * (k % 2)
-        clock.update(5_000 * k, 1_000_100_000 + 5_000_000 * k + late_ns)
-        assert clock.is_uncertain or clock.error_bound_ns >= late_ns
+        ticks, received_ns = 5_000 * k, 1_000_100_000 + 5_000_000 * k + late_ns
+        clock.update(ticks, received_ns)
+        may_be_late_ns = received_ns - clock.to_ns(ticks)
+        assert clock.is_uncertain or clock.error_bound_ns >= may_be_late_ns
+
+
+def test_the_first_read_after_a_timer_stood_still_is_bounded_by_its_own_lateness():
+    """Reads before the stall say nothing of it, however early they came."""
+    clock = DeviceClock(1e6, latency_ns=1_000_000)
+    lateness_ns = np.random.default_rng(3).exponential(300_000.0, 800)
+    lateness_ns[::50] = 12_000_000.0  # delays that are usual, so that none is doubted
+    for k, late_ns in enumerate(lateness_ns.tolist()):
+        clock.update(10_000 * k, 10_000_000 * k + round(late_ns))
+    lost_ns = 9_800_000
+    clock.update(8_000_000, 8_000_000_000 + lost_ns + 50_000)
+    off_ns = abs(clock.to_ns(8_000_000) - 8_000_000_000 - lost_ns)
+    assert 9_000_000 < off_ns < 10_000_000
+    assert not clock.is_uncertain
+    assert off_ns <= clock.error_bound_ns
+
+
+def test_a_bound_rests_on_the_last_answer_not_on_what_the_port_states():
+    clock = DeviceClock(1e6, latency_ns=16_000_000)
+    for k in range(600):
+        sent_ns = 10_000_000 * k - 100_000 if k % 100 == 99 else None
+        clock.update(10_000 * k, 10_000_000 * k + 400_000, sent_ns)
+    assert abs(clock.to_ns(5_990_000) - 5_990_000_000) <= clock.error_bound_ns < 600_000
 
 
 def test_edges_that_are_sent_again_are_not_newer():
