@@ -13,6 +13,7 @@ from traverse.kinematics.model.forward import numpy_centre
 compiled = pytest.mark.skipif(not COMPILED, reason="the kernel in C is not built")
 
 
+@pytest.mark.slow
 @compiled
 def test_kernel_is_timed_beside_numpy_and_peers():
     single, batch, jacobian = tables(n_samples=64, n_derived=8, rounds=2)

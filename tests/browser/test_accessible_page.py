@@ -35,6 +35,7 @@ async def findings(page: Page, axe: Path, within: str = "html") -> list[Any]:
     ]
 
 
+@pytest.mark.slow
 async def test_axe_finds_nothing_grave(
     posed: PosedDaemon, address: str, served_page: OpenPage, node_modules: Path
 ) -> None:

@@ -165,6 +165,7 @@ async def test_nothing_is_green_when_broker_or_arm_is_gone(
             assert await n_played(page, "cleared") == 1
 
 
+@pytest.mark.slow
 async def test_one_refusal_is_one_message_and_one_sound(scene: Scene) -> None:
     page = scene.page
     await is_said(page, "Ready", "good")

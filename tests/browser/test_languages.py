@@ -19,6 +19,7 @@ async def choose(page: Page, *answers: str) -> None:
         await expect(page.get_by_role("dialog")).to_have_count(0)
 
 
+@pytest.mark.slow
 async def test_a_german_browser_shows_a_german_page_without_english_rests(
     posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:

@@ -67,6 +67,7 @@ async def fill(page: Page, posed: PosedDaemon) -> None:
     await expect(page.locator("td.state").first).to_be_visible()
 
 
+@pytest.mark.slow
 async def test_every_text_has_contrast_in_both_themes(
     posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:

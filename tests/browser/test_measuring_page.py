@@ -69,6 +69,7 @@ async def test_the_sessions_points_are_all_there_whatever_happens(
             )
 
 
+@pytest.mark.slow
 async def test_late_and_new_points_at_one_time_are_all_in_the_view(
     posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:
@@ -80,6 +81,7 @@ async def test_late_and_new_points_at_one_time_are_all_in_the_view(
         await are_shown(page, 20)
 
 
+@pytest.mark.slow
 async def test_a_new_session_is_requested_and_the_earlier_one_can_be_shown(
     posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:
@@ -251,6 +253,7 @@ async def test_probe_and_label_are_shown_and_changed(
         assert posed.commands[-1] == LabelArgs(artefact="N P", feature="hole")
 
 
+@pytest.mark.slow
 async def test_a_guided_check_has_a_verdict_and_refuses_another_seat(
     posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:

@@ -62,6 +62,7 @@ async def test_a_morning_with_the_page(scene: Scene) -> None:
     await expect(page.get_by_role("button", name="Start scan")).to_be_visible()
 
 
+@pytest.mark.slow
 async def test_points_are_labelled_and_saved(
     scene: Scene, served_page: OpenPage
 ) -> None:
@@ -104,6 +105,7 @@ async def test_a_guided_check_counts_points_until_it_is_closed(scene: Scene) -> 
     await expect(joints).to_be_visible()
 
 
+@pytest.mark.slow
 async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
     page, banner = scene.page, scene.page.locator("header")
     await expect(banner).to_contain_text("Ready to measure.")

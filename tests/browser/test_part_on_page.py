@@ -18,7 +18,7 @@ pytestmark = [
     pytest.mark.needs("mosquitto", "chromium"),
     pytest.mark.asyncio(loop_scope="session"),
 ]
-SIZES = {"desk": (1600, 900), "tablet": (820, 1180), "phone": (390, 844)}
+SIZES = {"desk": (1600, 900), "phone": (390, 844)}
 
 
 def measured() -> tuple[
@@ -47,6 +47,7 @@ async def touch_all(posed: PosedDaemon, points: list[Point], shared) -> None:
         posed.shared_mm[taken.id] = shared[point.id].tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", SIZES)
 async def test_a_plate_with_holes_is_measured_by_touches(
     posed: PosedDaemon, address: str, served_page: OpenPage, size: str

@@ -78,6 +78,7 @@ async def test_a_stopped_server_is_noticed_and_its_presses_are_not_executed_late
         assert n_points(posed) == 2
 
 
+@pytest.mark.slow
 async def test_a_killed_server_is_noticed_and_presses_are_reported_lost(
     posed: PosedDaemon, address: str, page_and_server: ServePage
 ) -> None:
@@ -94,6 +95,7 @@ async def test_a_killed_server_is_noticed_and_presses_are_reported_lost(
         assert n_points(posed) == 0
 
 
+@pytest.mark.slow
 async def test_a_stopped_arm_is_stale_within_moments(
     posed: PosedDaemon, address: str, page_and_server: ServePage
 ) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import traverse.cli
-from tests.running import run_program, run_traverse
+from tests.running import invoke, run_program, run_traverse
 
 ARM = Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml"
 DAEMON = """\
@@ -43,7 +43,6 @@ def folder(tmp_path: Path) -> Path:
 
 REFUSED = [
     ("watch --lines --broker localhost:abc", "'localhost:abc': its port is no"),
-    ("run --config arm.toml", "this is a file 'traverse/arm/1'; expected a dae"),
     ("simulate devices arm.toml", "'traverse/arm/1'; expected 'traverse/simul"),
     ("simulate devices campaign", "Is a directory; expected a file"),
     ("check campaign", "no poses yet: `traverse collect campaign` writes"),
@@ -92,9 +91,14 @@ UNREACHABLE = [
     ],
 )
 def test_a_mistake_is_named(
-    folder: Path, words: str, status: int, expected: str
+    folder: Path,
+    words: str,
+    status: int,
+    expected: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    result = run_traverse(folder, *words.split(), status=status)
+    monkeypatch.chdir(folder)
+    result = invoke(*words.split(), status=status)
     said = result.stdout + result.stderr
     assert expected in said
     assert "Errno" not in said
@@ -124,6 +128,11 @@ main()
     words = ("-c", code, "arm", "show", "arm.toml")
     ended = run_program(sys.executable, *words, cwd=folder, status=130)
     assert ended.stderr.strip() == ""
+
+
+def test_a_file_that_is_no_configuration_is_named(folder: Path) -> None:
+    result = run_traverse(folder, "run", "--config", "arm.toml", status=2)
+    assert "is a file 'traverse/arm/1'; expected a daemon's" in result.stderr
 
 
 def test_a_busy_port_of_the_embedded_broker_is_named(folder: Path) -> None:

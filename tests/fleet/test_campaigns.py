@@ -205,6 +205,7 @@ def test_a_scheduler_that_goes_away_ends_the_work_in_a_sentence(campaigns, tmp_p
         assert (folder / "SHA256SUMS").is_file()
 
 
+@pytest.mark.slow
 def test_the_command_goes_on_where_it_ended(campaigns, tmp_path):
     broken = campaigns.parent / f"{tmp_path.name}-broken"
     broken.mkdir()

@@ -85,6 +85,7 @@ def test_arm_alone_is_written_from_its_file(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_b89_of_a_verification(verified, tmp_path):
     out, folder = tmp_path / "arm.qif", verified / "asme-b89.4.22"
     words = ("--out", out, "--verification", folder, "--json")

@@ -231,6 +231,7 @@ def test_a_missing_extra_is_named(measured: Path, package: str) -> None:
     assert "Traceback" not in ran.stderr
 
 
+@pytest.mark.slow
 def test_two_results_are_compared_at_the_probe(identified: Path) -> None:
     truth = "campaign/truth/arm.toml"
     design = said_json(
@@ -253,6 +254,7 @@ def test_two_results_are_compared_at_the_probe(identified: Path) -> None:
     assert f"rms {comparison['rms_mm']:.4f} mm" in lines[3]
 
 
+@pytest.mark.slow
 def test_held_parameters_are_not_estimated_also_by_a_file_of_masks(
     measured: Path, tmp_path: Path
 ) -> None:

@@ -200,6 +200,7 @@ class Sequences:
         self.received.append(value)
 
 
+@pytest.mark.slow
 @pytest.mark.needs("mosquitto")
 async def test_the_opc_ua_server_as_a_program(
     unseen: VirtualDaemon, mosquitto: Mosquitto, tmp_path: Path
@@ -238,6 +239,7 @@ def test_a_broker_that_is_not_there_has_a_status_of_its_own(tmp_path: Path) -> N
     run_traverse(tmp_path, *LINES, "--arm-name", "bench-7", *options, status=3)
 
 
+@pytest.mark.slow
 @pytest.mark.needs("mosquitto")
 async def test_no_point_is_lost_however_often_the_gateway_is_killed(
     mosquitto: Mosquitto, tmp_path: Path

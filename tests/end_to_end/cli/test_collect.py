@@ -105,6 +105,7 @@ async def test_a_campaign_is_collected_as_it_is_touched(campaign: Workbench) -> 
     assert (np.abs(np.nan_to_num(senses)).sum(axis=1) > 0)[was_seen].all()
 
 
+@pytest.mark.slow
 async def test_an_ended_collection_continues_where_it_was(campaign: Workbench) -> None:
     bench = campaign
     bench.write_simulator(REST)

@@ -32,6 +32,7 @@ def alarms(listener: Listener) -> list[str]:
     return [alarm.code for alarm in listener.statuses[-1].alarms or ()]
 
 
+@pytest.mark.slow
 async def test_an_arm_is_commanded_from_a_terminal(resting: Workbench) -> None:
     async with measuring(resting) as (listener, _, _):
         status, output, _ = await traverse(resting, "label", "bar", "1")
@@ -90,6 +91,7 @@ async def test_refusals_say_what_is_wrong(resting: Workbench) -> None:
     assert "broker" in errors
 
 
+@pytest.mark.slow
 async def test_points_are_in_doubt_after_a_loss_of_power_until_confirmed(
     resting: Workbench,
 ) -> None:
@@ -155,6 +157,7 @@ async def test_any_command_can_be_sent(resting: Workbench) -> None:
             assert fault in errors
 
 
+@pytest.mark.slow
 async def test_an_arm_is_homed_from_a_terminal(resting: Workbench) -> None:
     names = [f"J{k}" for k in range(1, 8)]
     home = dict(zip(names, (0.1, 0.2, -0.3, 0.4, 0.5, -0.6, 0.7), strict=True))
@@ -173,6 +176,7 @@ async def test_an_arm_is_homed_from_a_terminal(resting: Workbench) -> None:
     assert angles_rad == pytest.approx(list(home.values()), abs=2e-5)
 
 
+@pytest.mark.slow
 async def test_power_lost_while_the_daemon_was_away_is_noticed(
     resting: Workbench,
 ) -> None:

@@ -66,6 +66,7 @@ async def test_json_lines_are_messages(resting: Workbench) -> None:
     assert decode(Point, point.encode(), "json") == listener.points[0]
 
 
+@pytest.mark.slow
 async def test_an_arm_that_is_not_there_is_reported_and_waited_for(
     resting: Workbench,
 ) -> None:
@@ -102,6 +103,7 @@ async def test_an_unknown_kind_is_refused(resting: Workbench) -> None:
         assert "points is none of" in watching.log
 
 
+@pytest.mark.slow
 async def test_it_ends_when_nobody_reads_its_lines_any_more(
     resting: Workbench,
 ) -> None:

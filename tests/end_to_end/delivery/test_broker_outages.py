@@ -64,6 +64,7 @@ async def test_points_and_scan_of_an_outage_arrive_afterwards_once_each(
     assert listener.healths[-1].counters["reconnects"] == 1
 
 
+@pytest.mark.slow
 async def test_no_bound_of_memory_refuses_points_of_an_outage(
     make_mosquitto: Callable[..., Mosquitto], bench: Workbench
 ) -> None:

@@ -148,6 +148,7 @@ async def test_whatever_comes_is_answered_or_dropped_and_stays_at_home(
     assert not {t for t in attacker.topics if OTHER in t or t.startswith("somewhere")}
 
 
+@pytest.mark.slow
 async def test_commands_continue_after_any_number_of_packets_that_are_too_long(
     resting: Workbench,
 ) -> None:
@@ -199,6 +200,7 @@ async def pressing(attacker: Attacker) -> AsyncIterator[None]:
         await cancel_tasks([task])
 
 
+@pytest.mark.slow
 async def test_a_flood_is_dropped_and_points_of_the_button_continue(
     bench: Workbench,
 ) -> None:

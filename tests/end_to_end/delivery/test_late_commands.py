@@ -50,6 +50,7 @@ def refusals(listener: Listener) -> str:
     return "\n".join(error.text for error in errors if error is not None)
 
 
+@pytest.mark.slow
 async def test_commands_to_a_stopped_daemon_are_refused_when_it_wakes(
     resting: Workbench,
 ) -> None:
@@ -74,6 +75,7 @@ async def test_commands_to_a_stopped_daemon_are_refused_when_it_wakes(
         assert (await arm.capture()).seq == 2  # none of the two others was executed
 
 
+@pytest.mark.slow
 async def test_commands_on_a_network_that_stood_are_refused(resting: Workbench) -> None:
     async with Network(resting.port) as network:
         direct, resting.port = resting.port, network.port
@@ -93,6 +95,7 @@ async def test_commands_on_a_network_that_stood_are_refused(resting: Workbench) 
             assert len(listener.points) == 1
 
 
+@pytest.mark.slow
 async def test_commands_to_a_lost_connection_are_answered(resting: Workbench) -> None:
     async with Network(resting.port) as network:
         direct, resting.port = resting.port, network.port

@@ -43,6 +43,7 @@ async def take(listener: Listener, n: int) -> list[tuple[str, int]]:
     return sorted((str(a.result["session"]), a.result["seq"]) for a in answers)
 
 
+@pytest.mark.slow
 async def test_a_broker_that_forgets_and_a_consumer_that_comes_late(
     make_mosquitto: Callable[..., Mosquitto], resting: Workbench
 ) -> None:
@@ -115,6 +116,7 @@ async def test_a_daemon_killed_before_the_broker_has_its_points(
     assert len({p.id for p in listener.points}) == len(listener.points)
 
 
+@pytest.mark.slow
 async def test_a_request_that_is_repeated_after_a_crash_takes_no_second_point(
     mosquitto: Mosquitto, resting: Workbench
 ) -> None:
@@ -145,6 +147,7 @@ async def test_a_request_that_is_repeated_after_a_crash_takes_no_second_point(
     assert [seq for _, seq, _ in on_disk(resting)] == [0, 1, 2]
 
 
+@pytest.mark.slow
 async def test_one_damaged_row_costs_that_point_only(
     make_mosquitto: Callable[..., Mosquitto], resting: Workbench
 ) -> None:
@@ -274,6 +277,7 @@ async def test_a_full_disk_refuses_points_says_so_and_is_over(
     assert [row[1] for row in on_disk(resting)] == seqs
 
 
+@pytest.mark.slow
 async def test_a_read_only_disk_at_the_start_is_reported_and_is_over(
     disk: SmallDisk, resting: Workbench
 ) -> None:

@@ -18,6 +18,7 @@ from traverse.testing.waiting import until
 pytestmark = pytest.mark.needs("mosquitto")
 
 
+@pytest.mark.slow
 async def test_a_complete_scan_has_every_point_after_an_outage(
     make_mosquitto: Callable[..., Mosquitto], bench: Workbench
 ) -> None:

@@ -13,6 +13,7 @@ from traverse.testing.waiting import until
 pytestmark = pytest.mark.needs("mosquitto")
 
 
+@pytest.mark.slow
 async def test_two_daemons_of_one_arm_are_reported(
     resting: Workbench, tmp_path: Path
 ) -> None:

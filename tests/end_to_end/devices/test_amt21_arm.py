@@ -80,6 +80,7 @@ def step_on(pedal: int) -> None:
         os.write(pedal, struct.pack("@llHHi", *stamp, 0, 0, 0))
 
 
+@pytest.mark.slow
 async def test_points_of_amt21_encoders_are_where_the_ball_was(line: Workbench) -> None:
     motions = (rest(3.0), SPHERE.format(points=4), REST)
     line.write_simulator(*motions, board=ENCODERS, faults=SILENT)

@@ -35,6 +35,7 @@ def assert_gap_is_the_outage(blocks: list[Scan], seconds: float) -> None:
     assert blocks[-1].total == seq[-1] + 1
 
 
+@pytest.mark.slow
 async def test_a_killed_board_leaves_the_right_gap_and_returns(
     bench: Workbench,
 ) -> None:
@@ -79,6 +80,7 @@ async def test_a_board_that_is_unplugged_for_a_while_goes_on(bench: Workbench) -
     assert_gap_is_the_outage(blocks, 1.1)
 
 
+@pytest.mark.slow
 async def test_a_silent_board_is_noticed(bench: Workbench) -> None:
     silent = '[[fault]]\nkind = "silent"\nat_s = 1.0\nduration_s = 2.5'
     bench.write_simulator(REST, faults=silent)

@@ -86,6 +86,7 @@ async def test_only_touched_samples_are_missing_and_no_edge(
     assert counters["edges_lost"] == 0
 
 
+@pytest.mark.slow
 async def test_an_encoder_that_doubts_its_count_marks_points_and_samples(
     bench: Workbench,
 ) -> None:

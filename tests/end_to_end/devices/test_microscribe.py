@@ -190,6 +190,7 @@ async def test_reports_of_motion_bring_points_with_the_counts_of_their_packets(
     assert not listener.events_of("device.timer_unused")
 
 
+@pytest.mark.slow
 async def test_a_bad_line_costs_samples_and_invents_nothing(bench: Workbench) -> None:
     # Spoilt bytes leave the readings in doubt for seconds, again and again.
     listener = await measured(bench, FAULTS, state=None)

@@ -76,6 +76,7 @@ async def test_points_of_a_button_on_a_third_board_are_where_the_ball_was(
     assert listener.points[6].trigger == "command"
 
 
+@pytest.mark.slow
 async def test_a_scan_over_two_boards_stays_on_the_ball(boards: Workbench) -> None:
     # Again and again: a busy machine's daemon is ready late.
     boards.write_simulator(rest(2.0), SWEEP, board=BOARDS, top="repeat = true")

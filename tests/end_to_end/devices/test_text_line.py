@@ -38,6 +38,7 @@ def write_daemon(bench: Workbench) -> None:
     )
 
 
+@pytest.mark.slow
 async def test_points_of_a_printing_board_are_where_the_ball_was(
     bench: Workbench,
 ) -> None:

@@ -86,6 +86,7 @@ def write_files(bench: Workbench) -> None:
     )
 
 
+@pytest.mark.slow
 async def test_points_of_an_arm_of_two_makes_are_where_the_ball_was(
     arm: Workbench,
 ) -> None:

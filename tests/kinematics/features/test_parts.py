@@ -85,6 +85,7 @@ def measured(bench):
     return {name: np.array(each) for name, each in ratios.items()}, features
 
 
+@pytest.mark.slow
 def test_figures_of_40_parts_lie_within_their_uncertainty(measured):
     """Strategy: k = 2 holds 95.45 %. Figures of a part hang together by its arm, so
     the bounds are wide; what errs on purpose (forms and lengths of zero) holds more.

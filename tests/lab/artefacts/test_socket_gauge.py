@@ -106,6 +106,7 @@ def test_what_cannot_be_printed_is_refused(tmp_path, words, told):
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_its_campaign_is_checked_and_identified_with(tmp_path):
     arm = read_arm(ARM)
     poses = make_poses(arm, CampaignSpec(mix="seats", n_poses=80), seed=3)

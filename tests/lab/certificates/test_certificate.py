@@ -136,6 +136,7 @@ def with_a_second_tool(poses: Path, tool: str) -> None:
         csv.writer(file).writerows([[*rows[0], "tool"], *named])
 
 
+@pytest.mark.slow
 def test_an_identification_with_tools_and_orientations(laboratory, signer, tmp_path):
     tracker = Points(
         id="tracker", n_poses=90, n_points=90, size_mm=450.0, orientations=True

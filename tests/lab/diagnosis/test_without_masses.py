@@ -70,6 +70,7 @@ def yielding():
     return campaign, diagnose(campaign, BARE, OPTIONS)
 
 
+@pytest.mark.slow
 def test_the_arm_that_is_written_is_applied_as_it_is(tmp_path):
     campaign, diagnosis = yielding()
     source = tmp_path / "source.toml"
@@ -112,6 +113,7 @@ def test_nothing_is_found_and_nothing_written_where_nothing_yields():
     assert diagnosis.all_terms.mass_distribution() == {}
 
 
+@pytest.mark.slow
 def test_an_eccentricity_is_none_of_it():
     diagnosis = diagnose(
         measured_with(hidden("encoder_eccentricity", 25.0, "J2")), BARE, DECISION
@@ -120,6 +122,7 @@ def test_an_eccentricity_is_none_of_it():
     assert kinds(diagnosis.adapted) == ["encoder_eccentricity"]
 
 
+@pytest.mark.slow
 def test_an_arm_that_was_diagnosed_is_diagnosed_again():
     campaign, first = yielding()
     again = diagnose(campaign, first.adapted, DECISION)

@@ -368,6 +368,7 @@ def test_inverse_rotations_are_refused_with_the_remedy():
         identify(turned, ARM, QUICK)
 
 
+@pytest.mark.slow
 def test_components_in_another_order_leave_the_result_in_doubt():
     campaign = measured(1)[0].part(np.arange(120) % 3 == 0)
     rolled = np.roll(campaign.poses.orientations, -1, axis=1)

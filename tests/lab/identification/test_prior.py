@@ -80,6 +80,7 @@ def family():
     return Prior("family.toml", demo_arm(), N_ARMS, names, means, of_one_more, names)
 
 
+@pytest.mark.slow
 def test_it_is_the_least_squares_of_poses_and_expectations():
     """Around the result of both the step of the stacked normal equations is none."""
     prior = family()
@@ -223,6 +224,7 @@ def test_the_commands_take_a_family_and_say_so(folder):
     ran = run("diagnose", *given, *family, "--plan")
 
 
+@pytest.mark.slow
 def test_what_a_family_told_is_no_evidence_of_the_arm_alone(folder):
     out = folder / "evidence"
     given = (folder / "short", "--arm", folder / "design.toml", "--out", out)
