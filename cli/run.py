@@ -22,8 +22,8 @@ def run(
     """Measure: read the encoders, publish points over MQTT.
 
     Ends in order on SIGTERM or Ctrl-C. Exit status 2: the configuration or arm file was
-    refused; 3: a device or the broker could not be reached, or the arm file or the
-    state folder is not there or in use.
+    refused; 3: a device or the broker could not be reached, a file that the
+    configuration names is not there, or the state folder is in use or unusable.
 
     Args:
         config: The daemon's configuration, TOML.

@@ -1,5 +1,6 @@
 """Read the daemon's input files; report all mistakes."""
 
+import errno
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -18,12 +19,20 @@ from traverse.daemon.pose.probe_library import (
     read_probe_in_use,
     read_probes,
 )
-from traverse.daemon.state_dir import PROBE, state_path
+from traverse.daemon.state_dir import PROBE, state_path, unusable
 from traverse.daemon.store.point_signer import PointSigner, read_signer
 from traverse.strict_toml.problems import FileError, Problem, system_reason
 
 REFUSED = 2
 UNREACHABLE = 3
+# Of a disk or a share that is mounted later, or does not answer for a while.
+ABSENCES = frozenset(
+    {
+        *(errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO),
+        *(errno.ENOTCONN, errno.ESTALE, errno.ETIMEDOUT, errno.EHOSTDOWN),
+    }
+)
+NO_FILE_OF_OURS = (errno.EINVAL, errno.EISDIR, errno.EFBIG)  # a FIFO, say
 
 
 class StartupError(Exception):
@@ -66,46 +75,31 @@ def address_of(section: BrokerSection, folder: Path) -> BrokerAddress:
     return BrokerAddress(**values, folder=folder)
 
 
-def credentials_problems(section: BrokerSection, folder: Path) -> Iterator[Problem]:
-    try:
-        read_credentials(address_of(section, folder))
-    except CredentialsError as error:
-        yield Problem(f"broker.{error.key}", error.text)
-
-
 def read_inputs(path: Path, embedded: bool) -> Inputs:
-    """Read the configuration and its arm file.
+    """Read the configuration and the files that it names.
 
     Raises:
-        StartupError: lists all mistakes of both.
+        StartupError: lists all mistakes.
     """
     try:
         configuration = read_configuration(path)
     except FileError as error:
         raise StartupError([error], REFUSED) from error
     failures: list[FileError] = []
-    if not embedded and configuration.broker is None:
-        text = "is missing; add a table [broker], or use --embedded-broker"
-        failures.append(FileError(path, [Problem("broker", text)]))
-    elif not embedded and configuration.broker is not None:
-        wrong = list(credentials_problems(configuration.broker, path.parent))
-        failures += [FileError(path, wrong)] if wrong else []
+    if not embedded:
+        failures += _broker_failures(path, configuration.broker)
     ids = {device.id: device for device in configuration.device}
     try:
         model = read_model(path.parent / configuration.arm.file, ids)
     except FileError as error:
-        # Of a disk or a share that is mounted later, perhaps.
-        is_absent = not failures and isinstance(error.__cause__, FileNotFoundError)
-        status = UNREACHABLE if is_absent else REFUSED
-        raise StartupError([*failures, error], status) from error
-    library = probe = None
-    try:
-        if configuration.arm.probes is not None:
+        raise _startup_error([*failures, error]) from error
+    library = None
+    if configuration.arm.probes is not None:
+        try:
             library = read_probes(path.parent / configuration.arm.probes)
-        probe = _probe_in_use(state_path(path) / PROBE, library, model)
-    except FileError as error:
-        failures.append(error)
-    problems = _end_stop_problems(configuration, model)
+        except FileError as error:
+            failures.append(error)
+    problems = _cross_check(configuration, model)
     signer = None
     if configuration.signing.key is not None:
         key = path.parent / configuration.signing.key
@@ -114,18 +108,49 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
         except (ValueError, OSError) as error:
             why = system_reason(error) if isinstance(error, OSError) else str(error)
             problems.append(Problem("signing.key", f"{key} {why}"))
-    clock = configuration.assembly.clock
-    if clock is not None and clock not in model.devices:
-        text = f"{clock!r} reads no joint; one of these does: " + ", ".join(
-            model.devices
-        )
-        problems.append(Problem("assembly.clock", text))
     if problems:
         failures.append(FileError(path, problems))
+    probe = None
+    try:
+        if configuration.arm.probes is None or library is not None:
+            probe = _probe_in_use(state_path(path) / PROBE, library, model)
+    except FileError as error:
+        failures.append(error)
+    except OSError as error:
+        folder = FileError(state_path(path), unusable(error))
+        raise StartupError(
+            [*failures, folder], _startup_error(failures).status
+        ) from error
     if failures:
-        raise StartupError(failures, REFUSED)
+        raise _startup_error(failures)
     probes = None if library is None else library.names
     return Inputs(configuration, model, probes, signer, probe)
+
+
+def _broker_failures(path: Path, section: BrokerSection | None) -> Iterator[FileError]:
+    if section is None:
+        text = "is missing; add a table [broker], or use --embedded-broker"
+        yield FileError(path, [Problem("broker", text)])
+        return
+    try:
+        read_credentials(address_of(section, path.parent))
+    except CredentialsError as error:
+        failure = FileError(path, [Problem(f"broker.{error.key}", error.text)])
+        failure.__cause__ = error
+        yield failure
+
+
+def _startup_error(failures: Sequence[FileError]) -> StartupError:
+    """Return the error of files; one that is only absent may come later."""
+    status = UNREACHABLE if all(map(_is_absence, failures)) else REFUSED
+    return StartupError(failures, status)
+
+
+def _is_absence(error: BaseException | None) -> bool:
+    """Return whether a file was not there, or the disk or share that it is on."""
+    while error is not None and not isinstance(error, OSError):
+        error = error.__cause__
+    return error is not None and error.errno in ABSENCES
 
 
 def _probe_in_use(
@@ -135,6 +160,7 @@ def _probe_in_use(
 
     Raises:
         FileError: it is not known, or the arm cannot have it any more.
+        OSError: the state folder cannot be used.
     """
     remedy = "; choose again after deleting this file: then the arm file's is in use"
     try:
@@ -146,6 +172,8 @@ def _probe_in_use(
             raise ValueError(f"no probe library of the configuration has {name!r}")
         model_with_probe(model, probe)
     except OSError as error:
+        if error.errno not in NO_FILE_OF_OURS:
+            raise
         raise FileError(path, [Problem("name", system_reason(error))]) from error
     except ValueError as error:
         text = f"the probe in use is not known: {error}{remedy}"
@@ -153,8 +181,8 @@ def _probe_in_use(
     return probe
 
 
-def _end_stop_problems(configuration: Configuration, model: ArmModel) -> list[Problem]:
-    """Find end stops of unknown joints, and duplicates."""
+def _cross_check(configuration: Configuration, model: ArmModel) -> list[Problem]:
+    """Find end stops of unknown joints, duplicates, and a clock that reads no joint."""
     problems, seen = [], set()
     for index, stop in enumerate(configuration.quality.end_stops):
         where = f"quality.end_stops[{index}].joint"
@@ -165,4 +193,10 @@ def _end_stop_problems(configuration: Configuration, model: ArmModel) -> list[Pr
         elif stop.joint in seen:
             problems.append(Problem(where, f"{stop.joint!r} is given twice"))
         seen.add(stop.joint)
+    clock = configuration.assembly.clock
+    if clock is not None and clock not in model.devices:
+        text = f"{clock!r} reads no joint; one of these does: " + ", ".join(
+            model.devices
+        )
+        problems.append(Problem("assembly.clock", text))
     return problems

@@ -31,3 +31,14 @@ def state_folder(configuration_path: Path) -> Path:
     folder = state_path(configuration_path)
     folder.mkdir(mode=OWNER_ONLY, parents=True, exist_ok=True)
     return folder
+
+
+def unusable(error: OSError) -> str:
+    """Return why a state folder cannot be used, and what to do."""
+    why = error.strerror
+    if isinstance(error, FileExistsError | NotADirectoryError):
+        why = "it, or a folder above it, is no folder, or a link to nothing"
+    return (
+        f"the state folder cannot be used: {why}; make it a folder that the daemon's "
+        "user can read and write, or set STATE_DIRECTORY to another"
+    )

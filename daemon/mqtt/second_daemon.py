@@ -21,7 +21,8 @@ from traverse.protocol.topics import status_topic
 CODE = "broker.second_daemon"
 UNREAD = "broker.status_unread"
 OVERWRITTEN = "broker.status_overwritten"
-RESTORE_NS = 1_000_000_000  # not more often: another program may do the same
+RESTORE_NS = 1_000_000_000
+LAST_RESTORE_NS = 60_000_000_000  # it grows to this: another program may do the same
 UNREAD_NS = 10_000_000_000
 MAX_SESSIONS = 1000
 AWAY_S = 60.0
@@ -48,6 +49,7 @@ class SecondDaemonWatch:
         self._restore = restore
         self._sent_ns: deque[int] = deque(maxlen=MAX_SESSIONS)
         self._restored_ns: int | None = None
+        self._restore_pause_ns = RESTORE_NS
         self._is_overwritten = False
         self._encoding = encoding
         self._clock = clock
@@ -114,15 +116,14 @@ class SecondDaemonWatch:
         return AWAY_S if gives_way and str(self._own[0]) > self._other else 0.0
 
     def poll(self) -> None:
-        """Report the other's end after some minutes without a status of it.
+        """Restore our status; report the other's end, and what is not received.
 
-        Also report, once, that no status is received at all, not even our own: many
-        brokers accept a subscription and withhold what their access list does not
-        allow.
+        The other has ended after some minutes without a status of it. That no status is
+        received at all, not even our own, is reported once: many brokers accept a
+        subscription and withhold what their access list does not allow.
         """
         now_ns, since_ns = self._clock.monotonic_ns(), self._unread_since_ns
-        if self._is_overwritten:
-            self._restore_status(now_ns)
+        self._watch_status(now_ns)
         if since_ns is not None and now_ns - since_ns > UNREAD_NS:
             self._unread_since_ns, self._has_read = None, True
             topic = status_topic(self._arm)
@@ -139,18 +140,29 @@ class SecondDaemonWatch:
             text = f"no other daemon reports as arm {self._arm} any more"
             self._events.change(False, "error", CODE, text)
 
-    def _restore_status(self, now_ns: int) -> None:
-        before_ns = self._restored_ns
-        if before_ns is not None and now_ns - before_ns < RESTORE_NS:
-            return
-        self._restored_ns, self._is_overwritten = now_ns, False
-        topic = status_topic(self._arm)
-        self._events.report(
-            "warning",
-            OVERWRITTEN,
-            f"{topic} at the broker was not what this daemon had published; it was "
-            "published again",
-            remedy="allow the daemon's account alone to write there, in the broker's "
-            "access list",
-        )
-        self._restore()
+    def _watch_status(self, now_ns: int) -> None:
+        """Publish our status again where it was overwritten, more and more seldom."""
+        restored_ns, topic = self._restored_ns, status_topic(self._arm)
+        since_ns = None if restored_ns is None else now_ns - restored_ns
+        if self._is_overwritten:
+            if since_ns is not None:
+                if since_ns < self._restore_pause_ns:
+                    return
+                self._restore_pause_ns = min(
+                    2 * self._restore_pause_ns, LAST_RESTORE_NS
+                )
+            self._restored_ns, self._is_overwritten = now_ns, False
+            self._events.change(
+                True,
+                "warning",
+                OVERWRITTEN,
+                f"{topic} at the broker was not what this daemon had published; it is "
+                "published again, each time later",
+                remedy="allow the daemon's account alone to write there, in the "
+                "broker's access list",
+            )
+            self._restore()
+        elif since_ns is not None and since_ns > OVER_NS:
+            self._restored_ns, self._restore_pause_ns = None, RESTORE_NS
+            text = f"{topic} has not been overwritten for some minutes"
+            self._events.change(False, "warning", OVERWRITTEN, text)

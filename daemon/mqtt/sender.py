@@ -187,11 +187,13 @@ class PublishLoop:
         else:
             self.queue.drop(kind, message)
         if kind not in self._refused:
+            lasts_already = bool(self._refused - {REPLY})
             self._refused.add(kind)
             text = f"broker {self.broker} refuses {message.topic}: {why}"
-            log.warning("%s", text)
-            if kind != REPLY:
-                self.changed(False, text)
+            if kind == REPLY or lasts_already:
+                log.warning("%s", text)
+            else:
+                self.changed(False, text)  # which logs it
 
     def _check_timeouts(self) -> None:
         """Notice silence, and the end of the wait after a refusal."""

@@ -85,16 +85,17 @@ class CommandSubscriber:
             await asyncio.sleep(until_s - loop.time())
             del self._paused_until_s[topic]
             await self._subscribe({topic})
+            if self.refusal:
+                log.warning("the broker %s", self.refusal)
 
     async def _subscribe(self, topics: Collection[str]) -> None:
         if self._client is None or not topics:
             return
         codes = await self._client.subscribe(*((topic, 1) for topic in topics))
-        for topic, code in zip(topics, codes, strict=True):
-            if code >= REFUSAL:
-                why = sentence(code, WORDING)
-                self.refusal = f"refuses the subscription to {topic}: {why}"
-                log.warning("the broker %s", self.refusal)
+        refused = {t: c for t, c in zip(topics, codes, strict=True) if c >= REFUSAL}
+        if refused:
+            why = " ".join(sentence(code, WORDING) for code in {*refused.values()})
+            self.refusal = f"refuses the subscription to {', '.join(refused)}: {why}"
 
     def on_message(self, message: Message) -> None:
         response, correlation, expiry_s = (

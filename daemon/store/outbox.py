@@ -12,7 +12,7 @@ from traverse.daemon.current_request import CURRENT_REQUEST
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.message_publisher import MessagePublisher
-from traverse.daemon.state_dir import OWNER_ONLY
+from traverse.daemon.state_dir import OWNER_ONLY, unusable
 from traverse.daemon.store.durable_queue import DurableQueue, QueueProfile
 from traverse.daemon.store.point_signer import PointSigner
 from traverse.daemon.store.queries import read_requested
@@ -175,8 +175,5 @@ def exclusive_state_dir(folder: Path) -> Iterator[None]:
                 "this one a configuration in another folder"
             ) from error
         except OSError as error:
-            raise StateFolderError(
-                f"{folder}: the state folder cannot be used: {error.strerror}; make it "
-                "writable for the daemon's user, or set STATE_DIRECTORY to another"
-            ) from error
+            raise StateFolderError(f"{folder}: {unusable(error)}") from error
         yield

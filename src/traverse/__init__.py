@@ -4,8 +4,7 @@ What a program imports to read the points of an arm is here, as `traverse.client
 it; everything else is in the packages below.
 """
 
-from typing import TYPE_CHECKING
-
+TYPE_CHECKING = False  # as `typing` has it, whose import every command would wait for
 if TYPE_CHECKING:
     from traverse import client
     from traverse.client import *  # noqa: F403 - the one list is the client's

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 import sys
 
 INTERRUPTED = 130
@@ -26,19 +27,27 @@ def _open_standard_streams() -> None:
 
 def main() -> None:
     """Run the command line; Ctrl-C ends it without a traceback from the start on."""
+    handles_interrupts = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if handles_interrupts:  # an import may swallow the exception, or print it
+        signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
     _open_standard_streams()
     if sys.argv[1:2] == ["run"]:  # a daemon's matrices are small
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # searched for long
     gc.disable()  # nothing that is imported is garbage
-    try:
-        from traverse.cli.__main__ import requested  # noqa: PLC0415 - takes a while
+    from traverse.cli.__main__ import requested  # noqa: PLC0415 - takes a while
 
-        commands = requested()
-    except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+    commands = requested()
     gc.enable()
-    commands()
+    try:
+        if handles_interrupts:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        commands()
+    except KeyboardInterrupt:  # outside of what typer guards
+        sys.exit(INTERRUPTED)
+    finally:
+        if handles_interrupts:  # the interpreter ends
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 if __name__ == "__main__":

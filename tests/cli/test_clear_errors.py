@@ -111,16 +111,27 @@ def test_a_mistake_is_named(
 
 
 @pytest.mark.parametrize(
-    "module", ["typer", "traverse.cli.arm.command", "traverse.cli.arm.summary"]
+    ("module", "swallowed"),
+    [
+        ("typer", "()"),
+        ("typer", "BaseException"),  # as many libraries do
+        ("traverse.cli.arm.command", "()"),
+        ("traverse.cli.arm.summary", "()"),
+    ],
 )
-def test_ctrl_c_ends_a_command_without_a_traceback(folder: Path, module: str) -> None:
+def test_ctrl_c_ends_a_command_without_a_traceback(
+    folder: Path, module: str, swallowed: str
+) -> None:
     """Also while modules are imported, at the start or by the command."""
     code = f"""
 import os, signal, sys
 class Interrupting:
     def find_spec(self, name, *_):
         if name == {module!r}:
-            os.kill(os.getpid(), signal.SIGINT)
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+            except {swallowed}:
+                pass
 sys.meta_path.insert(0, Interrupting())
 from traverse.__main__ import main
 main()

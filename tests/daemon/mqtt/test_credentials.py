@@ -12,7 +12,7 @@ from traverse.broker.credentials import (
     read_credentials,
 )
 from traverse.daemon.config.schema import BrokerSection, broker_table_problems
-from traverse.daemon.inputs import credentials_problems
+from traverse.daemon.inputs import address_of
 
 SECRET = "correct horse"
 
@@ -144,9 +144,9 @@ def test_files_that_are_no_certificates_are_named(tmp_path, certificates, arm):
         ({"certificate_file": crt, "key_file": str(sealed)}, "key_file", "encrypted"),
     ):
         section = BrokerSection(**{"tls": True, "ca_file": ca, **options})
-        (problem,) = credentials_problems(section, tmp_path)
-        assert problem.where == f"broker.{where}"
-        assert text in problem.message
+        with pytest.raises(CredentialsError, match=text) as refused:
+            read_credentials(address_of(section, tmp_path))
+        assert refused.value.key == where
 
 
 def test_with_tls_the_usual_port_is_another():

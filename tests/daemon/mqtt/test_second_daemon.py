@@ -8,8 +8,8 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.second_daemon import (
     AWAY_S,
     CODE,
+    LAST_RESTORE_NS,
     OVERWRITTEN,
-    RESTORE_NS,
     UNREAD,
     SecondDaemonWatch,
 )
@@ -108,18 +108,28 @@ def test_a_status_that_was_cleared_or_overwritten_is_published_again():
         rig.watch.poll()
         rig.watch.poll()
         assert len(rig.restored) == n
-        rig.clock.now_ns += RESTORE_NS
-    assert OVERWRITTEN in [event.code for event in rig.events]
+        rig.clock.now_ns += LAST_RESTORE_NS
     assert rig.active() == []
 
 
-def test_who_overwrites_it_again_and_again_is_answered_once_a_second():
+def test_who_overwrites_it_for_ever_is_answered_more_and_more_seldom():
     rig = Rig()
-    for _ in range(30):  # three seconds
-        rig.watch.receive(b"", retained=False)
-        rig.watch.poll()
-        rig.clock.now_ns += RESTORE_NS // 10
-    assert len(rig.restored) == 3
+
+    def minutes(n, *, overwritten):
+        for _ in range(n * 60):
+            if overwritten:
+                rig.watch.receive(b"", retained=False)
+            rig.watch.poll()
+            rig.clock.now_ns += 10**9
+        return len(rig.restored)
+
+    first = minutes(1, overwritten=True)
+    assert first == 6  # at 0, 1, 3, 7, 15, 31 s
+    assert minutes(10, overwritten=True) == first + 10
+    assert minutes(4, overwritten=False) == first + 11
+    changes = [event.active for event in rig.events if event.code == OVERWRITTEN]
+    assert changes == [True, False]
+    assert minutes(1, overwritten=True) == first + 11 + first
 
 
 def test_the_will_of_an_earlier_daemon_is_no_second_daemon():
