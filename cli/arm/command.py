@@ -166,7 +166,7 @@ def to_dh(
     """
     from traverse.kinematics.arm_file.arm import read_arm
     from traverse.kinematics.importers.dh_report import dh_report, remark_lines
-    from traverse.strict_toml.arm_text import arm_text
+    from traverse.strict_toml.rewriting import rewritten_text
     from traverse.strict_toml.writing import write_atomically
 
     check_target(out, force=force)
@@ -174,7 +174,9 @@ def to_dh(
         report, csv_text = dh_report(read_arm(file), parallel_below_rad, postures, seed)
         if out is not None:
             as_toml = out.suffix.lower() == ".toml"
-            write_atomically(out, arm_text(report["table"]) if as_toml else csv_text)
+            write_atomically(
+                out, rewritten_text(report["table"]) if as_toml else csv_text
+            )
     lines = [f"{out}: classic table", *remark_lines(report)]
     _print_converted(report, csv_text if out is None else None, lines, as_json=as_json)
 

@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,9 +14,9 @@ from traverse.cli.common.refusals import FAILED, refuse
 
 if TYPE_CHECKING:
     from traverse.cli.joints.devices import TurningDevices
+    from traverse.cli.joints.search import JointSearch
     from traverse.daemon.config.devices import DeviceSection
-    from traverse.drivers.turning import Turned
-    from traverse.kinematics.arm_file.arm import Arm, Joint
+    from traverse.kinematics.arm_file.arm import Arm
 
 LEAVE_OUT, END = "s", "q"
 
@@ -47,18 +47,17 @@ def joints(
     configuration = read_configuration(config)
     arm_file = config.parent / configuration.arm.file
     arm = read_arm(arm_file)
-    turned = asyncio.run(_converse(configuration.device, arm, angle, as_json))
-    with_encoders = _arm_with(arm, turned)
+    search = asyncio.run(_converse(configuration.device, arm, angle, as_json))
+    with_encoders = search.arm_with_encoders()
     written = with_encoders != arm and not dry_run
     if written:
         write_arm(arm_file, with_encoders)
-    missing = [joint.name for joint in arm.joints if joint.name not in turned]
     _print(
         {"event": "end", "written": str(arm_file) if written else None},
         f"written: {arm_file}" if written else f"{arm_file} stays as it is",
         as_json,
     )
-    if missing:
+    if missing := search.missing:
         _print(
             {"event": "not_found", "joints": missing},
             f"not found: {', '.join(missing)}",
@@ -72,26 +71,26 @@ async def _converse(
     arm: "Arm",
     angle_deg: float,
     as_json: bool,
-) -> dict[str, "Turned"]:
-    """Ask for one joint after the other; return the findings by joint."""
+) -> "JointSearch":
+    """Ask for one joint after the other."""
     from traverse.cli.joints.devices import turning_devices, typed_lines
-    from traverse.drivers.turning import turned_joint
+    from traverse.cli.joints.search import JointSearch, encoder_sentence
 
-    turned: dict[str, Turned] = {}
     async with turning_devices(sections) as devices:
-        await devices.connected()
+        search = JointSearch(devices, arm, angle_deg)
         _print(
             {"event": "rest"}, "Let the arm rest, and wait for a moment ...", as_json
         )
-        await devices.rested()
-        noise_counts = _print_rest(devices, as_json)
+        await search.rest()
+        _print_rest(devices, search, as_json)
         lines = typed_lines()
         for joint in arm.joints:
             while True:
-                devices.begin()
+                search.begin()
                 _print(
                     {"event": "turn", "joint": joint.name},
-                    _prompt(joint, angle_deg),
+                    f"{search.prompt(joint)}; then Enter ({LEAVE_OUT}: leave it out, "
+                    f"{END}: end)",
                     as_json,
                 )
                 typed = await lines.get()
@@ -99,13 +98,7 @@ async def _converse(
                     refuse("standard input has ended before all joints were turned")
                 if typed.strip() in (LEAVE_OUT, END):
                     break
-                await devices.settled()
-                expected = joint.encoder.counts_per_turn if joint.encoder else None
-                outcome = turned_joint(
-                    devices.tracks, noise_counts, angle_deg / 360.0, expected
-                )
-                if not isinstance(outcome, str):
-                    outcome = _checked(outcome, turned)
+                outcome = await search.take(joint)
                 if isinstance(outcome, str):
                     _print(
                         {"event": "again", "joint": joint.name, "reason": outcome},
@@ -113,112 +106,40 @@ async def _converse(
                         as_json,
                     )
                     continue
-                turned[joint.name] = outcome
                 _print(
                     {"event": "found", "joint": joint.name, **asdict(outcome)},
-                    _sentence(joint, outcome),
+                    encoder_sentence(joint, outcome),
                     as_json,
                 )
                 break
             if typed.strip() == END:
                 break
-    return turned
+    return search
 
 
-def _checked(outcome: "Turned", turned: Mapping[str, "Turned"]) -> "Turned | str":
-    """Refuse a channel that another joint has, and counts that fit no turn."""
-    for name, other in turned.items():
-        if other.source == outcome.source:
-            return f"{outcome.source} is {name}'s encoder already"
-    if outcome.counts_per_turn is None:
-        return (
-            f"{outcome.source} moved by {outcome.moved_counts} counts, which fits no "
-            "counts per turn of the device; turn it by the angle, or write "
-            "counts_per_turn into the arm file first"
-        )
-    return outcome
+def _print_rest(
+    devices: "TurningDevices", search: "JointSearch", as_json: bool
+) -> None:
+    """Print what the channels are like at rest."""
+    from traverse.cli.joints.search import channel_sentence
 
-
-def _print_rest(devices: "TurningDevices", as_json: bool) -> dict[str, int]:
-    """Print the noise of the channels at rest; return the range of each."""
-    noise_counts = {}
     for track in devices.tracks:
-        noise = track.highest_counts - track.lowest_counts
-        noise_counts[track.source] = noise
+        noise_counts = search.noise_counts[track.source]
         alarm = devices.alarms.get(track.source, "")
-        words = [f"{track.source}: {track.modulus_counts} counts, moves by {noise}"]
-        for n, what in (
-            (track.n_invalid, "without a valid count"),
-            (track.n_weak, "with a weak signal"),
-        ):
-            if n:
-                words.append(f"{n / track.n_samples:.0%} of samples {what}")
-        if alarm:
-            words.append(alarm)
         _print(
             {
                 "event": "channel",
                 "source": track.source,
                 "modulus_counts": track.modulus_counts,
-                "noise_counts": noise,
+                "noise_counts": noise_counts,
                 "n_samples": track.n_samples,
                 "n_invalid": track.n_invalid,
                 "n_weak": track.n_weak,
                 "alarm": alarm,
             },
-            "; ".join(words),
+            channel_sentence(track, noise_counts, alarm),
             as_json,
         )
-    return noise_counts
-
-
-def _prompt(joint: "Joint", angle_deg: float) -> str:
-    axis = " ".join(f"{component:g}" for component in joint.axis)
-    return (
-        f"{joint.name}: turn it alone by about {angle_deg:g} degrees, right-handed "
-        f"about its axis ({axis}); then Enter ({LEAVE_OUT}: leave it out, {END}: end)"
-    )
-
-
-def _sentence(joint: "Joint", outcome: "Turned") -> str:
-    """What was found, beside what the arm file says."""
-    degrees = 360.0 * (outcome.angle_turns or 0.0)
-    text = (
-        f"{joint.name}: {outcome.source}, sign {outcome.sign:+d}, "
-        f"{outcome.counts_per_turn} counts per turn; it turned by {degrees:.1f} degrees"
-    )
-    before = joint.encoder
-    if before is None:
-        return text
-    values = (before.source, before.sign, before.counts_per_turn)
-    if values == (outcome.source, outcome.sign, outcome.counts_per_turn):
-        return f"{text}: as in the arm file"
-    return f"{text}; the arm file had {before.source}, {before.sign:+d}, {values[2]}"
-
-
-def _arm_with(arm: "Arm", turned: Mapping[str, "Turned"]) -> "Arm":
-    """The arm with the encoders that were found."""
-    from traverse.kinematics.arm_file.arm import Encoder
-
-    made = []
-    for joint in arm.joints:
-        outcome = turned.get(joint.name)
-        if outcome is None:
-            made.append(joint)
-            continue
-        values = {
-            "source": outcome.source,
-            "sign": outcome.sign,
-            "counts_per_turn": outcome.counts_per_turn,
-        }
-        encoder = (
-            Encoder.model_validate(values)
-            if joint.encoder is None
-            else joint.encoder.model_copy(update=values)
-        )
-        is_same = encoder == joint.encoder
-        made.append(joint if is_same else joint.model_copy(update={"encoder": encoder}))
-    return arm.model_copy(update={"joints": tuple(made)})
 
 
 def _print(values: dict[str, object], text: str, as_json: bool) -> None:

@@ -18,8 +18,8 @@ from traverse.kinematics.probing.pivot import Pivot, fit_pivot
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.report.quantities import picked
 from traverse.plurals import counted
-from traverse.strict_toml.arm_text import arm_text
 from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.rewriting import rewritten_text
 from traverse.strict_toml.writing import write_atomically
 
 
@@ -149,7 +149,7 @@ def write_vector(
         for probe in library.probes
     )
     changed = library.model_copy(update={"probes": probes})
-    text = arm_text(changed.model_dump(by_alias=True), path.read_text("utf-8"))
+    text = rewritten_text(changed.model_dump(by_alias=True), path.read_text("utf-8"))
     write_atomically(path, text)
     return changed
 

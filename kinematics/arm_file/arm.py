@@ -209,10 +209,10 @@ def write_arm(path: str | Path, arm: Arm) -> None:
         FileError: the arm breaks a rule of arm files; the old file stays.
         OSError: the folder cannot be written.
     """
-    from traverse.strict_toml.arm_text import arm_text  # noqa: PLC0415 - not to read one
+    from traverse.strict_toml.rewriting import rewritten_text  # noqa: PLC0415 - not to read one
 
     values = arm.model_dump(by_alias=True, exclude_unset=True)
-    text = arm_text(values, _text_before(Path(path)))
+    text = rewritten_text(values, _text_before(Path(path)))
     if parse_arm(text, str(path)) != arm:
         raise FileError(path, "would not hold all values of this arm")
     write_atomically(Path(path), text)

@@ -8,7 +8,7 @@ from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, parse_arm
 from traverse.kinematics.importers.urdf import Body, Mimic
 from traverse.kinematics.model.geometry import Geometry
-from traverse.strict_toml.arm_text import arm_text
+from traverse.strict_toml.rewriting import rewritten_text
 
 # Arm files from tables show 1 and not 0.9999999999999999: no arm is that accurate.
 RAD_DECIMALS = 15
@@ -68,7 +68,7 @@ def assemble_arm(
         },
         "reference": {"temperature_c": 20.0, "gravity_m_s2": [0.0, 0.0, -9.80665]},
     }
-    return parse_arm(arm_text(values), source)
+    return parse_arm(rewritten_text(values), source)
 
 
 def _joint(geometry: Geometry, k: int, parts: JointParts) -> dict[str, Any]:

@@ -30,9 +30,9 @@ from traverse.lab.outcomes.adjustment import (
 )
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.statistics.distributions import global_test, variance_factor
-from traverse.strict_toml.arm_text import arm_text
 from traverse.strict_toml.files import bytes_of, text_of
 from traverse.strict_toml.problems import FileError
+from traverse.strict_toml.rewriting import rewritten_text
 from traverse.strict_toml.writing import replacing, write_atomically
 
 _TERM_PICTURE = re.compile(r"term-\d+\.png")
@@ -145,7 +145,7 @@ def write_adapted(path: Path, arm: Arm, source: Path) -> None:
         OSError: A file cannot be read or written.
     """
     values = arm.model_dump(by_alias=True, exclude_unset=True)
-    text = arm_text(values, text_of(source))
+    text = rewritten_text(values, text_of(source))
     if parse_arm(text, str(path)) != arm:
         raise FileError(path, "would not hold all values of this arm")
     write_atomically(path, text)

@@ -12,7 +12,7 @@ from tests.docs.pages import CHECKOUT
 from tests.simulator.campaigns.arms import seven_joint_arm
 from traverse.kinematics.arm_file.arm import parse_arm
 from traverse.kinematics.effect_table import EFFECT_KINDS as CONTRACT_KINDS
-from traverse.strict_toml.arm_text import arm_text as written_arm
+from traverse.strict_toml.rewriting import rewritten_text
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_an_arm_file_takes_what_is_drawn(poses):
         effects = tuple(drawn_effect(rng(seed), poses, k).entry for k in EFFECT_KINDS)
         arm = poses.arm.model_copy(update={"effects": effects})
         values = arm.model_dump(by_alias=True, exclude_none=True)
-        assert parse_arm(written_arm(values, None)).effects == effects
+        assert parse_arm(rewritten_text(values, None)).effects == effects
 
 
 def test_only_sizes_grow(poses):

@@ -26,7 +26,7 @@ from traverse.lab.diagnosis.report.files import write_diagnosis
 from traverse.lab.diagnosis.report.page import summary_lines
 from traverse.lab.first_moments import assumed_moments, with_first_moments
 from traverse.lab.identification.prediction import placed, places_of, predict
-from traverse.strict_toml.arm_text import arm_text
+from traverse.strict_toml.rewriting import rewritten_text
 
 BARE = without_masses(weighed(demo_arm()))
 # How much worse than with the true masses held-out poses are predicted, at most.
@@ -74,7 +74,9 @@ def yielding():
 def test_the_arm_that_is_written_is_applied_as_it_is(tmp_path):
     campaign, diagnosis = yielding()
     source = tmp_path / "source.toml"
-    source.write_text(arm_text(BARE.model_dump(by_alias=True, exclude_unset=True)))
+    source.write_text(
+        rewritten_text(BARE.model_dump(by_alias=True, exclude_unset=True))
+    )
     assert read_arm(source) == BARE
     write_diagnosis(tmp_path / "out", diagnosis, source)
     arm = read_arm(tmp_path / "out" / "arm.toml")

@@ -22,7 +22,7 @@ from traverse.lab.diagnosis.diagnose import DiagnosisOptions, diagnose
 from traverse.lab.diagnosis.report.files import write_diagnosis
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.prediction import placed, places_of, predict
-from traverse.strict_toml.arm_text import arm_text
+from traverse.strict_toml.rewriting import rewritten_text
 
 OFFSETS_MM = {
     "low": np.array([12.0, -35.0, 20.0]),
@@ -162,7 +162,7 @@ def test_a_prediction_takes_the_tools_that_others_gave():
 
 def written_arm(folder):
     path = folder / "design.toml"
-    text = arm_text(arm_value(TRUE).model_dump(by_alias=True, exclude_unset=True))
+    text = rewritten_text(arm_value(TRUE).model_dump(by_alias=True, exclude_unset=True))
     path.write_text(text)
     return path
 

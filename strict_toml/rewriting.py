@@ -1,7 +1,7 @@
-"""The text of an arm file from its plain values, in the layout people know.
+"""The text of a file from its plain values, in the layout people know.
 
 Numbers are written in the shortest decimals that give back the same bits. The only
-module beside `arm_file`, whose part it is, that uses tomlkit.
+module that uses tomlkit.
 """
 
 from collections.abc import Mapping, MutableMapping, Sequence
@@ -13,8 +13,8 @@ from tomlkit.items import AoT, Item
 from traverse.strict_toml.writing import canonical_text
 
 
-def arm_text(values: Mapping[str, Any], before: str | None = None) -> str:
-    """Write the values of an arm as TOML; keys that are None are left out.
+def rewritten_text(values: Mapping[str, Any], before: str | None = None) -> str:
+    """Write values as TOML; keys that are None are left out.
 
     Comments of the text before stay, and so does every line whose value stays.
     """
