@@ -29,7 +29,8 @@ CONTROL = (
 FORMER_NAMES = {"interim": "daily-check"}
 """Names that commands had, in people's scripts; they are not shown."""
 COMMANDS = (
-    *("demo", "run", "watch", "page", "check", "joints", "artefact", "collect"),
+    *("demo", "setup", "run", "watch", "page", "check", "joints", "artefact"),
+    "collect",
     *("identify", "predict", "diagnose", "verify", "certify", "trace"),
     *(
         "daily-check",

@@ -3,7 +3,6 @@
 import asyncio
 import logging
 from collections.abc import Callable
-from pathlib import Path
 
 from fastapi import Response
 from fastapi.responses import FileResponse, HTMLResponse
@@ -14,12 +13,11 @@ from traverse.client.display.follower import Follower
 from traverse.client.display.guided_check import CheckDesk
 from traverse.client.display.inspection_desk import InspectionDesk
 from traverse.client.inspection.sheet import sheet_html
-from traverse.client.page.access import Guard
-from traverse.client.page.connections import BoundedHttpProtocol
 from traverse.client.page.language import CATALOGUE, CATALOGUE_URL
 from traverse.client.page.operator_page import OperatorPage
 from traverse.client.page.part_panel import REPORT_URL
 from traverse.client.page.readout import Choices
+from traverse.client.page.serving import Serving, serve_pages
 from traverse.protocol.messages import Point
 
 log = logging.getLogger(__name__)
@@ -30,28 +28,13 @@ RECONNECT_S = 10.0
 Export = Callable[[str, list[Point]], tuple[str, bytes]]
 
 
-def serve(
-    follower: Follower,
-    export: Export,
-    *,
-    host: str,
-    port: int,
-    token: str | None = None,
-    certificate: Path | None = None,
-    key: Path | None = None,
-    show: bool = False,
-) -> None:
+def serve(follower: Follower, export: Export, serving: Serving) -> None:
     """Serve the page until the process is requested to end.
 
     Args:
         follower: of the arm.
         export: returns points as a file of some kind: name and content.
-        host: to listen on.
-        port: to listen on.
-        token: grants access to the page; None: access from this machine only.
-        certificate: for TLS.
-        key: of the certificate.
-        show: open a browser.
+        serving: where, and for whom.
     """
     tasks: list[asyncio.Task[None]] = []
     desk, choices = CheckDesk(follower.sight), Choices()
@@ -65,7 +48,6 @@ def serve(
 
     app.on_startup(begin)
     app.on_shutdown(leave)
-    app.add_middleware(Guard, token=token)
 
     @app.get(CLOUD_URL)
     def cloud(version: int, start: int) -> Response:
@@ -99,15 +81,4 @@ def serve(
             export=export,
         )
 
-    ui.run(
-        host=host,
-        port=port,
-        show=show,
-        reload=False,
-        title="Traverse",
-        language="en-US",
-        show_welcome_message=False,
-        http=BoundedHttpProtocol,
-        ssl_certfile=None if certificate is None else str(certificate),
-        ssl_keyfile=None if key is None else str(key),
-    )
+    serve_pages(serving)

@@ -36,6 +36,7 @@ WITHOUT = {
     "help": "text for people",
     "demo": "shown to people; `traverse watch --json` beside it follows its arm",
     "page": "a server for browsers",
+    "setup": "a server for browsers",
     "store": "a service; what it stores is in a database",
     "gateway ippdme": "a server for metrology software",
     "gateway lines": "its lines have the form that is asked for",

@@ -58,6 +58,7 @@ ELSEWHERE: Final = {
     r"traverse gateway keys ": "tests/client/gateways/test_keys.py",
     r"traverse gateway home-assistant ": "tests/cli/points/test_gateway.py",
     r"traverse page ": "tests/browser/test_operator_page.py",
+    r"traverse setup ": "tests/browser/test_setup_page.py",
     r"(traverse|make) demo": "tests/end_to_end/cli/test_demo.py",
     r"mosquitto_(sub|pub) -h broker.lab": "tests/end_to_end/delivery/test_tls.py",
     r"mosquitto_passwd ": "tests/deploy/test_mosquitto_configuration.py",
