@@ -1,40 +1,38 @@
 """A client of an MQTT broker on the event loop, for the daemon and for all programs.
 
-Strategy: `traverse.broker.packets` encodes and decodes, and asyncio's transport moves
-the bytes. A message is written in the call that sends it. Received data is processed
-for a few milliseconds at a time; the rest waits in the socket, so that a flood slows
-down its sender and not the event loop.
+Strategy: `traverse.broker.packets` encodes, `traverse.broker.decoder` decodes, and
+asyncio's transport moves the bytes. A message is written in the call that sends it.
+Received data is processed for a few milliseconds at a time; the rest waits in the
+socket, so that a flood slows down its sender and not the event loop.
 """
 
 import asyncio
 import contextlib
-import logging
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from ssl import SSLContext
-from typing import Any, Self, cast
+from typing import Self, cast
 
+from traverse.broker.decoder import PacketDecoder, PacketError
 from traverse.broker.errors import (
     ClosedBeforeAnswerError,
-    ConnectionCutError,
     ConnectRefusedError,
     DisconnectedError,
     MqttError,
     RefusedError,
+    end_of_connection,
 )
+from traverse.broker.inbox import Inbox, first_of
+from traverse.broker.keep_alive import KeepAlive
+from traverse.broker.limits import BrokerLimits
 from traverse.broker.packets import (
     DISCONNECT,
-    MAX_LENGTH,
-    PINGREQ,
     Acknowledged,
     Connected,
     Disconnected,
     Message,
     Packet,
-    PacketDecoder,
-    PacketError,
-    Pong,
     Properties,
     Property,
     Version,
@@ -45,46 +43,15 @@ from traverse.broker.packets import (
     subscribe_packet,
     unsubscribe_packet,
 )
-from traverse.broker.resolver import addresses_of
-
-log = logging.getLogger(__name__)
+from traverse.broker.resolver import connect_to_host
 
 TIMEOUT_S = 5.0
 TURN_NS = 2_000_000  # in which packets are processed before others have the event loop
 MAX_IN_FLIGHT = 16
 MAX_PAYLOAD_BYTES = 16_777_216
-MAX_QUEUED = 10_000
 REFUSAL = 0x80  # reason codes from here on say no, in MQTT 3.1.1 and 5
 LAST_NUMBER = 65_535
 READ_BYTES = 65_536
-
-
-@dataclass(frozen=True, slots=True)
-class BrokerLimits:
-    """Limits that a broker announces in its answer to CONNECT (section 3.2.2.3).
-
-    Attributes:
-        receive_maximum: messages of QoS 1 without acknowledgement at any time.
-        maximum_packet_bytes: length of a whole packet.
-    """
-
-    receive_maximum: int = 65_535
-    maximum_packet_bytes: int = MAX_LENGTH
-    maximum_qos: int = 2
-    retain_available: bool = True
-
-    @classmethod
-    def of(cls, properties: Properties) -> Self:
-        def number(identifier: Property, default: int) -> int:
-            value = properties.get(identifier, default)
-            return value if isinstance(value, int) else default
-
-        return cls(
-            number(Property.RECEIVE_MAXIMUM, 65_535),
-            number(Property.MAXIMUM_PACKET_BYTES, MAX_LENGTH),
-            number(Property.MAXIMUM_QOS, 2),
-            bool(number(Property.RETAIN_AVAILABLE, 1)),
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +84,7 @@ class MqttClient(asyncio.BufferedProtocol):
 
     Attributes:
         limits: limits of the broker, known once there is a connection.
-        n_dropped: messages that `messages` had no room for.
+        inbox: messages that no handler takes.
     """
 
     hostname: str
@@ -138,21 +105,19 @@ class MqttClient(asyncio.BufferedProtocol):
 
     def __post_init__(self) -> None:
         self.limits = BrokerLimits()
-        self.n_dropped = 0
         self._decoder = PacketDecoder(self.version, self.max_payload_bytes)
         self._transport: asyncio.Transport | None = None
         self._number = 0
         self._awaited: dict[int, asyncio.Future[tuple[int, ...]]] = {}
         self._has_room = asyncio.Event()
-        self._queue: asyncio.Queue[Message] = asyncio.Queue(MAX_QUEUED)
         loop = self._loop = asyncio.get_running_loop()
         self._connected: asyncio.Future[Connected] = loop.create_future()
         self._closed: asyncio.Future[MqttError] = loop.create_future()
+        self.inbox = Inbox(self._closed)
         self._ended_by: MqttError | None = None
         self._is_behind = False
         self._buffer = memoryview(bytearray(READ_BYTES))
-        self._alive_timer: asyncio.TimerHandle | None = None
-        self._heard_since_ping = True
+        self._keep_alive = KeepAlive(self.write, self._end)
 
     # -- the connection -------------------------------------------------------
 
@@ -164,8 +129,10 @@ class MqttClient(asyncio.BufferedProtocol):
         """
         try:
             async with asyncio.timeout(TIMEOUT_S):
-                await self._open()
-                await _first_of(self._connected, self._closed)
+                await connect_to_host(
+                    lambda: self, self.hostname, self.port, self.tls_context
+                )
+                await first_of(self._connected, self._closed)
             if not self._connected.done():
                 raise self._closed.result()
             self._take_answer(self._connected.result())
@@ -200,54 +167,16 @@ class MqttClient(asyncio.BufferedProtocol):
         await asyncio.wait({self._closed})
         raise self._closed.result()
 
-    async def _open(self) -> None:
-        """Connect to the first address of the host that answers.
-
-        Raises:
-            OSError: none did; the error of the last one.
-        """
-        name = self.hostname if self.tls_context is not None else None
-        failure: OSError | None = None
-        for address in await addresses_of(self.hostname, self.port):
-            try:
-                await self._loop.create_connection(
-                    lambda: self,
-                    address,
-                    self.port,
-                    ssl=self.tls_context,
-                    server_hostname=name,
-                )
-            except OSError as error:
-                failure = error
-            else:
-                return
-        raise failure or OSError(f"{self.hostname} has no address")
-
     def _take_answer(self, answer: Connected) -> None:
         if answer.code:
             reason = answer.properties.get(Property.REASON_STRING, "")
             raise ConnectRefusedError(answer.code, str(reason))
         self.limits = BrokerLimits.of(answer.properties)
-        keep_alive_s = answer.properties.get(Property.SERVER_KEEP_ALIVE_S)
-        if isinstance(keep_alive_s, int) and keep_alive_s:
-            self.keep_alive_s = min(self.keep_alive_s, keep_alive_s)
-        self._alive_timer = self._loop.call_later(self.keep_alive_s, self._watch)
+        self._keep_alive.start(min(self.keep_alive_s, self.limits.keep_alive_s))
 
     def _abort(self) -> None:
         if self._transport is not None:
             self._transport.abort()
-
-    def _watch(self) -> None:
-        """Ping the broker; end the connection if it is silent."""
-        transport = self._transport
-        if transport is None or self._closed.done():
-            return
-        if not self._heard_since_ping:
-            self._end(MqttError(f"nothing was received for {self.keep_alive_s} s"))
-            return
-        self._heard_since_ping = False
-        transport.write(PINGREQ)
-        self._alive_timer = self._loop.call_later(self.keep_alive_s, self._watch)
 
     def _end(self, error: MqttError) -> None:
         self._ended_by = self._ended_by or error
@@ -273,15 +202,9 @@ class MqttClient(asyncio.BufferedProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Fail everything that waits for an answer."""
-        if self._alive_timer is not None:
-            self._alive_timer.cancel()
-        error = self._ended_by
-        if error is None:
-            error = ConnectionCutError()
-            if not self._connected.done():
-                is_cut = exc is None or isinstance(exc, ConnectionError)
-                error = ClosedBeforeAnswerError() if is_cut else MqttError(str(exc))
-            error.__cause__ = exc
+        self._keep_alive.stop()
+        is_answered = self._connected.done()
+        error = self._ended_by or end_of_connection(exc, is_answered=is_answered)
         self._closed.set_result(error)
         for waiting in self._awaited.values():
             if not waiting.done():
@@ -315,12 +238,10 @@ class MqttClient(asyncio.BufferedProtocol):
         Raises:
             MqttError: there is no connection any more.
         """
-        if self._transport is None or self._closed.done():
-            raise (
-                self._closed.result()
-                if self._closed.done()
-                else MqttError("not connected")
-            )
+        if self._closed.done():
+            raise self._closed.result()
+        if self._transport is None:
+            raise MqttError("not connected")
         self._transport.write(data)
 
     def resume_writing(self) -> None:
@@ -357,7 +278,7 @@ class MqttClient(asyncio.BufferedProtocol):
         if not qos:
             self.write(packet)
             return
-        (code, *_) = await self._answer_to(number, packet)
+        (code,) = await self._answer_to(number, packet, 1)
         if code >= REFUSAL:
             raise RefusedError(code)
 
@@ -373,7 +294,7 @@ class MqttClient(asyncio.BufferedProtocol):
         packet = subscribe_packet(filters, number, self.version)
         try:
             async with asyncio.timeout(TIMEOUT_S):
-                return await self._answer_to(number, packet)
+                return await self._answer_to(number, packet, len(filters))
         except TimeoutError as error:
             raise MqttError("no answer to a subscription") from error
 
@@ -390,12 +311,20 @@ class MqttClient(asyncio.BufferedProtocol):
         with contextlib.suppress(MqttError):
             self.write(acknowledgement_packet(number))
 
-    async def _answer_to(self, number: int, packet: bytes) -> tuple[int, ...]:
+    async def _answer_to(
+        self, number: int, packet: bytes, n_codes: int
+    ) -> tuple[int, ...]:
         answer: asyncio.Future[tuple[int, ...]] = self._loop.create_future()
         self._awaited[number] = answer
         try:
             self.write(packet)
-            return await answer
+            codes = await answer
+            if len(codes) != n_codes:
+                raise MqttError(
+                    f"the broker sends no MQTT: an answer of {len(codes)} codes in "
+                    f"place of {n_codes}"
+                )
+            return codes
         finally:
             self._awaited.pop(number, None)
             self._has_room.set()
@@ -403,32 +332,15 @@ class MqttClient(asyncio.BufferedProtocol):
     # -- receiving ------------------------------------------------------------
 
     @property
-    async def messages(self) -> AsyncIterator[Message]:
-        """Messages as they arrive, unless a handler takes them.
-
-        Raises:
-            MqttError: the connection has ended; all messages before have been given.
-        """
-        while True:
-            if self._queue.empty():
-                waiting = asyncio.ensure_future(self._queue.get())
-                try:
-                    await _first_of(waiting, self._closed)
-                    if not waiting.done():
-                        raise self._closed.result()
-                    message = waiting.result()
-                finally:
-                    waiting.cancel()
-            else:
-                message = self._queue.get_nowait()
-            yield message
+    def messages(self) -> AsyncIterator[Message]:
+        """Messages as they arrive, unless a handler takes them; see `Inbox`."""
+        return self.inbox.messages()
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """Return the receive buffer; it is always the same."""
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        self._heard_since_ping = True
+        self._keep_alive.is_heard = True
         self._decoder.feed(self._buffer[:nbytes])
         if not self._is_behind:
             self._process()
@@ -470,12 +382,9 @@ class MqttClient(asyncio.BufferedProtocol):
             case Disconnected(code, properties):
                 reason = properties.get(Property.REASON_STRING, "")
                 self._end(DisconnectedError(code, str(reason)))
-            case Pong():
-                pass
 
     def _take_acknowledgement(self, number: int, codes: tuple[int, ...]) -> None:
-        answer = self._awaited.get(number)
-        if answer is not None:
+        if (answer := self._awaited.get(number)) is not None:
             if not answer.done():
                 answer.set_result(codes)
         elif self.handlers.acknowledged is not None:
@@ -486,19 +395,6 @@ class MqttClient(asyncio.BufferedProtocol):
         if self.handlers.received is not None:
             self.handlers.received(message)
         else:
-            try:
-                self._queue.put_nowait(message)
-            except asyncio.QueueFull:
-                if not self.n_dropped:
-                    log.warning(
-                        "messages arrive faster than they are used; more than %d that "
-                        "wait are dropped",
-                        MAX_QUEUED,
-                    )
-                self.n_dropped += 1
+            self.inbox.put(message)
         if self.acknowledges and message.number:
             self.acknowledge(message.number)
-
-
-async def _first_of(*futures: asyncio.Future[Any]) -> None:
-    await asyncio.wait(futures, return_when=asyncio.FIRST_COMPLETED)

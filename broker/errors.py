@@ -41,3 +41,13 @@ class ClosedBeforeAnswerError(MqttError):
 
     def __init__(self) -> None:
         super().__init__("it closes the connection without a word")
+
+
+def end_of_connection(cause: Exception | None, *, is_answered: bool) -> MqttError:
+    """Return the error for a connection that neither side ended with a reason."""
+    error: MqttError = ConnectionCutError()
+    if not is_answered:
+        is_cut = cause is None or isinstance(cause, ConnectionError)
+        error = ClosedBeforeAnswerError() if is_cut else MqttError(str(cause))
+    error.__cause__ = cause
+    return error

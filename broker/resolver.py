@@ -6,10 +6,37 @@ the program from ending for that time. A lookup that hangs serves all who ask me
 
 import asyncio
 import socket
+from collections.abc import Callable
 from concurrent.futures import Future
+from ssl import SSLContext
 from threading import Thread
 
 _lookups: dict[tuple[str, int], Future[list[str]]] = {}
+
+
+async def connect_to_host(
+    protocol: Callable[[], asyncio.BaseProtocol],
+    host: str,
+    port: int,
+    tls: SSLContext | None,
+) -> None:
+    """Connect to the first address of a host that answers.
+
+    Raises:
+        OSError: none did; the error of the last one.
+    """
+    loop, failure = asyncio.get_running_loop(), None
+    name = host if tls is not None else None
+    for address in await addresses_of(host, port):
+        try:
+            await loop.create_connection(
+                protocol, address, port, ssl=tls, server_hostname=name
+            )
+        except OSError as error:
+            failure = error
+        else:
+            return
+    raise failure or OSError(f"{host} has no address")
 
 
 async def addresses_of(host: str, port: int) -> list[str]:

@@ -7,7 +7,6 @@ many wait for that.
 
 import asyncio
 import logging
-import random
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Self
@@ -17,6 +16,7 @@ from traverse.broker.client import REFUSAL, Handlers, MqttClient
 from traverse.broker.credentials import CredentialsError, connection_options
 from traverse.broker.errors import MqttError
 from traverse.broker.packets import Message
+from traverse.broker.pause import LASTING_S, GrowingPause
 from traverse.broker.reasons import Wording, is_refusal, reason_of, sentence
 from traverse.client.errors import BrokerUnreachableError
 
@@ -69,6 +69,22 @@ class ConfiguredClient(MqttClient):
             raise kind(reason_of(error, self._address, WORDING)) from error
 
 
+async def subscribe_to_any(client: MqttClient, *filters: tuple[str, int]) -> None:
+    """Subscribe to topic filters with a QoS each, of which some may be refused.
+
+    Raises:
+        MqttError: the connection is lost, or the broker allows none of them.
+    """
+    codes = await client.subscribe(*filters)
+    if min(codes) < REFUSAL:
+        return
+    remedy = "; correct its access list, or username and password"
+    raise MqttError(
+        f"the broker refuses to send {filters[0][0]}: {sentence(codes[0], WORDING)}"
+        f"{remedy if codes[0] == REFUSAL else ''}"
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class IncomingMessage:
     """A received message.
@@ -90,6 +106,9 @@ class ManualAckConnection(ConfiguredClient):
     Args:
         take: called with each message.
         options: further ones of `MqttClient`.
+
+    Attributes:
+        is_useful: messages have come by it, besides those that a broker retains.
     """
 
     def __init__(
@@ -98,7 +117,10 @@ class ManualAckConnection(ConfiguredClient):
         take: Callable[[IncomingMessage], None],
         **options: Any,
     ) -> None:
+        self.is_useful = False
+
         def received(message: Message) -> None:
+            self.is_useful = self.is_useful or not message.retain
             take(
                 IncomingMessage(
                     message.topic, message.payload, message.number, self.acknowledge
@@ -107,19 +129,6 @@ class ManualAckConnection(ConfiguredClient):
 
         handlers = Handlers(received=received)
         super().__init__(address, handlers=handlers, acknowledges=False, **options)
-
-    async def subscribe_checked(self, topic: str, qos: int) -> None:
-        """Subscribe.
-
-        Raises:
-            MqttError: the connection is lost, or the broker does not allow it.
-        """
-        (code, *_) = await self.subscribe((topic, qos))
-        if code >= REFUSAL:
-            raise MqttError(
-                f"the broker refuses to send {topic}: {sentence(code, WORDING)}; "
-                "correct its access list, or username and password"
-            )
 
 
 class ReconnectingConnection:
@@ -157,17 +166,21 @@ class ReconnectingConnection:
             changed: called with True when there is a connection with all its
                 subscriptions, and with False when it is lost.
         """
-        wait_s = FIRST_WAIT_S
+        loop, pause = (
+            asyncio.get_running_loop(),
+            GrowingPause(FIRST_WAIT_S, LAST_WAIT_S),
+        )
         while True:
+            connected_s, connection = None, None
             try:
                 async with ManualAckConnection(
                     self.address, take, **self._options
                 ) as connection:
                     for topic, qos in self.topics.items():
-                        await connection.subscribe_checked(topic, qos)
-                    self._connection = connection
+                        await subscribe_to_any(connection, (topic, qos))
+                    self._connection, connected_s = connection, loop.time()
                     self.connections += 1
-                    self.reason, wait_s = "", FIRST_WAIT_S
+                    self.reason = ""
                     self._settled.set()
                     changed(True)
                     await connection.wait_closed()
@@ -177,9 +190,10 @@ class ReconnectingConnection:
                     self._settled.set()
             finally:
                 self._connection = None
-            # Jitter prevents a fleet's consumers from reconnecting all at once.
-            await asyncio.sleep(wait_s * random.uniform(0.5, 1.0))
-            wait_s = min(2 * wait_s, LAST_WAIT_S)
+            lasted_s = None if connected_s is None else loop.time() - connected_s
+            if connection is not None and connection.is_useful:
+                lasted_s = LASTING_S  # cut by the network: no time is to be lost
+            await asyncio.sleep(pause.after(lasted_s))
 
     async def wait_first(self, patience_s: float) -> None:
         """Wait for the first connection.
@@ -217,7 +231,7 @@ class ReconnectingConnection:
         """Subscribe, now and at every later connection."""
         self.topics[topic] = qos
         if self._connection is not None:
-            await self._connection.subscribe_checked(topic, qos)
+            await subscribe_to_any(self._connection, (topic, qos))
 
     def _report_lost(self, reason: str, changed: Callable[[bool], None]) -> None:
         was_up, self._connection = self._connection is not None, None

@@ -14,7 +14,7 @@ from traverse.broker.address import BrokerAddress
 from traverse.broker.client import MqttClient
 from traverse.broker.errors import MqttError
 from traverse.client.errors import BrokerUnreachableError
-from traverse.client.mqtt.connection import ConfiguredClient
+from traverse.client.mqtt.connection import ConfiguredClient, subscribe_to_any
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
@@ -47,9 +47,21 @@ class ReceivedMessage:
 async def subscribe(
     client: MqttClient, arm: str = "+", kinds: Iterable[str] = KINDS
 ) -> None:
-    for kind in kinds:
-        pattern = topics.kind_filter(kind).replace("/+/", f"/{arm}/", 1)
-        await client.subscribe((pattern, topics.CHANNELS[kind].qos))
+    """Subscribe to messages of kinds.
+
+    Raises:
+        MqttError: the connection is lost, or the broker allows none of them.
+    """
+    await subscribe_to_any(
+        client,
+        *(
+            (
+                topics.kind_filter(kind).replace("/+/", f"/{arm}/", 1),
+                topics.CHANNELS[kind].qos,
+            )
+            for kind in kinds
+        ),
+    )
 
 
 async def received(client: MqttClient) -> AsyncIterator[ReceivedMessage]:
@@ -112,7 +124,7 @@ async def _statuses(
     filters = {every, every.replace("+", arm, 1)}
     try:
         async with ConfiguredClient(address) as client:
-            await client.subscribe(*((pattern, 1) for pattern in filters))
+            await subscribe_to_any(client, *((pattern, 1) for pattern in filters))
             messages = aiter(client.messages)
             with contextlib.suppress(TimeoutError):
                 wait_s = patience_s

@@ -8,7 +8,6 @@ import asyncio
 import contextlib
 import logging
 import os
-import random
 from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -34,6 +33,7 @@ from traverse.broker.packets import (
     Version,
     packed_properties,
 )
+from traverse.broker.pause import GrowingPause
 from traverse.broker.reasons import VERSION_REFUSED, reason_of
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
 from traverse.daemon.mqtt.sender import PublishLoop
@@ -51,7 +51,6 @@ log = logging.getLogger(__name__)
 QUEUED = ("point", "event", "resend", "spooled", "scan")
 FIRST_RETRY_S = 0.2
 LAST_RETRY_S = 5.0
-LASTING_S = 10.0  # a connection that has lasted so long was a good one
 SHORT_LIVED = 3  # in a row: then it is no accident
 RECEIVE_MAXIMUM = 32  # commands of QoS 1 on their way to us
 SESSION_S = 60  # so long a broker keeps commands for a lost connection of this run
@@ -159,10 +158,9 @@ class BrokerConnection:
         """
         loop = asyncio.get_running_loop()
         subscriber = CommandSubscriber(self.subscriptions, receive)
-        retry_s = FIRST_RETRY_S
+        pause = GrowingPause(FIRST_RETRY_S, LAST_RETRY_S)
         connected_before = False
         last_reason = ""
-        n_short_lived = 0
         while True:
             connected_s: float | None = None
             try:
@@ -199,12 +197,9 @@ class BrokerConnection:
                     continue  # immediately: with the new certificates
             except CONNECTION_FAILURES as error:
                 reason = reason_of(error, self.address, WORDING)
-                if connected_s is not None:
-                    is_good = loop.time() - connected_s >= LASTING_S
-                    n_short_lived = 0 if is_good else n_short_lived + 1
-                    if is_good:
-                        retry_s = FIRST_RETRY_S
-                if n_short_lived >= SHORT_LIVED:
+                lasted_s = None if connected_s is None else loop.time() - connected_s
+                pause_s = max(pause.after(lasted_s), self.least_retry_s())
+                if pause.n_short_lived >= SHORT_LIVED:
                     reason += (
                         "; it does so each time soon after connecting: its log has the "
                         "reason (access list, limits, retained messages?)"
@@ -213,10 +208,7 @@ class BrokerConnection:
                     self.state, last_reason = "lost", reason
                     self.state_known.set()
                     self.changed(False, f"broker {self.address}: {reason}")
-            # Jitter prevents a fleet from reconnecting all at once.
-            pause_s = max(retry_s, self.least_retry_s()) * random.uniform(0.5, 1.0)
             await asyncio.sleep(pause_s)
-            retry_s = min(2 * retry_s, LAST_RETRY_S)
 
     async def _wait_for_changed_files(self) -> None:
         """Wait until password or certificates have changed since connecting."""

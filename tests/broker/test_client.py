@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 import uvloop
 
-from traverse.broker.client import MAX_QUEUED, Handlers, MqttClient
+from traverse.broker.client import Handlers, MqttClient
 from traverse.broker.errors import (
     ClosedBeforeAnswerError,
     ConnectionCutError,
@@ -16,6 +16,7 @@ from traverse.broker.errors import (
     MqttError,
     RefusedError,
 )
+from traverse.broker.inbox import MAX_QUEUED
 from traverse.broker.packets import Message, Version, publish_packet
 from traverse.testing.waiting import until
 
@@ -127,6 +128,24 @@ async def test_subscriptions_return_the_codes_of_the_broker():
         assert await subscribing == (1, 0x87)
 
 
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"\x90\x04\x00\x01\x00\x01",
+        b"\x90\x03\x00\x01\x00",
+        b"\x90\x06\x00\x01\x00\x01\x01\x01",
+        b"\x40\x02\x00\x01",
+    ],
+)
+async def test_an_answer_that_fits_no_question_is_an_error(answer):
+    async with connected() as (client, broker):
+        subscribing = asyncio.create_task(client.subscribe(("a", 1), ("b", 1)))
+        await broker.reads(b"\x82\x0b\x00\x01\x00\x00\x01a\x01\x00\x01b\x01")
+        broker.writer.write(answer)
+        with pytest.raises(MqttError, match="no MQTT"):
+            await subscribing
+
+
 async def test_received_messages_are_acknowledged_after_they_were_handled():
     received = []
     handlers = Handlers(received=received.append)
@@ -144,7 +163,7 @@ async def test_messages_that_nobody_takes_are_dropped_and_counted_beyond_a_bound
     message = publish_packet("q", b"", properties=b"\0")
     async with connected() as (client, broker):
         broker.writer.write(message * (MAX_QUEUED + 5))
-        await until(lambda: client.n_dropped == 5)
+        await until(lambda: client.inbox.n_dropped == 5)
         async for received in client.messages:
             assert received.topic == "q"
             break
@@ -236,6 +255,8 @@ async def test_bytes_that_are_no_mqtt_end_the_connection():
         (b"\x20\x03\x00\x87\x00", ConnectRefusedError),
         (b"\x20\x02\x00\x01", ConnectRefusedError),
         (b"\x30\x03\x00\x05p", MqttError),
+        (b"\x20\x06\x00\x00\x03\x21\x00\x00", MqttError),  # takes no message
+        (b"\x20\x08\x00\x00\x05\x27\x00\x00\x00\x00", MqttError),  # of any length
     ],
 )
 async def test_a_refused_connection_is_an_error_of_its_kind(answer, kind):

@@ -7,14 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from traverse.broker.decoder import HEAD_BYTES, PacketDecoder, PacketError
 from traverse.broker.packets import (
-    HEAD_BYTES,
     Acknowledged,
     Connected,
     Disconnected,
     Message,
-    PacketDecoder,
-    PacketError,
     Pong,
     Property,
     Version,

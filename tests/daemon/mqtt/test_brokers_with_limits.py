@@ -19,18 +19,21 @@ class PlayedBroker:
     """Serves each connection by rules, in bytes, and notes what it was sent.
 
     Attributes:
+        answer: to CONNECT, by its protocol level.
         connects: the protocol level of each CONNECT.
         lengths: bytes of each PUBLISH, by topic.
         refused: topics whose messages are refused, with MQTT 5.
+        most_unanswered: messages of QoS 1 that waited for their answer at a time.
     """
 
     def __init__(self, answer, *, cut_after=None, refused=(), subscribed=1):
-        self._answer = answer
+        self.answer = answer
         self._subscribed = subscribed
         self.refused = set(refused)
         self._cut_after = cut_after
         self.connects = []
         self.lengths = []
+        self._n_unanswered = self.most_unanswered = 0
 
     @contextlib.asynccontextmanager
     async def running(self):
@@ -39,11 +42,13 @@ class PlayedBroker:
             yield BrokerAddress(HOST, server.sockets[0].getsockname()[1])
 
     async def _serve(self, reader, writer):
+        loop = asyncio.get_running_loop()
+        self._writer = writer
         with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
             _, connect = await self._packet(reader)
             level = connect[6]
             self.connects.append(level)
-            answer = self._answer(level)
+            answer = self.answer(level)
             if answer:
                 writer.write(answer)
                 while True:
@@ -56,7 +61,12 @@ class PlayedBroker:
                             code = b"\x87" if topic in self.refused else b""
                             number = body[2 + size : 4 + size]
                             answer = bytes((0x40, 2 + len(code))) + number + code
-                            writer.write(answer)
+                            self._n_unanswered += 1
+                            self.most_unanswered = max(
+                                self.most_unanswered, self._n_unanswered
+                            )
+                            # After all that has come together with it.
+                            loop.call_soon(self._answer_message, writer, answer)
                         if self._cut_after is not None:
                             break
                     elif first >> 4 == 8:
@@ -68,6 +78,13 @@ class PlayedBroker:
                             + bytes((self._subscribed,))
                         )
         writer.close()
+
+    def _answer_message(self, writer, answer):
+        self._n_unanswered -= 1
+        writer.write(answer)
+
+    def cut(self):
+        self._writer.transport.abort()
 
     async def _packet(self, reader):
         first = (await reader.readexactly(1))[0]
@@ -133,6 +150,33 @@ async def test_what_is_longer_than_the_broker_takes_is_named_and_counted():
             await until(lambda: bench.queue.sent["event"] == 2, "what is not a point")
             assert bench.queue.waiting("point") == 1  # it is kept
     assert max(length for _, length in broker.lengths) <= 256
+
+
+async def test_limits_are_those_of_each_connection():
+    broker = PlayedBroker(accepted(b"\x27\x00\x00\x10\x00"))  # 4096 bytes
+    exceeded = []
+    async with broker.running() as address:
+        bench = Bench(address)
+        bench.publisher.limit_exceeded = lambda _, text: text and exceeded.append(text)
+        async with bench.running():
+            bench.point("x" * 1000)
+            await bench.all_sent()
+            broker.answer = accepted(b"\x27\x00\x00\x00\xc8")  # 200 bytes
+            broker.cut()
+            await until(lambda: len(broker.connects) == 3, "another connection")
+            bench.point("x" * 1000)
+            await until(lambda: exceeded, "the point")
+            assert "longer than the 200 that the broker takes" in exceeded[0]
+
+
+async def test_one_point_at_a_time_where_the_broker_takes_no_more():
+    broker = PlayedBroker(accepted(b"\x21\x00\x01"))  # receive maximum 1
+    async with broker.running() as address, Bench(address).running() as bench:
+        for n in range(300):
+            bench.point(str(n))
+        await bench.all_sent()
+    assert len(broker.lengths) == 300
+    assert broker.most_unanswered == 1
 
 
 @pytest.mark.parametrize(("encoding", "limit"), [("msgpack", 256), ("json", 2048)])

@@ -15,7 +15,7 @@ from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.hostile_messages import examples, fixed, names, payloads
-from traverse.broker.packets import HEAD_BYTES
+from traverse.broker.decoder import HEAD_BYTES
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.daemon.commands.dispatcher import MAX_COMMAND_BYTES
 from traverse.daemon.commands.rate_limit import ALL, FLOOD
