@@ -161,6 +161,7 @@ def test_names_of_traverse_cannot_be_taken(tmp_path):
     assert "--template" in shown
 
 
+@pytest.mark.slow
 def test_an_effect_without_a_law_is_applied_and_cannot_be_played(tmp_path):
     effect = (TEMPLATE / "src" / "traverse_example" / "effect.py").read_text()
     entries = "[traverse.effects]\nhalf_wave = lawless:HalfWave\n"

@@ -33,11 +33,11 @@ from traverse.lab.adjustment.solve import adjust
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.identify import identify
 
-SIZES = sized((500, 5_000, 50_000, 500_000), (500,))
+SIZES = sized((500, 5_000, 50_000, 500_000), (100,))
 # Beyond these a peer takes more minutes or memory than it is worth.
 MOST_POSES = {"2-point": 50_000, "2-point-numpy": 50_000, "dense": 50_000}
 METHODS = ("adjust", "identify", "2-point", "2-point-numpy", "dense")
-SCAN_POSES = sized(1_000_000, 2000)
+SCAN_POSES = sized(1_000_000, 500)
 REPEATS = sized(3, 1)  # of the small ones; the best counts
 
 

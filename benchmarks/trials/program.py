@@ -151,11 +151,11 @@ def wanted(
         if not asked.scenarios
         or any(part in trials.scenario for part in asked.scenarios)
     ]
-    chosen = chosen[:: sized(1, max(1, len(chosen) // 3))]
+    chosen = chosen[:: sized(1, max(1, len(chosen) // 2))]
     total = sum(trials.n for trials in chosen)
     counts = []
     for trials in chosen:
-        n = sized(trials.n, max(1, trials.batch // 5))
+        n = sized(trials.n, 1)
         if asked.runs is not None:
             n = max(1, n * asked.runs // total)
         if asked.seeds is not None:

@@ -52,6 +52,7 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_both_ways_find_the_arm_again(folder):
     (measured,) = read_sets(folder)
     assert measured.is_kept.sum() == 10

@@ -15,7 +15,7 @@ MAKEFILE = (CHECKOUT / "Makefile").read_text("utf-8")
 # Targets of benchmarks, proofs and packages, and what each is made from.
 TARGETS = dict(
     re.findall(
-        r"^((?:audit|bench|blind|deb|docs|endurance|fuzz|honesty|prove|screenshots|soak|wheels)"
+        r"^((?:audit|bench|blind|deb|endurance|fuzz|honesty|prove|screenshots|soak|wheels)"
         r"[a-z-]*):([^#\n]*)",
         MAKEFILE,
         re.MULTILINE,
@@ -28,7 +28,6 @@ LEAVES = {
     "bench": ("figures/performance-path.png", "figures/performance-presses.png"),
     "blind": ("blind.jsonl",),
     "deb": ("traverse_*.deb", "traverse-lab_*.deb"),
-    "docs": ("site/index.html",),
     "honesty": ("honesty.jsonl",),
     "prove": ("proofs.jsonl",),
     "prove-acceptance": ("acceptance.jsonl", "figures/acceptance-truth.png"),
@@ -51,7 +50,7 @@ def changed():
 
 
 def test_all_targets_are_found():
-    assert len(TARGETS) >= 23
+    assert len(TARGETS) >= 22
     assert LEAVES.keys() | LONG <= TARGETS.keys()
 
 
@@ -88,7 +87,6 @@ def test_target_runs_in_a_tiny_size(target, tmp_path):
     options = (
         "TINY=1",
         f"BUILD={tmp_path}",
-        f"SITE={tmp_path}/site",
         f"DIST={tmp_path}",
     )
     with subprocess.Popen(

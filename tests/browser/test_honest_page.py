@@ -123,6 +123,7 @@ async def test_doubts_and_alarms_and_scans_have_states_of_their_own(
         )
 
 
+@pytest.mark.slow
 async def test_nothing_is_green_when_broker_or_arm_is_gone(
     posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:

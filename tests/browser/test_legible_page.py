@@ -106,6 +106,7 @@ async def test_on_touch_screens_what_matters_is_first_and_can_be_hit(
             assert await page.evaluate(script)
 
 
+@pytest.mark.slow
 async def test_digits_can_fill_the_page_and_values_be_spoken(
     posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:

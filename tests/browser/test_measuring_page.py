@@ -44,6 +44,7 @@ async def cells(page: Page, row: int) -> list[str]:
     return await rows(page).nth(row).locator("td").all_inner_texts()
 
 
+@pytest.mark.slow
 async def test_the_sessions_points_are_all_there_whatever_happens(
     posed: PosedDaemon, own_broker: Mosquitto, served_page: OpenPage
 ) -> None:

@@ -88,23 +88,6 @@ async def test_points_are_labelled_and_saved(
     assert [p["label"]["artefact"] for p in saved] == [None, None, None, "plate"]
 
 
-async def test_a_guided_check_counts_points_until_it_is_closed(scene: Scene) -> None:
-    page = scene.page
-    rows = page.locator("table.plain tbody tr", has=page.locator("td:nth-child(7)"))
-    await expect(rows).to_have_count(3)
-    instruction, joints = page.locator(".instruction"), page.get_by_text("joints have")
-    await page.get_by_role("button", name="Test sphere").click()
-    await expect(instruction).to_contain_text("9 more")
-    await expect(joints).not_to_be_visible()
-    await page.keyboard.press("Space")
-    await expect(instruction).to_contain_text("8 more")
-    await page.keyboard.press("u")
-    await expect(instruction).to_contain_text("9 more")
-    await page.get_by_role("button", name="Close").click()
-    await expect(instruction).to_have_text("")
-    await expect(joints).to_be_visible()
-
-
 @pytest.mark.slow
 async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
     page, banner = scene.page, scene.page.locator("header")
@@ -143,6 +126,7 @@ async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
         await expect(banner).to_contain_text("The arm is off line")
 
 
+@pytest.mark.slow
 async def test_the_page_can_be_used_without_a_mouse(scene: Scene) -> None:
     page = scene.page
     await expect(page.locator("header")).to_contain_text("Ready to measure.")

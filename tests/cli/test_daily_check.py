@@ -57,6 +57,7 @@ def run(tmp_path):
     return run
 
 
+@pytest.mark.slow
 def test_checks_go_into_the_history_and_a_bad_one_is_found(run, tmp_path):
     run("--show", "--strict", status=2)
     for day in range(6):

@@ -82,6 +82,7 @@ def test_progress_is_quiet_where_it_is_piped(diagnosed: Path) -> None:
     assert (diagnosed / "errors").read_text("utf-8") == ""
 
 
+@pytest.mark.slow
 def test_accepted_in_place_as_json_and_strict(diagnosed: Path, tmp_path: Path) -> None:
     shutil.copytree(diagnosed / "campaign", tmp_path / "campaign")
     shutil.copy(diagnosed / "arm.toml", tmp_path / "arm.toml")

@@ -9,7 +9,10 @@ from benchmarks.drivers.bar_devices import BY_NAME
 NAMES = [name for name in BY_NAME if name != "canopen"]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "name",
+    [NAMES[0], *(pytest.param(name, marks=pytest.mark.slow) for name in NAMES[1:])],
+)
 def test_a_bar_has_its_length_within_what_rounding_makes(name, tmp_path):
     measured = measured_virtually(BY_NAME[name], 4, tmp_path, asked_hz=50.0)
     assert abs(measured.off_mm) < 3.0 * measured.rounding_mm

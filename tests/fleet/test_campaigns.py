@@ -19,7 +19,6 @@ from tests.running import invoke
 from traverse.fleet.campaigns import Request, run_campaigns
 from traverse.fleet.workers import WorkerDiedError, Workers, WorkersError
 from traverse.kinematics.arm_file.arm import write_arm
-from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.identification.identify import Options
 from traverse.simulator.campaigns import write_campaign
 
@@ -126,10 +125,10 @@ def campaigns(tmp_path_factory):
     return folder
 
 
-def results(campaigns, out, workers, options=None):
-    """Run all, and read everything that was written."""
+def results(campaigns, out, workers):
+    """Identify all, and read everything that was written."""
     request = Request(
-        *(campaigns / "design.toml", None, (), options or Options(), out),
+        *(campaigns / "design.toml", None, (), Options(), out),
         *("C. Gauss", WHEN),
     )
     folders = sorted(campaigns.glob("bench-*"))
@@ -149,32 +148,35 @@ def files_of(out):
     }
 
 
-@pytest.mark.slow
-def test_identifications_are_the_same_byte_by_byte_by_two_processes(
-    campaigns, tmp_path
-):
-    serial, parallel = tmp_path / "serial", tmp_path / "parallel"
-    for out, workers in ((serial, Workers(1)), (parallel, Workers(2))):
-        for outcome in results(campaigns, out, workers):
-            assert (outcome.failed, outcome.good) == (False, True), outcome.verdict
-    assert len(files_of(serial)) >= 4 * N_CAMPAIGNS
-    assert files_of(parallel) == files_of(serial)
-
-
-@pytest.mark.slow
-def test_diagnoses_are_the_same_byte_by_byte_by_a_cluster_that_loses_a_worker(
-    campaigns, tmp_path, cluster
-):
-    serial, distributed = tmp_path / "serial", tmp_path / "distributed"
-    options = DiagnosisOptions(n_draws=200)
-    for outcome in results(campaigns, serial, Workers(1), options):
+@pytest.fixture(scope="module")
+def serial(campaigns, tmp_path_factory):
+    """Files of all campaigns, identified one after the other."""
+    out = tmp_path_factory.mktemp("serial")
+    for outcome in results(campaigns, out, Workers(1)):
         assert (outcome.failed, outcome.good) == (False, True), outcome.verdict
+    files = files_of(out)
+    assert len(files) >= 4 * N_CAMPAIGNS
+    return files
+
+
+@pytest.mark.slow
+def test_results_are_the_same_byte_by_byte_by_two_processes(
+    campaigns, serial, tmp_path
+):
+    assert len(list(results(campaigns, tmp_path, Workers(2)))) == N_CAMPAIGNS
+    assert files_of(tmp_path) == serial
+
+
+@pytest.mark.slow
+def test_results_are_the_same_byte_by_byte_by_a_cluster_that_loses_a_worker(
+    campaigns, serial, tmp_path, cluster
+):
+    out = tmp_path / "distributed"
     by_cluster = Workers(scheduler=cluster.address)
-    for number, _ in enumerate(results(campaigns, distributed, by_cluster, options)):
+    for number, _ in enumerate(results(campaigns, out, by_cluster)):
         if number == 0:
             cluster.workers[0].kill()
-    assert len(files_of(serial)) >= 4 * N_CAMPAIGNS
-    assert files_of(distributed) == files_of(serial)
+    assert files_of(out) == serial
 
 
 @pytest.mark.slow
@@ -233,6 +235,7 @@ def test_the_command_goes_on_where_it_ended(campaigns, tmp_path):
     assert "2 campaigns are called bench-0" in ran.output
 
 
+@pytest.mark.slow
 def test_a_diagnosis_is_told_as_json(campaigns, tmp_path):
     given = [str(campaigns / "bench-0"), "--arm", str(campaigns / "design.toml")]
     out = ["--out", str(tmp_path / "found"), "--processes", "1", "--json"]

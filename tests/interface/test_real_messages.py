@@ -82,7 +82,9 @@ async def reading(script: Path, bench: Workbench) -> AsyncIterator[list[list[str
         await following
 
 
-@pytest.mark.parametrize("encoding", ["msgpack", "json"])
+@pytest.mark.parametrize(
+    "encoding", ["msgpack", pytest.param("json", marks=pytest.mark.slow)]
+)
 async def test_the_reader_of_points_in_javascript_prints_what_was_captured(
     bench: Workbench, readers: Path, encoding: str
 ) -> None:

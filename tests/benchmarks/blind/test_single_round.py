@@ -48,26 +48,21 @@ def test_nothing_but_the_answer_is_said_when_piped(single_round):
     assert single_round.stderr == ""
 
 
-def test_json_is_scored_too():
-    answer = run_round("--seed", "5", "--size", "14", "--effects", "2", "--json")
-    assert answer.exit_code == 0, answer.stderr
-    printed = json.loads(answer.stdout)
-    assert printed["seed"] == 5
-    assert printed["size"] == 14.0
-    assert len(printed["hidden"]) == 2
-    assert set(printed["score"]) >= {"exact", "right_joint", "in_set", "n_spurious"}
-    assert printed["in_words"]
-
-
 def test_nothing_hidden_is_an_answer():
     answer = json.loads(run_round("--seed", "1", "--effects", "0", "--json").stdout)
     assert answer["hidden"] == []
     assert answer["in_words"] in ("right: nothing was hidden", "a false alarm")
 
 
-def test_a_folder_gets_campaign_truth_and_report(tmp_path):
-    answer = run_round("--seed", "3", "--outside", "--out", str(tmp_path / "round"))
+def test_json_is_scored_and_a_folder_gets_campaign_truth_and_report(tmp_path):
+    words = ("--seed", "5", "--size", "14", "--outside", "--json")
+    answer = run_round(*words, "--out", str(tmp_path / "round"))
     assert answer.exit_code == 0, answer.stderr
+    printed = json.loads(answer.stdout)
+    assert (printed["seed"], printed["size"]) == (5, 14.0)
+    assert len(printed["hidden"]) == 1
+    assert set(printed["score"]) >= {"exact", "right_joint", "in_set", "n_spurious"}
+    assert printed["in_words"]
     written = {
         str(path.relative_to(tmp_path / "round"))
         for path in (tmp_path / "round").rglob("*")

@@ -142,6 +142,7 @@ def test_a_terminal_sees_a_line_for_every_iteration_and_json_is_what_is_written(
     assert all(" mm rms, " in line for line in progress)
 
 
+@pytest.mark.slow
 def test_an_undetermined_scale_makes_no_arm_file(lengthless: Path) -> None:
     arguments = ("campaign", "--arm", "arm.toml", "--out", "out")
     ran = run_identify(lengthless, *arguments, status=1)

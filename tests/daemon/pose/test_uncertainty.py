@@ -256,6 +256,7 @@ async def exact(tmp_path):
     bench.close()
 
 
+@pytest.mark.slow
 async def test_interpolated_points_lie_where_they_say(exact):
     """A fast motion: what the straight lines leave out is much more than the noise."""
     bench, rng = exact, np.random.default_rng(8)

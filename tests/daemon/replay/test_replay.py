@@ -110,6 +110,7 @@ def test_points_and_scans_are_the_same(tmp_path, two, method):
         assert len(points) >= 9
 
 
+@pytest.mark.slow
 def test_covariance_of_interpolated_points_is_excused_where_blocks_are_cut(tmp_path):
     first, _, _ = recorded(tmp_path, two=True)
     assert replayed(first)[0].points.excused == 0

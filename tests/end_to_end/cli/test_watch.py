@@ -113,6 +113,7 @@ async def test_it_ends_when_nobody_reads_its_lines_any_more(
     assert err == ""
 
 
+@pytest.mark.slow
 async def test_on_a_terminal_it_is_a_display(resting: Workbench) -> None:
     where = ("--broker", f"{resting.host}:{resting.port}")
     command = [

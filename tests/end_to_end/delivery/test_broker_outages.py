@@ -37,6 +37,7 @@ async def outage(
     await listener.event("broker.lost", active=False)
 
 
+@pytest.mark.slow
 async def test_points_and_scan_of_an_outage_arrive_afterwards_once_each(
     make_mosquitto: Callable[..., Mosquitto], bench: Workbench
 ) -> None:

@@ -30,6 +30,7 @@ def write_signing(bench: Workbench) -> None:
     file.write_text(file.read_text() + '\n[signing]\nkey = "arm.key"\n')
 
 
+@pytest.mark.slow
 async def test_points_are_signed_and_checked_wherever_they_are(
     bench: Workbench,
 ) -> None:

@@ -124,6 +124,7 @@ async def measuring(bench: Workbench, *options: str) -> AsyncIterator[Program]:
         assert await simulator.stop() == 0
 
 
+@pytest.mark.slow
 async def test_clients_read_and_command_their_own_arm_alone(
     make_mosquitto: Callable[..., Mosquitto], tmp_path: Path
 ) -> None:

@@ -78,15 +78,3 @@ async def test_a_board_that_is_unplugged_for_a_while_goes_on(bench: Workbench) -
         await listener.scan_points(scan, after)
         blocks = await listener.stop_scan(scan)
     assert_gap_is_the_outage(blocks, 1.1)
-
-
-@pytest.mark.slow
-async def test_a_silent_board_is_noticed(bench: Workbench) -> None:
-    silent = '[[fault]]\nkind = "silent"\nat_s = 1.0\nduration_s = 2.5'
-    bench.write_simulator(REST, faults=silent)
-    bench.write_daemon()
-    async with measuring(bench) as (listener, _, _):
-        lost = await listener.event("device.lost", active=True)
-        assert lost.text
-        await listener.event("device.lost", active=False)
-        await listener.ready()

@@ -178,6 +178,7 @@ def assert_true(bench: Workbench, listener: Listener, held_back_s: float = 0.0) 
         assert np.abs(np.array(point.ijk) - edge["shank"]).max() < 5e-3
 
 
+@pytest.mark.slow
 async def test_reports_of_motion_bring_points_with_the_counts_of_their_packets(
     bench: Workbench,
 ) -> None:

@@ -54,6 +54,7 @@ def boards(bench: Workbench) -> Workbench:
     return bench
 
 
+@pytest.mark.slow
 async def test_points_of_a_button_on_a_third_board_are_where_the_ball_was(
     boards: Workbench,
 ) -> None:

@@ -71,6 +71,7 @@ async def test_a_scan_by_distance_has_its_points_so_far_apart(
             assert xyz_mm == pytest.approx(arm.pose(counts.tolist())[0], abs=1e-9)
 
 
+@pytest.mark.slow
 async def test_a_scan_at_planes_has_its_points_on_them(bench: Workbench) -> None:
     bench.write_simulator(SWEEP, top="repeat = true")
     bench.write_daemon()
@@ -121,6 +122,7 @@ async def test_a_held_scan_has_all_from_each_press_to_its_release(
     assert whole >= 3
 
 
+@pytest.mark.slow
 async def test_filters_of_the_configuration_hold_points_back(
     bench: Workbench,
 ) -> None:

@@ -99,9 +99,7 @@ def test_points_agree_with_the_truth_by_the_adapted_file_alone(
     assert {p.quality for p in run.bare} == {Quality(ok=True, flags=())}
 
 
-@pytest.mark.parametrize(
-    "kind", ["encoder_eccentricity", "backlash", "joint_compliance"]
-)
+@pytest.mark.parametrize("kind", ["backlash", "joint_compliance"])
 def test_coupled_joints_agree_with_the_truth(tmp_path, monkeypatch, kind):
     couplings = {"J2": ("J1", 0.5), "J3": ("J2", -1.0), "J5": ("J4", 0.4)}
     run = measured(tmp_path, monkeypatch, entry(kind), couplings=couplings)

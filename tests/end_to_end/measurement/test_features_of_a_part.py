@@ -19,6 +19,7 @@ PLANE = (
 DIAMETER_MM, HEIGHT_MM = 101.6, 60.0
 
 
+@pytest.mark.slow
 async def test_features_are_within_their_uncertainty_of_the_truth(
     bench: Workbench,
 ) -> None:

@@ -15,6 +15,7 @@ CENTRE_MM = (700.0, 100.0, 120.0)  # of the sphere
 RADIUS_MM = 50.8 + 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.needs("mosquitto")
 async def test_touches_of_a_sphere_reach_the_client(
     mosquitto: Mosquitto, tmp_path: Path

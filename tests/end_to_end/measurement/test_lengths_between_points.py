@@ -39,6 +39,7 @@ def write_covariance(file: Path) -> np.ndarray:
     return covariance
 
 
+@pytest.mark.slow
 async def test_a_length_between_two_points_with_what_they_share(
     bench: Workbench,
 ) -> None:

@@ -67,6 +67,7 @@ def assert_the_same(published: list[Point], points: list[Point]) -> None:
     assert len({p.model for p in now}) == 2
 
 
+@pytest.mark.slow
 async def test_a_replay_gives_what_was_published_to_the_last_bit(
     bench: Workbench,
 ) -> None:

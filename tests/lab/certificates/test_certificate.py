@@ -275,6 +275,7 @@ def test_a_certificate_needs_the_date_of_the_measurement(
         document(values, laboratory)
 
 
+@pytest.mark.slow
 def test_figures_that_do_not_follow_are_not_certified(
     signed_identification, laboratory, signer, tmp_path
 ):

@@ -41,6 +41,7 @@ def decided(measurement: Measurement):
     return diagnose(measurement.campaign, measurement.arm, DECISION)
 
 
+@pytest.mark.slow
 def test_an_eccentricity_of_a_coarse_encoder_is_no_torsion():
     """With priors of fine encoders a torsion of odd moments explained it at less."""
     truth = disturbed(seven_joints(), 1)
@@ -86,6 +87,7 @@ def test_an_artefact_that_creeps_is_named():
     assert "cone-2 is at fault" in " ".join(outcome_of(diagnosis).sentences)
 
 
+@pytest.mark.slow
 def test_cones_alone_leave_the_scale_in_doubt():
     start = measured()
     is_cone = np.array(
@@ -150,7 +152,10 @@ def test_an_eccentric_and_tilted_ring_is_named_by_both():
 @pytest.mark.parametrize(
     "table",
     [
-        {"kind": "joint_compliance", "joint": "J2", "compliance_rad_nm": -4e-6},
+        pytest.param(
+            {"kind": "joint_compliance", "joint": "J2", "compliance_rad_nm": -4e-6},
+            marks=pytest.mark.slow,
+        ),
         {"kind": "stylus_bending", "compliance_mm_n": -0.03},
     ],
     ids=lambda table: table["kind"],

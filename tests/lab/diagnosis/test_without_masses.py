@@ -37,12 +37,13 @@ def kinds(arm):
     return [effect.kind for effect in arm.effects]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "joint"),
     [
         ("joint_compliance", "J2"),
-        pytest.param("bearing_compliance", None, marks=pytest.mark.slow),
-        pytest.param("mount_compliance", None, marks=pytest.mark.slow),
+        ("bearing_compliance", None),
+        ("mount_compliance", None),
     ],
 )
 def test_what_yields_is_named_and_predicts_nearly_as_with_the_true_masses(kind, joint):

@@ -29,7 +29,17 @@ QUICK = Options(n_suggestions=0)
 RARE = 1e-3
 
 
-@pytest.fixture(scope="module", params=DETERMINED)
+# Those that differ most; `everything` has each kind of artefact.
+IN_SHORT = ("cones", "cones+bar", "points-own", "everything")
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(mix, marks=() if mix in IN_SHORT else pytest.mark.slow)
+        for mix in DETERMINED
+    ],
+)
 def mix(request):
     return request.param
 
@@ -89,6 +99,7 @@ def test_what_a_mix_determines_is_what_theory_says(mix, result):
         assert result.undetermined == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "share"),
     [("cones+bar", 0.05), ("sphere-known", 0.01), ("planes+length", 0.05)],

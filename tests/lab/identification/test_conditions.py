@@ -17,7 +17,7 @@ from traverse.lab.campaign.poses import Poses
 from traverse.lab.identification.identify import Options, identify
 
 N_EACH = 20
-N_SETS = 21
+N_SETS = 15
 # Cones are where the probe is when joints turn by this part of their travel at most.
 INNER = 0.7
 # Hinges and rolls either way; geometry, with first, with first and second harmonics.

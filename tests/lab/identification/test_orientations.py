@@ -336,6 +336,7 @@ def test_an_independent_adjustment_agrees():
     assert squares == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_an_orientation_that_is_a_blunder_is_taken_out_alone():
     spoilt = NOISE.model_copy(
         update={"blunder_share": 0.05, "blunder_kinds": ("orientation", "contact")}

@@ -63,7 +63,7 @@ def tracked(seed, n_poses, travel_rad, noise):
     return seen_places(angles_rad, centres_mm, encoder_rad=1e-5, contact_mm=0.02)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("free", [(), ("*.zero",)])
 def test_a_campaign_that_determines_little_converges(seed, free):
     rough = Noise(3e-4, 0.2)
@@ -134,13 +134,12 @@ def test_an_artefact_that_loses_many_poses_is_in_the_verdict():
     assert "Arm model and noise agree" not in words
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_free_tool_is_found_before_zeros_are_looked_for(seed):
+def test_a_free_tool_is_found_before_zeros_are_looked_for():
     links = DESIGN.links_mm.copy()
     links[-1] += [30.0, 90.0, -120.0]
-    true = disturbed(replace(DESIGN, links_mm=links), seed)
+    true = disturbed(replace(DESIGN, links_mm=links), 0)
     options = replace(QUICK, free=("probe.vector.*",))
-    result, _ = identified([GRID], 60, options, seed, arm=true)
+    result, _ = identified([GRID], 60, options, 0, arm=true)
     assert result.rms_before_mm > 20.0
     assert result.converged
     assert not np.any(result.zero_offsets_rad)

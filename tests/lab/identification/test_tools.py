@@ -167,6 +167,7 @@ def written_arm(folder):
     return path
 
 
+@pytest.mark.slow
 def test_the_commands_take_several_tools_and_others_refuse_them(campaign, tmp_path):
     folder = written(campaign, tmp_path)
     text = (folder / "campaign.toml").read_text()

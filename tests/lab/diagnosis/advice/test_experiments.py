@@ -184,6 +184,7 @@ def test_where_chosen_poses_lie_is_said_by_the_joint_that_matters():
     assert "all over" in postures_text(chosen_rad, campaign, ("J4",))
 
 
+@pytest.mark.slow
 def test_a_finding_with_an_alias_is_reported_so_without_a_number_of_poses():
     of = measured().with_effect(
         effect_from_table(
@@ -227,6 +228,7 @@ def test_all_rivals_are_separated_at_once():
     assert len(proposed.poses) >= 5
 
 
+@pytest.mark.slow
 def test_a_curve_is_no_alias_by_structure():
     of = measured().with_effect(
         effect_from_table(
