@@ -102,12 +102,6 @@ def test_every_place_knows_a_planted_kind(tmp_path):
     assert planted(tmp_path) == dict.fromkeys(WALKS, "passed")
 
 
-def test_without_its_row_it_is_no_kind(tmp_path):
-    outcomes = planted(tmp_path, "kinematics/effect_table.py")
-    assert f"unknown kind '{KIND}'" in outcomes["walk_arm_file"]
-    assert all(outcome.startswith("failed") for outcome in outcomes.values())
-
-
 def test_without_its_law_no_effect_is_built(tmp_path):
     outcomes = planted(tmp_path, "law")
     assert outcomes.pop("walk_docs") == "passed"  # it builds none

@@ -79,9 +79,7 @@ def lasting_values(point):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("two", "method"), [(False, "none"), (False, "pretouch"), (True, "pulled")]
-)
+@pytest.mark.parametrize(("two", "method"), [(False, "pretouch"), (True, "pulled")])
 def test_points_and_scans_are_the_same(tmp_path, two, method):
     first, second, run = recorded(
         tmp_path, two=two, capture=f'compensation = "{method}"'

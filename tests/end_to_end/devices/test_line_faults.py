@@ -63,7 +63,7 @@ async def test_a_healthy_line_loses_and_reports_nothing(bench: Workbench) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["lost", "corrupted", "garbage", "repeated"])
+@pytest.mark.parametrize("kind", ["corrupted", "garbage", "repeated"])
 async def test_only_touched_samples_are_missing_and_no_edge(
     bench: Workbench, kind: str
 ) -> None:

@@ -19,7 +19,6 @@ from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.devices import test_amt21_arm as amt21
 from tests.end_to_end.devices import test_canopen_arm as canopen
 from tests.end_to_end.devices import test_text_line as text_line
-from tests.end_to_end.devices import test_two_makes as two_makes
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import REST, SPHERE, Workbench, rest
@@ -28,7 +27,7 @@ from traverse.testing.waiting import until
 
 pytestmark = [pytest.mark.needs("mosquitto"), pytest.mark.slow]
 
-line, arm = amt21.line, two_makes.arm  # fixtures
+line = amt21.line  # a fixture
 LONGEST_S = (0.06, 0.5, 1.8)  # little more than a reading's time limit, to seconds
 TRIED_S = 12.0
 # At rest until all is established, which a motion would put off.
@@ -90,11 +89,6 @@ async def test_amt21_and_the_button_on_a_board(line: Workbench) -> None:
     pedal = os.open(line.folder / "pedal", os.O_RDWR)
     await all_are_right_or_marked(line)
     os.close(pedal)
-
-
-async def test_rls_modbus_and_the_button_on_a_board(arm: Workbench) -> None:
-    two_makes.write_files(arm)
-    await all_are_right_or_marked(arm)
 
 
 async def test_a_printing_board(bench: Workbench) -> None:

@@ -1,4 +1,7 @@
-"""Every kind of effect hidden once by the simulator's physics, and found."""
+"""Every kind of effect hidden once by the simulator's physics, and found.
+
+Those of `ELSEWHERE` are found in whole diagnoses of other modules here.
+"""
 
 import pytest
 
@@ -7,8 +10,13 @@ from tests.lab.diagnosis.engine_campaigns import decided, hidden, measure
 
 pytestmark = pytest.mark.slow
 
+ELSEWHERE = {
+    *("encoder_eccentricity", "encoder_harmonic", "encoder_latency", "backlash"),
+    *("joint_compliance", "bearing_compliance", "mount_compliance"),
+}
 
-@pytest.mark.parametrize("kind", EFFECT_KINDS)
+
+@pytest.mark.parametrize("kind", [k for k in EFFECT_KINDS if k not in ELSEWHERE])
 def test_an_effect_is_found_under_its_name_or_an_alias(kind):
     # A bar could not be believed to be so wrong that these poses saw more of it.
     size = 12.0 if kind == "artefact_length" else 25.0
