@@ -175,15 +175,17 @@ class ReplayDriver(Driver):
     def _moved_samples(self, samples: CountSamples) -> CountSamples:
         then0_ns, now0_ns = self._began or (0, 0)
         after_ns = np.rint((samples.sample_time_ns - then0_ns) / self._speed)
-        skew_ns = samples.skew_ns
-        if skew_ns is not None:
-            skew_ns = np.rint(skew_ns / self._speed).astype(np.int32)
+        skews_ns = {
+            name: np.rint(values_ns / self._speed).astype(np.int32)
+            for name in ("skew_ns", "skew_bound_ns")
+            if (values_ns := getattr(samples, name)) is not None
+        }
         return replace(
             samples,
             device=self.device,
             received_ns=self._moved(samples.received_ns),
             sample_time_ns=now0_ns + after_ns.astype(np.int64),
-            skew_ns=skew_ns,
+            **skews_ns,
         )
 
 

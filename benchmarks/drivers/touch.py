@@ -115,7 +115,7 @@ def interpolated_mm(
         np.concatenate(followed_messages.times_ns), return_index=True
     )
     counts = np.concatenate(followed_messages.counts)[first]
-    limits = InterpolationLimits(max_gap_ns=50_000_000, late_ns=0, jitter_ns=0)
+    limits = InterpolationLimits(max_gap_ns=50_000_000, late_ns=0)
     columns = [
         interpolate(
             EncoderReadings(
@@ -123,6 +123,7 @@ def interpolated_mm(
                 column,
                 np.zeros(len(column), np.uint8),
                 np.arange(len(column)),
+                np.zeros(len(column), np.int64),
             ),
             instants_ns,
             limits,

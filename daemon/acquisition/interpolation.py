@@ -9,7 +9,9 @@ most f'' h^2 / 8 (the error of linear interpolation, as in any book on numerical
 analysis; Atkinson, "An Introduction to Numerical Analysis", section 3.1). f'' is taken
 from second divided differences at both ends, less what rounding to whole counts alone
 can make of one. That is the first error bound of a count. The second is what the
-instants themselves leave open: the speed times how far each may be off.
+instants themselves leave open: the speed times how far both may be off, e_0 and e_1,
+
+    |f'| (e_0 (h - s) + e_1 s) / h
 """
 
 from collections.abc import Callable, Sequence
@@ -35,12 +37,14 @@ class EncoderReadings(NamedTuple):
         times_ns: host monotonic, strictly increasing.
         status: bits ``STATUS_*``.
         numbers: (n,) consecutive where none was lost.
+        bounds_ns: error of the times against those of other joints.
     """
 
     times_ns: Integers
     counts: Integers
     status: NDArray[np.uint8]
     numbers: Integers
+    bounds_ns: Integers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,12 +73,10 @@ class InterpolationLimits:
     Attributes:
         max_gap_ns: a longer interval means lost readings.
         late_ns: greatest age of a last reading that may stand in.
-        jitter_ns: error of the instant of a reading.
     """
 
     max_gap_ns: int
     late_ns: int
-    jitter_ns: int
 
 
 def interpolate(
@@ -113,7 +115,7 @@ def interpolate(
         x[left] + whole.astype(np.int64),
         rise - whole,
         flags,
-        _error_bounds(t, x, (left, right), run_ns, limits),
+        _error_bounds(t, x, (left, right), run_ns, readings.bounds_ns[valid]),
     )
 
 
@@ -142,7 +144,7 @@ def _error_bounds(
     x: Integers,
     ends: tuple[Integers, Integers],
     run_ns: Integers,
-    limits: InterpolationLimits,
+    bounds_ns: Integers,
 ) -> Floats:
     """Compute error bounds of interpolated counts, (m, 2); 0 where none was."""
     if len(t) < 2:
@@ -169,5 +171,8 @@ def _error_bounds(
     inside = left < right
     outside = (run_ns > 0) & ~inside
     motion = np.where(inside, between / 2.0, np.where(outside, beyond, 0.0))
-    instants = np.where(inside | outside, speed * limits.jitter_ns, 0.0)
+    # Errors of both times move the line between them by their shares.
+    share = run_ns / np.maximum(t[right] - t[left], 1)
+    off_ns = bounds_ns[left] + (bounds_ns[right] - bounds_ns[left]) * share
+    instants = np.where(inside | outside, speed * off_ns, 0.0)
     return np.stack([motion, instants], axis=1)

@@ -58,7 +58,8 @@ class ReadingBuffer:
     def reach_ns(self) -> int:
         return int(self._reach_ns.min())
 
-    def add(self, samples: CountSamples) -> None:
+    def add(self, samples: CountSamples, bound_ns: int) -> None:
+        """Append samples whose times are known within a bound, if not better."""
         times_ns = np.repeat(
             samples.sample_time_ns[:, np.newaxis], len(self._channels), axis=1
         )
@@ -74,7 +75,13 @@ class ReadingBuffer:
         raw = samples.counts[rows][:, self._channels].astype(np.int64)
         counts = self._unwrapped(raw, times_ns, are_valid(status))
         self._times_ns = times_ns[-1]
-        self._blocks.append(EncoderReadings(times_ns, counts, status, numbers))
+        bounds_ns = np.full(times_ns.shape, bound_ns)
+        if samples.skew_bound_ns is not None:
+            stated_ns = samples.skew_bound_ns[rows][:, self._channels]
+            bounds_ns = np.where(stated_ns, stated_ns, bounds_ns)
+        self._blocks.append(
+            EncoderReadings(times_ns, counts, status, numbers, bounds_ns)
+        )
         self._size += len(numbers)
         oldest_ns = int(times_ns[-1].max()) - KEPT_NS
         while len(self._blocks) > 1 and (
@@ -91,11 +98,13 @@ class ReadingBuffer:
             if int(block.times_ns[0].max()) < instant_ns - back_ns:
                 break
         chosen.reverse()
-        times_ns, counts, status, numbers = map(
+        times_ns, counts, status, numbers, bounds_ns = map(
             np.concatenate, zip(*chosen, strict=True)
         )
         return [
-            EncoderReadings(times_ns[:, k], counts[:, k], status[:, k], numbers)
+            EncoderReadings(
+                times_ns[:, k], counts[:, k], status[:, k], numbers, bounds_ns[:, k]
+            )
             for k in range(len(self._channels))
         ]
 
@@ -155,7 +164,6 @@ class JointStream:
         period_ns: of its stream; 0 if unknown.
         stated_jitter_ns: error of the instants by the driver's constant statement.
         time_bound_ns: error of the instants by the present state of the clock.
-        jitter_ns: error of the instants against those of other joints.
         is_alone: it has all joints of the arm.
         lost: no further reading is awaited.
     """
@@ -169,7 +177,7 @@ class JointStream:
     def __post_init__(self, wraps_counts: Integers) -> None:
         self.history = ReadingBuffer(self.channels, wraps_counts)
         self.period_ns = 0
-        self.stated_jitter_ns = self.time_bound_ns = self.jitter_ns = 0
+        self.stated_jitter_ns = self.time_bound_ns = 0
         self._bounds_ns: deque[tuple[int, int]] = deque()  # end of a block; its bound
         self.lost = False
 
@@ -183,8 +191,7 @@ class JointStream:
         last_ns = bounds_ns[-2][1] if len(bounds_ns) > 1 else bound_ns
         self.time_bound_ns = max(bound_ns, last_ns)
         is_common = self.is_alone and samples.skew_ns is None
-        self.jitter_ns = 0 if is_common else self.time_bound_ns
-        self.history.add(samples)
+        self.history.add(samples, 0 if is_common else bound_ns)
 
     def bound_at_ns(self, instant_ns: int) -> int:
         """How far the instants of readings around some instant may be off."""
@@ -211,10 +218,7 @@ class JointStream:
     def at(self, instants_ns: Integers) -> Interpolated:
         """Interpolate at instants (n,)."""
         max_gap_ns = max(MAX_GAP_PERIODS * self.period_ns, self.wait_ns)
-        jitter_ns = self.jitter_ns and self.bound_at_ns(int(instants_ns[0]))
-        limits = InterpolationLimits(
-            max_gap_ns, 0 if self.lost else self.wait_ns, jitter_ns
-        )
+        limits = InterpolationLimits(max_gap_ns, 0 if self.lost else self.wait_ns)
         around = self.history.readings_around(int(instants_ns[0]), max_gap_ns)
         interpolated = [
             interpolate(readings, instants_ns, limits) for readings in around

@@ -97,7 +97,6 @@ class Resampler:
         source = self._sources[device]
         source.lost = False
         source.stated_jitter_ns = source.time_bound_ns = identity.jitter_ns
-        source.jitter_ns = identity.jitter_ns
         self._moduli[device] = identity.moduli_counts
         self._wraps = self._model.wraps_counts(self._moduli)
         source.history.wraps_counts = self._wraps[source.joints]

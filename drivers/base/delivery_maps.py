@@ -44,7 +44,9 @@ _ARRAYS: dict[str, tuple[str, int]] = {
     "counts": ("uint32", 2),
     "status": ("uint8", 2),
     "skew_ns": ("int32", 2),
+    "skew_bound_ns": ("int32", 2),
 }
+_OPTIONAL = {"skew_ns", "skew_bound_ns"}
 """Dtype and number of dimensions of samples' arrays."""
 
 
@@ -92,7 +94,7 @@ def _samples(known: dict[str, Any]) -> CountSamples:
     counts = known.get("counts")
     if not isinstance(counts, np.ndarray) or counts.ndim != 2 or not len(counts):
         raise ValueError("samples: counts are no array of two dimensions, not empty")
-    values: dict[str, Any] = {"skew_ns": None}
+    values: dict[str, Any] = {}
     for name in ("device", "stream", "received_ns"):
         wanted = str if name == "device" else int
         if not isinstance(known.get(name), wanted):
@@ -100,7 +102,7 @@ def _samples(known: dict[str, Any]) -> CountSamples:
         values[name] = known[name]
     for name, (dtype, dimensions) in _ARRAYS.items():
         array = known.get(name)
-        if name == "skew_ns" and array is None:
+        if name in _OPTIONAL and array is None:
             continue
         shape = counts.shape[:dimensions]
         if not isinstance(array, np.ndarray) or array.shape != shape:

@@ -75,6 +75,8 @@ class CountSamples:
             ``sample_time_ns``; None if all were latched at that instant.
         fractions: (n, n_channels), to be added to ``counts``; None for 0. Only
             interpolated samples have them.
+        skew_bound_ns: (n, n_channels) int32, error of each channel's time; None, or
+            0: that of the block.
         time_bound_ns: error of the times by the present state of the device's clock;
             0: as `Identity.jitter_ns` states.
     """
@@ -90,6 +92,7 @@ class CountSamples:
     status: NDArray[np.uint8]
     skew_ns: NDArray[np.int32] | None = None
     fractions: Floats | None = None
+    skew_bound_ns: NDArray[np.int32] | None = None
     time_bound_ns: int = 0
 
     @classmethod
@@ -119,7 +122,7 @@ class CountSamples:
 
 _arrays = attrgetter(
     *("seq", "device_ticks", "sample_time_ns", "inputs"),
-    *("counts", "status", "skew_ns", "fractions"),
+    *("counts", "status", "skew_ns", "fractions", "skew_bound_ns"),
 )
 
 
@@ -131,6 +134,7 @@ class PolledSample:
         ticks: the device's timer, unwrapped; the time again if it has none.
         status: by channel, bits ``STATUS_*``; if missing, the last count is repeated.
         skew_ns: by channel, from ``time_ns`` to its reading; None: all at one instant.
+        skew_bound_ns: by channel, error of that time; None, or 0: of the sample's.
         time_bound_ns: error of ``time_ns``; 0: as the identity states.
     """
 
@@ -141,6 +145,7 @@ class PolledSample:
     counts: tuple[int, ...]
     status: tuple[int, ...]
     skew_ns: tuple[int, ...] | None = None
+    skew_bound_ns: tuple[int, ...] | None = None
     time_bound_ns: int = 0
 
     @property

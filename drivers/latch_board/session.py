@@ -172,7 +172,8 @@ class LatchBoardSession:
                 clock.update(clock.unwrap_one(int(block.ticks[row])), at_ns)
         rows = slice(None) if kept is None else kept
         ticks = clock.unwrap(block.ticks[rows])
-        clock.update(int(ticks[-1]), received_ns)
+        if not earlier or earlier[-1][0] < len(block.ticks) - 1:
+            clock.update(int(ticks[-1]), received_ns)
         counters["samples_received"] += len(seq)
         stream = self._stream
         if self._held or (clock.is_late and len(self._held) < MAX_HELD):

@@ -1,6 +1,7 @@
 """Driver of Modbus RTU encoders, several on one line, through pymodbus.
 
-Each is polled in turn; a reading belongs to the middle of its exchange. That an encoder
+Each is polled in turn; a reading belongs to the middle of the time between request and
+reply (`traverse.drivers.polling.exchange`). That an encoder
 latches when the request has arrived is general knowledge and differs by maker; many
 renew their position only every few milliseconds. The configuration sets the meaning of
 registers: there is no standard.
@@ -16,6 +17,7 @@ from traverse.drivers.base.values import STATUS_ERROR, STATUS_WARNING
 from traverse.drivers.modbus.line import ModbusClient
 from traverse.drivers.polling.alarms import ConditionAlarms
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
+from traverse.drivers.polling.exchange import ExchangeTimer
 from traverse.drivers.polling.polled_driver import PolledDriver, PolledOptions
 from traverse.plurals import counted
 from traverse.protocol.modbus import PositionRegisters
@@ -24,6 +26,7 @@ from traverse.strict_toml.reader import StrictModel
 FIXED_SILENCE_ABOVE_BAUD = 19_200
 FAST_SILENCE_S = 0.00175  # between two frames above that
 SILENCE_CHARACTERS = 3.5
+REQUEST_BYTES, REPLY_BYTES = 8, 5  # of registers; and two for each of them
 BITS_OF_BYTE = {"none": 10, "even": 11, "odd": 11}
 CONDITIONS = {
     "encoder_error": (
@@ -190,6 +193,7 @@ class ModbusDriver(PolledDriver[ModbusClient]):
             silence_s=options.silence_s,
             echo=options.echo,
         )
+        self._timer = ExchangeTimer(port.byte_ns)
         name = f"{len(self._encoders)} Modbus encoders on {options.port}"
         return name, [
             PolledChannel(
@@ -204,9 +208,11 @@ class ModbusDriver(PolledDriver[ModbusClient]):
         if isinstance(said, ReadError):
             return said
         words, (sent_ns, received_ns) = said
-        half_ns = (received_ns - sent_ns) // 2
+        time_ns, bound_ns = self._timer.latch(
+            sent_ns, received_ns, REQUEST_BYTES, REPLY_BYTES + 2 * len(words)
+        )
         return EncoderReading(
-            *(registers.count(words), sent_ns + half_ns, self._flags[channel], half_ns)
+            *(registers.count(words), time_ns, self._flags[channel], bound_ns)
         )
 
     def _cycle_is_valid(self) -> bool:

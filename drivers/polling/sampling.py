@@ -48,9 +48,11 @@ def sample_of_readings(
     read = [reading or given_up for reading in readings]
     skew_ns = tuple(min(r.time_ns - instant_ns, MAX_SKEW_NS) for r in read)
     status = tuple(r.status for r in read)
+    bounds_ns = tuple(r.bound_ns for r in read)
     return PolledSample(
         *(instant_ns, received_ns, instant_ns, 0, tuple(last_counts), status, skew_ns),
-        time_bound_ns=max((reading.bound_ns for reading in read), default=0),
+        skew_bound_ns=bounds_ns,
+        time_bound_ns=max(bounds_ns, default=0),
     )
 
 
@@ -75,6 +77,7 @@ class SampleBlockBuilder:
         samples = [sample for _, sample in self._waiting]
         self._waiting.clear()
         skews_ns = [s.skew_ns for s in samples if s.skew_ns is not None]
+        bounds_ns = [s.skew_bound_ns for s in samples if s.skew_bound_ns is not None]
         self._put(
             CountSamples(
                 self._device,
@@ -87,6 +90,9 @@ class SampleBlockBuilder:
                 counts=np.array([s.counts for s in samples], dtype=np.uint32),
                 status=np.array([s.status for s in samples], dtype=np.uint8),
                 skew_ns=np.array(skews_ns, dtype=np.int32) if skews_ns else None,
+                skew_bound_ns=np.array(bounds_ns, dtype=np.int32)
+                if bounds_ns
+                else None,
                 time_bound_ns=max(s.time_bound_ns for s in samples),
             )
         )

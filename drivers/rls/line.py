@@ -7,6 +7,7 @@ from statistics import median
 
 from traverse.drivers.io.ports import BytePort, PortAccess
 from traverse.drivers.polling.channel import ReadError
+from traverse.drivers.polling.exchange import ExchangeTimer
 from traverse.drivers.rls.options import RlsOptions
 from traverse.protocol import rls
 
@@ -75,6 +76,7 @@ class RlsLine:
         self._layout = layout
         self._now_ns = monotonic_ns
         self._byte_ns = byte_ns
+        self._timer = ExchangeTimer(byte_ns)
         self._doubt_ns = doubt_ns
         self._heard = b""
         self._wanted = 0
@@ -146,8 +148,10 @@ class RlsLine:
         position = rls.position(reply, self.request, self._layout)
         if position is None:
             return self._failed(GARBLED)
-        half_ns = self.last_ns // 2
-        return TimedPosition(position, self._sent_ns + half_ns, half_ns)
+        time_ns, bound_ns = self._timer.latch(
+            self._sent_ns, self._received_ns, len(self.request), len(reply)
+        )
+        return TimedPosition(position, time_ns, bound_ns)
 
     def follow(self, request: bytes) -> None:
         """Follow unsolicited answers to a request."""

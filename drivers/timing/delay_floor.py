@@ -43,11 +43,13 @@ class FloorLine:
         slope: of the host's time over the device's, less 1.
         bound_ns: distance to the smallest delay at its end; infinite with too few
             readings.
+        span_ns: duration of the bins below which it lies.
     """
 
     slope: float
     height_ns: float
     bound_ns: float
+    span_ns: float
 
     def at_ns(self, time_ns: float) -> float:
         """Return its height at a time of the device."""
@@ -97,7 +99,9 @@ class DelayFloor:
         """Return the line below the full bins, at least one."""
         bins = list(self._bins)
         lengths = [n for n in WINDOWS if n < len(bins)]
-        lines = [_line_below(bins[-n:]) for n in (*lengths, len(bins))]
+        lines = [
+            _line_below(bins[-n:], n * self._bin_ns) for n in (*lengths, len(bins))
+        ]
         most_ns = NEARLY_BEST * min(line.bound_ns for line in lines)
         best = [line for line in lines if line.bound_ns <= most_ns][-1]
         if len(bins) >= KNOWN_BINS:
@@ -120,7 +124,7 @@ class DelayFloor:
         return hull[first : max(first, last) + 1]
 
 
-def _line_below(bins: list[list[Point]]) -> FloorLine:
+def _line_below(bins: list[list[Point]], span_ns: float) -> FloorLine:
     hull: list[Point] = []
     for points in bins:
         for point in points:
@@ -128,14 +132,14 @@ def _line_below(bins: list[list[Point]]) -> FloorLine:
     slope = _slope_below(hull)
     height_ns = min(y - slope * t for t, y in hull)
     if len(bins) < LEAST_BINS:
-        return FloorLine(slope, height_ns, float("inf"))
+        return FloorLine(slope, height_ns, float("inf"), span_ns)
     floors = [min(y - slope * t for t, y in points) - height_ns for points in bins]
     third = len(floors) // 3
     parts = floors[:third], floors[third:-third], floors[-third:]
     touch_ns = max(sorted(part)[1] for part in parts)
     usual_ns = sorted(floors)[int(USUAL_SHARE * len(floors))]
     bound_ns = max(TOUCH_MARGIN * touch_ns, USUAL_MARGIN * usual_ns) + LEAST_BOUND_NS
-    return FloorLine(slope, height_ns, bound_ns)
+    return FloorLine(slope, height_ns, bound_ns, span_ns)
 
 
 def _slope_below(hull: list[Point]) -> float:

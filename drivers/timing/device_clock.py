@@ -41,8 +41,10 @@ STEP_READS = 8
 FIRST_BINS = 3  # for a first line, of which nothing is certain
 UNKNOWN_NS = 1e9
 EXCHANGES = 64
-BEAT_S = 4.0  # a smallest delay that grows by a frame in less shows in the line's bound
-RATE_MARGIN = 2.0  # bounds by which a line of that length is wrong from end to end
+# Both outer thirds touch the line, and what touches may be late by a frame. A rate that
+# drifts bends the delays to a parabola: at its end the slope differs from that of a
+# chord by four times what lies between the two, over the length of the chord.
+FRAME_MARGIN, BEND_MARGIN = 1.5, 4.0
 MAX_BOUND_NS = 20_000_000  # of what has to be learned; beyond, no time is certain
 MAX_TIED_NS = 1_000_000  # of an answer that ties the clock
 MAX_RATE_ERROR = 0.025  # as long as the rate is not known
@@ -131,7 +133,7 @@ class DeviceClock:
         self._late_ns = 0.0  # of the last reading
         self._run = self._read_ns = self._read_ticks = self._proven_ns = 0
         self._run_late_ns = self._height_ns = self._jump_ns = 0.0
-        self._line_bound_ns = UNKNOWN_NS
+        self._line_bound_ns, self._line_span_ns = UNKNOWN_NS, BIN_S * 1e9
         self.state_latency(latency_ns)
         self._restart(0, 0)
 
@@ -198,8 +200,8 @@ class DeviceClock:
         """Bound the same by an exchange, and what the rate leaves open since then."""
         last = self._last or 0
         passed_ns = abs(last - exchange.ticks) * self._ns_per_tick
-        open_ns = self._grain_ns + RATE_MARGIN * self._line_bound_ns
-        rate_error = min(MAX_RATE_ERROR, open_ns / (BEAT_S * 1e9))
+        open_ns = FRAME_MARGIN * self._grain_ns + BEND_MARGIN * self._line_bound_ns
+        rate_error = min(MAX_RATE_ERROR, open_ns / self._line_span_ns)
         jump_ns = self._jump_ns * self._share_left(last)
         requested_ns = exchange.sent_ns - jump_ns
         late_ns = self._on_line_ns(exchange.ticks) - requested_ns
@@ -364,6 +366,7 @@ class DeviceClock:
         line = self._floor.line()
         was_known = self._line_bound_ns < UNKNOWN_NS
         self._line_bound_ns = min(line.bound_ns, UNKNOWN_NS)
+        self._line_span_ns = line.span_ns
         self._enter(ticks, line.slope, line.height_ns)
         if not was_known and self._line_bound_ns < UNKNOWN_NS:
             self._learn_usual()
