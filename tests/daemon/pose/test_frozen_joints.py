@@ -102,9 +102,29 @@ def test_a_joint_that_brakes_beside_others_only_rests(arm, joint, braking_rad_s2
 
 
 def test_an_arm_that_stops_dead_only_rests(arm):
-    angles_rad = arm.steady(2.0)
+    angles_rad = arm.steady(1.4)
     angles_rad[round(arm.rate_hz) :] = angles_rad[round(arm.rate_hz)]
     assert arm.read(angles_rad) is None
+
+
+def test_a_device_whose_counts_all_freeze_in_motion_is_in_doubt_until_they_vary(arm):
+    angles_rad = arm.steady(4.0)
+    stop = round(arm.rate_hz)
+    angles_rad[stop:] = angles_rad[stop]
+    after = arm.read(angles_rad)
+    assert after is not None
+    assert 0.5 < (after - stop) / arm.rate_hz <= 0.8
+    assert "J2 (base/0), J3 (base/1)" in arm.events[-1].text
+
+    arm.read(angles_rad[-1:] + arm.steady(0.3))
+    assert arm.conditions.is_established("channels")
+
+
+def test_an_arm_that_brakes_as_a_whole_only_rests(arm):
+    times_s = np.arange(round(4 * arm.rate_hz)) / arm.rate_hz
+    braked_s = np.clip(times_s - 1.0, 0.0, 0.25)
+    moved_s = np.minimum(times_s, 1.0) + braked_s * (1.0 - braked_s / 0.5)
+    assert arm.read(np.outer(moved_s, SPEEDS_RAD_S)) is None
 
 
 def test_a_joint_that_never_moved_beside_others_only_rests(arm):
@@ -135,6 +155,13 @@ def test_noise_that_ends_shows_a_count_that_froze_at_rest(arm):
     angles_rad = noisy(arm, 4.0, rng) + arm.steady(4.0)
     angles_rad[:, 0] = 0.0
     assert arm.read(angles_rad) is not None
+    assert "its noise has ended" in arm.events[-1].text
+
+
+def test_noise_that_ends_in_all_counts_at_once_needs_no_motion(arm):
+    rng = np.random.default_rng(7)
+    assert arm.read(noisy(arm, 25.0, rng)) is None
+    assert arm.read(np.zeros((round(3 * arm.rate_hz), 3))) is not None
     assert "its noise has ended" in arm.events[-1].text
 
 
