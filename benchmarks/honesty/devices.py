@@ -38,17 +38,28 @@ from traverse.simulator.scenario.wiring import ScriptClock
 from traverse.simulator.virtual_arm import encoders_of
 
 
+@dataclass(frozen=True, slots=True)
+class Freeze:
+    """Channels repeat the counts of ``from_s`` until a true time."""
+
+    channels: tuple[int, ...]
+    from_s: float
+    until_s: float
+
+
 @dataclass(eq=False)
 class MountedCounts:
     """Counts of encoders that may be mounted elsewhere, or count from elsewhere.
 
     Attributes:
         offsets: (n_channels,) added counts; 0 if the arm file is right.
+        freeze: of some; None: all follow their joints.
     """
 
     course: Course
     encoders: EncoderSet
     offsets: Integers
+    freeze: Freeze | None = None
 
     def __post_init__(self) -> None:
         self._kept_s, self._kept_rad = -1.0, np.zeros((1, 1))
@@ -60,15 +71,20 @@ class MountedCounts:
             if len(script_s) == 1:
                 self._kept_s, self._kept_rad = float(script_s[0]), readings_rad
         counts = self.encoders.counts(readings_rad, noise)
+        if freeze := self.freeze:
+            rows = (freeze.from_s <= script_s) & (script_s < freeze.until_s)
+            columns = np.isin(np.arange(counts.shape[1]), freeze.channels)
+            counts[np.ix_(rows, columns)] = self._counts_at(freeze.from_s)[columns]
         return (counts + self.offsets) % self.encoders.moduli
 
     def count_from_zero(self, true_s: float) -> None:
         """Power incremental encoders up: they begin at 0 in any place."""
-        counts = self.encoders.counts(
-            self.course.readings_rad(np.array([max(true_s, 0.0)])),
-            np.random.default_rng(0),
-        )
-        self.offsets = -counts[0]
+        self.offsets = -self._counts_at(true_s)
+
+    def _counts_at(self, true_s: float) -> Integers:
+        readings_rad = self.course.readings_rad(np.array([max(true_s, 0.0)]))
+        counts: Integers = self.encoders.counts(readings_rad, np.random.default_rng(0))
+        return counts[0]
 
     def mount_elsewhere(self, turns: Sequence[float]) -> None:
         """Replace the encoders, with other zeros."""

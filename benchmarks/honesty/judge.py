@@ -111,6 +111,11 @@ class Judge:
         self._utc_tolerance_s = utc_tolerance_s
         self._last_std_mm = LEAST_STD_MM
         self._offsets_ns: list[int] = []
+        self._pardoned_s = np.inf, np.inf
+
+    def pardon(self, from_s: float, until_s: float) -> None:
+        """Judge no number of a time in which nothing can show yet that it is wrong."""
+        self._pardoned_s = from_s, until_s
 
     def point(self, point: Point, utc_offset_ns: int) -> None:
         if point.retracts is not None:
@@ -160,6 +165,8 @@ class Judge:
         allowed_mm = SLACK_MM + SIGMAS * std_mm
         back_s, ahead_s = self._utc_tolerance_s()
         wrong = (off_mm > allowed_mm) | (utc_off_s < -back_s) | (utc_off_s > ahead_s)
+        from_s, until_s = self._pardoned_s
+        wrong &= (at_s < from_s) | (at_s > until_s)
         tally = self.tally
         tally.ok[what] += int(ok.sum())
         tally.doubt[what] += int((~ok).sum())

@@ -103,6 +103,17 @@ FAULT_KINDS = (
     "unidentified",
     "unconfirmed",
 )
+FROZEN_KINDS = (
+    "frozen_channel",  # one count stays what it is while its joint moves
+    "frozen_device",  # all counts of a device
+)
+LONE_KINDS = (
+    *FROZEN_KINDS,  # a reading that is missing meanwhile begins the observation anew
+    "host_slew",  # a program brings UTC back: all of the host's clocks run 500 ppm off
+    "bus_off",  # and recovery
+)
+"""Drawn without others."""
+LONE_SHARE, MOST_LONE_S, SLEW_PPM = 0.08, 6.0, 500.0
 SIZES = {
     "clock_rate": (200.0, 2e4),
     "clock_drift": (0.1, 50.0),
@@ -142,6 +153,7 @@ FROM_START = (
     "utc_1970",
 )
 ONE_WAY_S = 5e-4
+SEEN_PACES = ("hand", "fast")  # at which a joint is quick enough to be seen to stop
 OF_POWER = ("board_restart", "exchange", "incremental")
 OF_LINE = ("lost", "corrupted", "cut", "garbage")
 
@@ -175,6 +187,7 @@ def draw_plan(seed: int) -> Plan:
         n_faults = int(rng.choice([1, 2, 3], p=[0.5, 0.3, 0.2]))
         for kind in rng.choice(kinds, min(n_faults, len(kinds)), replace=False):
             plan = _with_fault(plan, str(kind), rng)
+        plan = _perhaps_lone(plan)
     return replace(plan, actions=_actions(plan, rng))
 
 
@@ -190,8 +203,10 @@ def _suits(kind: str, family: Family) -> bool:
         return family.can_swap
     if kind in ("corrupted", "garbage"):
         return family.name != "canopen"
-    if kind == "cut":
-        return True
+    if kind in FROZEN_KINDS:
+        return family.shows(kind)
+    if kind == "bus_off":
+        return family.name == "canopen"
     return kind != "incremental" or family.can_count
 
 
@@ -214,6 +229,30 @@ def _with_fault(plan: Plan, kind: str, rng: np.random.Generator) -> Plan:
     from_start = kind in FROM_START or (kind == "delays" and rng.random() < 0.5)
     fault = PlannedFault(kind, 0.0 if from_start else at_s, lasts_s, size, device)
     return _from_start(replace(plan, faults=(*plan.faults, fault)), fault, rng)
+
+
+def _perhaps_lone(plan: Plan) -> Plan:
+    """Draw a world with one of `LONE_KINDS`; it has random numbers of its own."""
+    rng = np.random.default_rng([plan.seed, 0x4C6F6E65])
+    kinds = [kind for kind in LONE_KINDS if _suits(kind, FAMILIES[plan.family])]
+    if rng.random() > LONE_SHARE:
+        return plan
+    at_s = float(rng.uniform(EDGE_S, plan.duration_s - EDGE_S - MOST_LONE_S))
+    lasts_s = float(rng.uniform(3.0, MOST_LONE_S))
+    kind = str(rng.choice(kinds))
+    size = SLEW_PPM * float(rng.choice([-1, 1]))
+    n = len(plan.rates_ppm)
+    return replace(
+        plan,
+        pace=str(rng.choice(SEEN_PACES)) if kind in FROZEN_KINDS else plan.pace,
+        faults=(PlannedFault(kind, at_s, lasts_s, size),),
+        rates_ppm=tuple(rng.uniform(-60.0, 60.0, n).tolist()),
+        drifts_ppm_s=(0.0,) * n,
+        delays_s=tuple(_delay(rng) for _ in range(n)),
+        is_identified=True,
+        is_confirmed=True,
+        is_incremental=False,
+    )
 
 
 def least_delay_s(plan: Plan, fault: PlannedFault) -> float:

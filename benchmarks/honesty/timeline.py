@@ -13,16 +13,22 @@ FAR_S = 1e5
 
 @dataclass(frozen=True, slots=True)
 class ClockFault:
-    """A clock stands still for a time, or is set.
+    """A clock stands still or is slewed for a time, or is set.
 
     Attributes:
         stands_s: duration of the standstill.
+        rate: that remains of its own meanwhile.
         set_s: by how much it is set ahead; negative: back.
     """
 
     at_s: float
     stands_s: float = 0.0
     set_s: float = 0.0
+    rate: float = 0.0
+
+    def is_at(self, true_s: float) -> bool:
+        """Return whether the clock stands still or is slewed."""
+        return self.at_s <= true_s < self.at_s + self.stands_s
 
 
 class Timeline:
@@ -52,12 +58,9 @@ class Timeline:
         self._shown: list[float] = []
         shown_s, before_s = 0.0, 0.0
         for at_s in sorted(breaks):
-            stood = any(
-                f.at_s <= before_s < f.at_s + f.stands_s and f.stands_s for f in faults
-            )
             middle_s = min(0.5 * (before_s + at_s), drift_until_s)
-            if not stood:
-                shown_s += (at_s - before_s) * (rate + drift_s * middle_s)
+            left = next((f.rate for f in faults if f.is_at(before_s)), 1.0)
+            shown_s += left * (at_s - before_s) * (rate + drift_s * middle_s)
             self._add(at_s, shown_s)
             for fault in faults:
                 if fault.set_s and fault.at_s == at_s:

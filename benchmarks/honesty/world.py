@@ -18,12 +18,13 @@ from benchmarks.honesty.arm import PACES, arm_truth, play, write_arm
 from benchmarks.honesty.cable import Cable, Delay, DeviceEnd, open_host_end
 from benchmarks.honesty.can import HostBus, MemoryLine
 from benchmarks.honesty.daemon import AtOnce, DaemonRun, WorldClock
-from benchmarks.honesty.devices import MountedDevice, mount
+from benchmarks.honesty.devices import Freeze, MountedDevice, mount
 from benchmarks.honesty.families import FAMILIES
 from benchmarks.honesty.hub import Housed, Hub
 from benchmarks.honesty.judge import Judge, Tally
 from benchmarks.honesty.loop import VirtualLoop
 from benchmarks.honesty.plan import (
+    FROZEN_KINDS,
     OF_LINE,
     OF_POWER,
     Action,
@@ -54,6 +55,8 @@ DAY_S = 86_400.0
 # How far an unmarked UTC may be back and ahead: as the daemon states it.
 SYNCHRONISED_S, ALONE_S = (1.0, 1.0), (60.0 + DAY_S + 60.0, 400.0 * DAY_S)
 ANSWER_S = 4.0  # that the operator waits
+STEP_S, QUICK_STEPS, QUICK_RAD_S = 0.01, 15, 0.45  # of joints that are seen to freeze
+SEEN_SLACK_S = 0.25  # of blocks and checks
 
 
 @dataclass(eq=False)
@@ -203,8 +206,8 @@ class World:
                 entry |= {"kind": fault.kind, "probability": min(1.0, fault.size)}
             elif fault.kind in OF_POWER:
                 entry["kind"] = "gone"
-            elif fault.kind == "device_stall" and "silent" in table.FAULTS:
-                continue
+            elif fault.kind == "bus_off":
+                entry["kind"] = "bus_off"
             else:
                 continue
             faults.append(Fault.from_table(entry))
@@ -239,7 +242,35 @@ class World:
             hub.at(end_s, lambda: _each(cables, Cable.plug))
         elif fault.kind == "swap":
             self._schedule_swap(fault)
+        elif fault.kind in FROZEN_KINDS:
+            self._freeze(fault)
         self._note(f"          fault {fault}")
+
+    def _freeze(self, fault: PlannedFault) -> None:
+        """Freeze counts once two joints are quick, and stay so, if ever they are."""
+        mounted = self._mounted[fault.device]
+        joints = mounted.source.encoders.joints
+        times_s = np.arange(fault.at_s, fault.at_s + fault.lasts_s, STEP_S)
+        readings_rad = self.truth.course.readings_rad(times_s)
+        is_quick = np.abs(np.diff(readings_rad, axis=0)) > QUICK_RAD_S * STEP_S
+        is_quick[:-QUICK_STEPS] &= is_quick[QUICK_STEPS:]
+        of_device = is_quick[:-QUICK_STEPS, joints]
+        enough = of_device.any(axis=1) & (is_quick[:-QUICK_STEPS].sum(axis=1) > 1)
+        if fault.kind == "frozen_device":
+            enough = of_device.sum(axis=1) > 1
+        if not enough.any():
+            return
+        row = int(np.argmax(enough))
+        channels = np.arange(len(joints))
+        if fault.kind == "frozen_channel":
+            channels = self._rng.choice(np.flatnonzero(of_device[row]), 1)
+        from_s = float(times_s[row])
+        mounted.source.freeze = Freeze(
+            tuple(channels.tolist()), from_s, fault.at_s + fault.lasts_s
+        )
+        seen_s = from_s + self._family.still_s(fault.kind) + SEEN_SLACK_S
+        self.judge.pardon(from_s, seen_s)
+        self._note(f"          {mounted.source.freeze}, shown by {seen_s:.3f} s")
 
     def _look_at_power(self, fault: PlannedFault) -> None:
         mounted, housed = self._mounted[fault.device], self.hub.devices[fault.device]
@@ -462,7 +493,12 @@ def _host_timeline(plan: Plan) -> Timeline:
         for f in plan.faults
         if f.kind == "host_freeze"
     ]
-    return Timeline(faults=stands)
+    slews = [
+        ClockFault(f.at_s, stands_s=f.lasts_s, rate=1.0 + 1e-6 * f.size)
+        for f in plan.faults
+        if f.kind == "host_slew"
+    ]
+    return Timeline(faults=[*stands, *slews])
 
 
 def _device_timeline(plan: Plan, number: int) -> Timeline:

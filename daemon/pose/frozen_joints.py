@@ -106,12 +106,11 @@ class FrozenJointMonitor:
             counts += samples.fractions
         if self.counts:
             self._look_for_motion(model, counts)
-        blocks = self._blocks
-        if (readings.quality & LEFT_OUT).any() or (
-            blocks and int(times_ns[0] - blocks[-1][0][-1]) > GAP_NS
-        ):
+        if (readings.quality & LEFT_OUT).any():
+            return  # as that of a joint whose stop left its motion so far
+        if self._blocks and int(times_ns[0] - self._blocks[-1][0][-1]) > GAP_NS:
             self._forget()
-            return
+        blocks = self._blocks
         blocks.append(_thinned(times_ns, counts))
         now_ns = int(times_ns[-1])
         if now_ns - self._checked_ns < CHECK_NS:
@@ -210,8 +209,10 @@ def _stopped_joints(window: _Window) -> list[int]:
     ]
     if not is_still.all():
         return stopped
-    is_common = len({still_since[joint] for joint in stopped}) == 1
-    return stopped if is_common and len(stopped) >= LEAST_STOPPED else []
+    rows = [still_since[joint] for joint in stopped]
+    # Encoders that are read one after the other may freeze between two of them.
+    is_common = len(rows) >= LEAST_STOPPED and max(rows) - min(rows) <= 1
+    return stopped if is_common else []
 
 
 def _has_stopped(window: _Window, joint: int, row: int, *, is_held: bool) -> bool:

@@ -234,7 +234,7 @@ PLANTS = {
     "device_clock": Plant(
         BoardWorld, put("status", STATUS_TIME_UNCERTAIN), put("status", 0)
     ),
-    "skew": Plant(TwoDeviceWorld, put("speed", 2.0), put("speed", 0.0)),
+    "skew": Plant(TwoDeviceWorld, put("speed", 2.0), put("speed", 3e-4)),
     "geometry": Plant(BoardWorld, unidentify, identify_again),
     "temperature": Plant(
         begin_warm, lose_temperature, take(DeviceTemperatures("base", (20.0,)))
