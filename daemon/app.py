@@ -6,8 +6,9 @@ from pathlib import Path
 
 from traverse.daemon.config.schema import BrokerSection
 from traverse.daemon.inputs import REFUSED, UNREACHABLE, StartupError, read_inputs
+from traverse.daemon.lifecycle import run
 from traverse.daemon.mqtt.embedded_broker import HOST, BrokerStartError, embedded_broker
-from traverse.daemon.service import Service, run
+from traverse.daemon.service import Service
 from traverse.daemon.store.records import DatabaseRefusedError, StateFolderError
 from traverse.daemon.system.memory import limit_malloc_arenas
 

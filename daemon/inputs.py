@@ -21,7 +21,7 @@ from traverse.daemon.pose.probe_library import (
 )
 from traverse.daemon.state_dir import PROBE, state_path, unusable
 from traverse.daemon.store.point_signer import PointSigner, read_signer
-from traverse.strict_toml.problems import FileError, Problem, system_reason
+from traverse.strict_toml.problems import FileError, Problem, reason_of, system_reason
 
 REFUSED = 2
 UNREACHABLE = 3
@@ -106,8 +106,7 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
         try:
             signer = read_signer(key)
         except (ValueError, OSError) as error:
-            why = system_reason(error) if isinstance(error, OSError) else str(error)
-            problems.append(Problem("signing.key", f"{key} {why}"))
+            problems.append(Problem("signing.key", f"{key} {reason_of(error)}"))
     if problems:
         failures.append(FileError(path, problems))
     probe = None

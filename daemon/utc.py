@@ -19,6 +19,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from traverse.strict_toml.files import json_of
+from traverse.strict_toml.problems import reason_of
 from traverse.strict_toml.writing import write_atomically
 
 log = logging.getLogger("traverse.daemon.service")
@@ -170,7 +171,9 @@ class UtcFile:
         except FileNotFoundError:
             pass
         except (OSError, ValueError, TypeError) as error:
-            log.warning("%s cannot be read, and is begun anew: %s", path, error)
+            log.warning(
+                "%s cannot be read, and is begun anew: %s", path, reason_of(error)
+            )
 
     def keep(self) -> None:
         """Write the memory if it is newer by some minutes."""
@@ -194,4 +197,4 @@ class UtcFile:
 
     def _report(self, done: "Future[None]") -> None:
         if (error := done.exception()) is not None:
-            log.warning("%s cannot be written: %s", self._path, error)
+            log.warning("%s cannot be written: %s", self._path, reason_of(error))

@@ -26,12 +26,14 @@ def open_regular(path: Path) -> BinaryIO:
         OSError: It cannot be read, or is something else than a regular file.
     """
     # Without O_NONBLOCK the opening of a FIFO would wait for a writer.
-    file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
-    mode = os.fstat(file.fileno()).st_mode
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
-        file.close()
+        os.close(descriptor)
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         raise OSError(errno.EINVAL, "is not a regular file", str(path))
-    return file
+    return os.fdopen(descriptor, "rb")
 
 
 def bytes_of(path: Path, most_bytes: int = MOST_BYTES) -> bytes:

@@ -152,6 +152,13 @@ def system_reason(error: OSError) -> str:
     return f"{error.strerror or error}; {remedy}"
 
 
+def reason_of(error: BaseException) -> str:
+    """Return why a file could not be read or written, for people."""
+    if isinstance(error, OSError):
+        return system_reason(error)
+    return str(error) or type(error).__name__
+
+
 def unknown_name_message(what: str, name: str, known: Collection[str]) -> str:
     """Refuse a name, of a key for example, and say the nearest one that exists."""
     with_unit = [entry for entry in known if entry.startswith(f"{name}_")]

@@ -21,11 +21,11 @@ from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.commands.scans import ScanCommands
 from traverse.daemon.config.schema import Configuration
 from traverse.daemon.executor import JudgeUtc
+from traverse.daemon.lifecycle import consume, process_timeouts
 from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog, Occurrence
 from traverse.daemon.pose.arm_model import read_model
 from traverse.daemon.pose.reference_file import ReferenceFile
-from traverse.daemon.service import _consume, _process_timeouts
 from traverse.daemon.startup_check import check_devices
 from traverse.daemon.store.records import PendingPoint
 from traverse.daemon.utc_watch import UtcWatch
@@ -169,14 +169,14 @@ class DaemonRun:
         self._utc.check()
         self._readers = [self._hub.start(d.driver) for d in self._devices]
         self._tasks = [
-            asyncio.create_task(_consume(self._service, d))  # type: ignore[arg-type]
+            asyncio.create_task(consume(self._service, d))  # type: ignore[arg-type]
             for d in self._devices
         ]
         await check_devices(self._devices)
         for device in self._devices:
             if device.state == "starting":
                 device.state = "lost"
-        self._tasks.append(asyncio.create_task(_process_timeouts(self.measurement)))
+        self._tasks.append(asyncio.create_task(process_timeouts(self.measurement)))
         self._tasks.append(asyncio.create_task(self._flush()))
         self.scans.request_tracking_rate()
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from traverse.daemon.pose.reference_memory import ConfirmedDevice, ReferenceMemory
 from traverse.strict_toml.files import json_of
+from traverse.strict_toml.problems import reason_of
 from traverse.strict_toml.writing import write_atomically
 
 log = logging.getLogger("traverse.daemon.service")
@@ -30,7 +31,9 @@ class ReferenceFile(ReferenceMemory):
         except FileNotFoundError:
             super().__init__()
         except (OSError, ValueError, TypeError, KeyError) as error:
-            log.warning("%s cannot be read, confirm the positions: %s", path, error)
+            log.warning(
+                "%s cannot be read, confirm the positions: %s", path, reason_of(error)
+            )
             super().__init__(is_lost=True)
 
     def add(self, devices: Mapping[str, ConfirmedDevice]) -> None:
@@ -54,7 +57,7 @@ class ReferenceFile(ReferenceMemory):
                 "%s cannot be written, so positions have to be confirmed again after "
                 "a restart: %s",
                 self._path,
-                error,
+                reason_of(error),
             )
 
 

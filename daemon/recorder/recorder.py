@@ -351,7 +351,8 @@ class Recorder:
             f"the flight recorder cannot write: {reason}"
             if reason
             else "the flight recorder tries again",
-            remedy="free space on the disk; measuring continues without it",
+            remedy="free space on the disk, or make the folder one that can be "
+            "written; measuring continues without it",
         )
 
     def _report_kept(self, path: Path) -> None:

@@ -51,7 +51,11 @@ def open_read_only(path: Path) -> sqlite3.Connection:
         sqlite3.Error: it cannot be read.
     """
     if not path.is_file():
-        problem = "is a folder" if path.is_dir() else "there is no such file"
+        problem = "is no regular file, or a link to none"
+        if path.is_dir():
+            problem = "is a folder"
+        elif not path.is_symlink() and not path.exists():
+            problem = "there is no such file"
         raise DatabaseRefusedError(
             f"{path}: {problem}; name the outbox of a daemon with --db, or its "
             "configuration with --config"

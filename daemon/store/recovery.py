@@ -52,7 +52,9 @@ def storage_error_of(error: BaseException, path: Path) -> StorageError:
     code = _code(error)
     number = error.errno if isinstance(error, OSError) else None
     folder = path.parent
-    if code == sqlite3.SQLITE_FULL or number in (errno.ENOSPC, errno.EDQUOT):
+    if path.exists() and not path.is_file():
+        text, remedy = "it is no regular file", f"move {path} away"
+    elif code == sqlite3.SQLITE_FULL or number in (errno.ENOSPC, errno.EDQUOT):
         text, remedy = "the disk is full", f"make room on the disk of {folder}"
     elif (code in REOPENED or number == errno.EROFS) and (why := _of_disk(folder)):
         text, remedy = why

@@ -31,8 +31,9 @@ def test_only_regular_files_are_opened(tmp_path, kind):
         path.mkdir()
     refused = pytest.raises(OSError, match=r"not a regular file|Is a directory")
     for opened in (open_regular, bytes_of, json_of):
-        with refused:
+        with refused as caught:
             opened(path)
+        assert caught.value.filename == str(path)  # and not a descriptor's number
     with refused, text_lines(path):
         pass
 

@@ -141,6 +141,7 @@ def test_what_cannot_be_read_is_named_and_the_rest_is_written(path):
         (("list",), "one of them"),
         (("list", "--db", "a", "--config", "b"), "one of them"),
         (("list", "--db", "nowhere.db"), "there is no such file"),
+        (("list", "--db", "/dev/null"), "is no regular file"),
         (("export", "--db", "{path}", "--format", "xml"), "csv, jsonl"),
         (("export", "--db", "{path}", "--session", "never"), "no points of session"),
         (("export", "--db", "{path}", "--out", "/no/such/folder/x"), "make it first"),

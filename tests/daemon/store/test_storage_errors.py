@@ -238,3 +238,18 @@ def test_why_no_file_can_be_opened_is_looked_up_at_its_disk(
     trouble = storage_error_of(caught.value, tmp_path / "outbox.db")
     assert words in trouble.text
     assert remedy in trouble.remedy
+
+
+@pytest.mark.parametrize("kind", ["fifo", "folder"])
+async def test_something_else_in_the_place_of_the_file_is_named(tmp_path, kind):
+    bench = OutboxOnLoop(tmp_path)
+    bench.path.parent.mkdir(exist_ok=True)
+    if kind == "fifo":
+        os.mkfifo(bench.path)
+    else:
+        bench.path.mkdir()
+    async with bench.outbox.running():
+        await until(lambda: not bench.outbox.is_ready, "the trouble")
+        trouble = bench.outbox.status.trouble
+        assert "no regular file" in trouble.text
+        assert f"move {bench.path} away" in trouble.remedy
