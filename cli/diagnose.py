@@ -125,10 +125,7 @@ class _Progress:
 def _plan(arm: "Arm", campaign: "Campaign", *, as_json: bool) -> None:
     """Print what a campaign could detect, without its measured misclosures."""
     from traverse.lab.diagnosis.advice.minimal_detectable import planned
-    from traverse.lab.diagnosis.report.names import (
-        detectable_lines,
-    )
-    from traverse.lab.diagnosis.report.outcome import detectable_sizes
+    from traverse.lab.diagnosis.report.names import detectable_lines
     from traverse.lab.diagnosis.scans.decimation import decimated
     from traverse.lab.report.quantities import plain_values
 
@@ -142,6 +139,4 @@ def _plan(arm: "Arm", campaign: "Campaign", *, as_json: bool) -> None:
         "probability of 95 %, in the worst phase or direction"
     )
     lines = [head, *detectable_lines(plan)]
-    print_report(
-        {"detectable": plain_values(detectable_sizes(plan))}, lines, as_json=as_json
-    )
+    print_report({"detectable": plain_values(plan)}, lines, as_json=as_json)

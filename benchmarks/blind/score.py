@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.lab.diagnosis.model.result import Diagnosis, Term
-from traverse.lab.outcomes.diagnosis import Status, Verdict
+from traverse.lab.diagnosis.model.result import Diagnosis
+from traverse.lab.outcomes.diagnosis import Status, Term, Verdict
 
 Identity = tuple[str, str | None, int | None, str | None, str | None]
 Value = float | tuple[float, ...]
@@ -142,7 +142,7 @@ def deviations(truth: TrueTerm, term: Term) -> tuple[float, ...]:
     """Compute (estimated - true) / std of every number of a term."""
     sizes: list[float] = []
     for key, size in truth.sizes.items():
-        estimate = term.estimates.get(key)
+        estimate = term.parameters.get(key)
         if estimate is None:
             continue
         errors = np.atleast_1d(estimate.value) - np.atleast_1d(size)

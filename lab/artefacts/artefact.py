@@ -264,6 +264,18 @@ class Artefact(StrictModel):
         """Lengths of which each may be wrong by itself [mm]; by default none."""
         return {}
 
+    @property
+    def certified_radii(self) -> tuple[str, ...]:
+        """Certified lengths that a shift of contacts changes."""
+        shifted = self.with_contact_shift(1.0).certified_lengths
+        lengths = self.certified_lengths.items()
+        return tuple(name for name, value_mm in lengths if shifted[name] != value_mm)
+
+    @property
+    def certifies_distance(self) -> bool:
+        """Whether a length is certified that no shift of contacts changes."""
+        return len(self.certified_radii) < len(self.certified_lengths)
+
     def without_certificate(self, name: str) -> "Artefact":
         """Leave a certified length out: it starts there, and is no observation."""
         key = name.removesuffix("_mm") + "_std_mm"

@@ -61,6 +61,18 @@ class Poses:
             return (0,) if np.any(self.oriented) else ()
         return tuple(np.unique(self.tools[self.oriented]).tolist())
 
+    @property
+    def touched(self) -> Floats:
+        """Artefact, tool and readings of each, (n_poses, 2 + n_joints)."""
+        tools = np.zeros(len(self)) if self.tools is None else self.tools
+        return np.column_stack([self.artefacts, tools, self.angles_rad])
+
+    @property
+    def n_repeated(self) -> int:
+        """How many have all readings of an earlier one at the same feature."""
+        rows = np.column_stack([self.features, self.touched])
+        return len(rows) - len(np.unique(rows, axis=0))
+
     def __len__(self) -> int:
         return len(self.time_s)
 
@@ -94,10 +106,7 @@ def without_copies(poses: Poses, places: Floats) -> tuple[Poses, tuple[str, ...]
     Returns:
         The poses without copies, and what to report.
     """
-    of = poses.artefacts if poses.tools is None else (poses.artefacts, poses.tools)
-    touched = np.column_stack(
-        [np.transpose(of).astype(np.float64), places, poses.angles_rad]
-    )
+    touched = np.column_stack([places, poses.touched])
     candidates = _with_equals(touched)
     if len(candidates) == 0:
         return poses, ()

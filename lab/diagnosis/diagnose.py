@@ -29,12 +29,10 @@ from traverse.lab.diagnosis.model.observation_equations import (
     SerialCorrelation,
 )
 from traverse.lab.diagnosis.model.result import (
-    Detectable,
     Diagnosis,
     DiagnosisOptions,
     HoldoutComparison,
     NoiseEstimate,
-    Step,
 )
 from traverse.lab.diagnosis.search.decision import Decision, decide
 from traverse.lab.diagnosis.search.forward_search import (
@@ -46,7 +44,8 @@ from traverse.lab.diagnosis.search.forward_search import (
 )
 from traverse.lab.diagnosis.terms import terms_of, verdict_of
 from traverse.lab.outcomes.candidate import BankName
-from traverse.lab.outcomes.diagnosis import BankRemainder
+from traverse.lab.outcomes.diagnosis import BankRemainder, Detectable, LedgerLine
+from traverse.lab.outcomes.diagnosis_conditions import is_many, is_noise
 
 __all__ = ["DiagnosisOptions", "diagnose"]
 
@@ -91,7 +90,7 @@ def diagnose(
         >>> diagnosis = diagnose(campaign, arm, DiagnosisOptions(details=False))
         >>> diagnosis.verdict, [term.candidate.name for term in diagnosis.terms]
         ('named', ['encoder_eccentricity J3'])
-        >>> estimate = diagnosis.terms[0].estimates["cos_rad"]
+        >>> estimate = diagnosis.terms[0].parameters["cos_rad"]
         >>> f"{abs(estimate.value):.5f} rad"
         '0.00020 rad'
     """
@@ -160,8 +159,16 @@ def diagnose(
     library = search.stage.findings[BankName.LIBRARY].projected
     n_visible = sum(candidate.shows_itself for candidate in library)
     lap("detectable sizes")
+    excluded = choosing & ~search.fit.included
+    left_out = _left_out(estimates.adapted, choosing, options)
     return Diagnosis(
-        verdict=verdict_of(terms, blind=n_visible == 0, exceeded=exceeded),
+        verdict=verdict_of(
+            terms,
+            blind=n_visible == 0,
+            exceeded=exceeded,
+            is_all_noise=is_noise(adapted.gap.after)
+            and not is_many(np.count_nonzero(excluded | left_out), len(left_out)),
+        ),
         n_library=len(library),
         n_visible=n_visible,
         terms=terms,
@@ -173,8 +180,8 @@ def diagnose(
         all_terms=search.fit.adjustment,
         choosing=choosing,
         held_out=held_out,
-        excluded=choosing & ~search.fit.included,
-        left_out=_left_out(estimates.adapted, choosing, options),
+        excluded=excluded,
+        left_out=left_out,
         final=estimates.adapted,
         exceeded=exceeded,
         is_identified_anew=adapted.is_identified_anew,
@@ -225,13 +232,13 @@ def _ledger_fits(decision: Decision, options: DiagnosisOptions) -> tuple[Fit, ..
 
 def _ledger(
     decision: Decision, fits: tuple[Fit, ...], gaps: list[HoldoutComparison]
-) -> tuple[Step, ...]:
+) -> tuple[LedgerLine, ...]:
     added = [term.candidate.name for term in decision.search.terms]
     if len(fits) <= len(added):
         added = [", ".join(added)]
     names = [None, *added]
     return tuple(
-        Step(name, gap.after, fit.adjustment.sigma0)
+        LedgerLine(name, fit.adjustment.sigma0, gap.after)
         for name, fit, gap in zip(names, fits, gaps, strict=True)
     )
 

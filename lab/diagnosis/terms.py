@@ -10,9 +10,9 @@ from traverse.kinematics.effects.readings.empirical import Empirical
 from traverse.lab.diagnosis.adaptation import Adaptation
 from traverse.lab.diagnosis.advice.experiments import separate_by
 from traverse.lab.diagnosis.model.covariates import outlier_cluster
-from traverse.lab.diagnosis.model.fit import estimates_of
+from traverse.lab.diagnosis.model.fit import estimates_of, has_epoch
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-from traverse.lab.diagnosis.model.result import DiagnosisOptions, HoldoutMisfit, Term
+from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.diagnosis.search.decision import (
     Decision,
     NamedTerm,
@@ -21,7 +21,14 @@ from traverse.lab.diagnosis.search.decision import (
 )
 from traverse.lab.diagnosis.search.forward_search import DECIDED, ScoredCandidate
 from traverse.lab.outcomes.candidate import BankName, Candidate
-from traverse.lab.outcomes.diagnosis import Alternative, Estimate, Status, Verdict
+from traverse.lab.outcomes.diagnosis import (
+    Alternative,
+    Estimate,
+    HoldoutMisfit,
+    Status,
+    Term,
+    Verdict,
+)
 from traverse.lab.statistics.outlier_clusters import ARTEFACT
 
 _LOG_10 = float(np.log(10.0))
@@ -49,10 +56,12 @@ def terms_of(
     chose the name may as well be something that no candidate describes.
     """
     search = decision.search
+    campaign = search.fit.adjustment.network.campaign
     terms = []
     is_unproven = exceeded is not None or (misfit is not None and misfit.is_gross)
     for named in decision.names:
         index, naming = named.added.index, named
+        is_accepted = index in adaptation.accepted
         if index in adaptation.unhelpful:
             naming = _beside_its_kind(named, decision.names)
         if naming.status == "named" and (is_unproven or index in adaptation.unhelpful):
@@ -62,7 +71,7 @@ def terms_of(
                 status=naming.status,
                 candidate=_shown(naming),
                 effect=arm.effects[index],
-                estimates=estimates_of(rows, index),
+                parameters=estimates_of(rows, index),
                 log_bayes_factor=naming.own.evidence,
                 log10_p=naming.own.log_p / _LOG_10,
                 harmonic=naming.harmonic,
@@ -70,10 +79,11 @@ def terms_of(
                 separate_by=separate_by(naming, search.stage.rows, search.fit.arm)
                 if options.details
                 else "",
-                accepted=index in adaptation.accepted,
-                is_oversized=naming.is_oversized,
-                is_negative=naming.is_negative,
-                is_unhelpful=index in adaptation.unhelpful,
+                accepted=is_accepted,
+                in_arm_file=is_accepted and has_epoch(arm.effects[index], campaign),
+                oversized=naming.is_oversized,
+                negative=naming.is_negative,
+                helps=index not in adaptation.unhelpful,
             )
         )
     place = outlier_cluster(
@@ -130,7 +140,7 @@ def _stuck_term(stuck: ScoredCandidate, decision: Decision, *, is_alone: bool) -
     return Term(
         status=status,
         candidate=stuck.candidate,
-        estimates=_stuck_estimates(stuck),
+        parameters=_stuck_estimates(stuck),
         log_bayes_factor=stuck.evidence,
         log10_p=stuck.log_p / _LOG_10,
         alternatives=decision.stuck_rivals,
@@ -191,15 +201,22 @@ def _shown(naming: NamedTerm) -> Candidate:
 
 
 def verdict_of(
-    terms: tuple[Term, ...], *, blind: bool, exceeded: float | None
+    terms: tuple[Term, ...],
+    *,
+    blind: bool = False,
+    exceeded: float | None,
+    is_all_noise: bool = True,
 ) -> Verdict:
     """Return the verdict of the whole: that of its weakest term.
 
-    Without terms it depends on whether the poses could show anything (not blind). What
-    exceeds the stated noise several times is not explained by any name.
+    Without terms it depends on whether the poses could show anything (not blind), and
+    on whether all that is left is noise. What exceeds the stated noise several times is
+    not explained by any name.
     """
     statuses: set[Verdict] = {term.status for term in terms}
     if exceeded is not None:
         statuses.add("unexplained")
-    nothing: Verdict = "unknown" if blind else "clean"
+    nothing: Verdict = "clean" if is_all_noise else "unexplained"
+    if blind:
+        nothing = "unknown"
     return next((status for status in _STATUSES if status in statuses), nothing)

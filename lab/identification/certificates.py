@@ -17,10 +17,16 @@ that a loss that is smaller by 30 is 5.5 standard deviations of evidence.
 What shifts every contact along its normal, a wrong radius of the probe, pretravel, or
 a stylus that bends, makes all certified radii look wrong by as much. It is tried before
 any certificate is accused: one shift for all, which frees one value as well.
+
+Distances that are all wrong by one factor give the arm another scale, and then right
+radii look wrong. So all distances are left out together, too, and are accused where
+that explains more than any one cause does; where it explains as much as a shift of the
+contacts, it is named beside it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,11 +66,21 @@ class ContactShift:
         artefacts: Whose certified lengths it changes.
         shift_mm: As if the radius of the probe were larger by as much.
         evidence: Standard deviations by which the campaign fits better with it.
+        or_else: Artefacts whose distances, all wrong by one factor, explain as much.
     """
 
     artefacts: tuple[str, ...]
     shift_mm: float
     evidence: float
+    or_else: tuple[str, ...] = ()
+
+
+class CertifiedLength(NamedTuple):
+    """A length of an artefact, as certified."""
+
+    artefact: str
+    name: str
+    certified_mm: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +120,7 @@ def without_wrong_certificates(
     """
     contradictions: list[ContradictedCertificate] = []
     estimated = run.noise_estimated
-    certified = [dict(artefact.certified_lengths) for artefact in campaign.artefacts]
+    certified = {entry.id: entry.certified_lengths for entry in campaign.artefacts}
     shift: ContactShift | None = None
     shifted: tuple[ContactShift, Campaign, IteratedAdjustment] | None = None
     if _suspicious(campaign, run, design):
@@ -112,8 +128,8 @@ def without_wrong_certificates(
     while len(contradictions) < _MOST_WRONG and _suspicious(campaign, run, design):
         noise = run.adjustment.network.noise
         hypotheses = [
-            (key, other, adjusted(other, noise))
-            for key, other in _without_one(campaign)
+            (lengths, other, adjusted(other, noise))
+            for lengths, other in _without_some(campaign)
         ]
         runs = [run, *(trial for _, _, trial in hypotheses)]
         # An arm that shrank to nothing fits everything: its noise is none.
@@ -125,14 +141,29 @@ def without_wrong_certificates(
         least = 0.01 if estimated else 1.0
         variance = max(min(scales, default=1.0), least) ** 2
         losses = [_loss(trial, variance, design) for trial in runs]
+        # Several certificates are accused only by what none alone explains.
+        losses[1:] = [
+            loss + _SAME * (len(lengths) > 1)
+            for loss, (lengths, _, _) in zip(losses[1:], hypotheses, strict=True)
+        ]
         order = np.argsort(losses[1:])
         best = min(losses)
         if shifted is not None:
             loss = _loss(shifted[2], variance, design)
             if losses[0] - loss > _EVIDENCE and loss < best + _SAME:
-                evidence = float(np.sqrt(losses[0] - loss))
+                as_good = [
+                    tuple(length.artefact for length in lengths)
+                    for (lengths, _, _), other in zip(
+                        hypotheses, losses[1:], strict=True
+                    )
+                    if len(lengths) > 1 and other < loss + 2.0 * _SAME
+                ]
                 shift, campaign, run = (
-                    replace(shifted[0], evidence=evidence),
+                    replace(
+                        shifted[0],
+                        evidence=float(np.sqrt(losses[0] - loss)),
+                        or_else=next(iter(as_good), ()),
+                    ),
                     *shifted[1:],
                 )
                 if estimated or not run.adjustment.converged:
@@ -142,40 +173,46 @@ def without_wrong_certificates(
             shifted = None
         if losses[0] - best < _EVIDENCE:
             break
-        (name, length, certified_mm), other, without = hypotheses[order[0]]
-        certified_mm = _as_certified(campaign, certified, name, length)
-        off_mm = abs(_length_mm(without, name, length) - certified_mm)
-        gross = off_mm > _GROSS * certified_mm
-        if not _is_to_blame(
-            other, without, name, off_mm, gross=gross, estimated=estimated
-        ):
+        accused, other, without = hypotheses[order[0]]
+        # As the campaign states it, without any shift.
+        accused = tuple(
+            length._replace(certified_mm=certified[length.artefact][length.name])
+            for length in accused
+        )
+        if not _are_to_blame(other, without, accused, estimated=estimated):
             # Nothing else determines lengths, or the arm's model or noise is wrong.
             break
-        campaign_before, campaign, run = campaign, other, without
+        radii = _radii(campaign)
+        campaign, run = other, without
         rivals = [
-            f"{hypotheses[at][0][0]} {hypotheses[at][0][1]}"
+            f"{length.artefact} {length.name}"
             for at in order[1:]
-            if losses[1 + at] - best < _SAME
+            if losses[1 + at] - best < _SAME and len(hypotheses[at][0]) == 1
+            for length in hypotheses[at][0]
         ]
-        evidence = float(np.sqrt(losses[0] - best))
         if estimated or not run.adjustment.converged:
             run = adjusted(campaign, None)
-        if shift is None and _is_the_only_radius(campaign_before, name, length):
+        if len(accused) > 1:
+            rivals = [OF_RADII]
+        elif shift is None and radii == [(accused[0].artefact, accused[0].name)]:
             rivals.append(OF_CONTACTS)
-        contradictions.append(
+        contradictions += [
             ContradictedCertificate(
-                artefact=name,
-                length=length,
-                certified_mm=certified_mm,
-                sigmas=evidence,
+                artefact=length.artefact,
+                length=length.name,
+                certified_mm=length.certified_mm,
+                sigmas=float(np.sqrt(losses[0] - best)),
                 or_else=tuple(rivals),
             )
-        )
+            for length in accused
+        ]
     return campaign, run, tuple(contradictions), shift
 
 
 # A rival of the only certified radius, which the measurements cannot tell from it.
 OF_CONTACTS = "the probe's radius, its pretravel or the bending of the stylus"
+# A rival of all distances.
+OF_RADII = "the probe's radius together with certified radii"
 # A shift by which a radius is compared with that of its artefact [mm].
 _UNIT_MM = 1e-3
 
@@ -190,12 +227,7 @@ def _with_contacts_shifted(
     certificates is zero. That is nearly linear, so that its values at 0 and at the
     shift which a single linear step proposes give d by a secant.
     """
-    names = tuple(
-        artefact.id
-        for artefact in campaign.artefacts
-        if artefact.certified_lengths
-        != artefact.with_contact_shift(_UNIT_MM).certified_lengths
-    )
+    names = tuple(entry.id for entry in campaign.artefacts if entry.certified_radii)
     if len(names) < 2:
         return None
     noise = run.adjustment.network.noise
@@ -240,76 +272,79 @@ def _shifted(campaign: Campaign, shift_mm: float) -> Campaign:
     return replace(campaign, artefacts=tuple(artefacts))
 
 
-def _as_certified(
-    campaign: Campaign, certified: list[dict[str, float]], name: str, length: str
-) -> float:
-    """Return a certified length as the campaign states it, without any shift."""
-    places = [artefact.id for artefact in campaign.artefacts]
-    return certified[places.index(name)][length]
-
-
-def _is_the_only_radius(campaign: Campaign, name: str, length: str) -> bool:
-    """Return whether a length is the only one that a shift of contacts changes."""
-    changed = [
-        (artefact.id, key)
+def _radii(campaign: Campaign) -> list[tuple[str, str]]:
+    """List the certified lengths that a shift of contacts changes."""
+    return [
+        (artefact.id, name)
         for artefact in campaign.artefacts
-        for key, value_mm in artefact.certified_lengths.items()
-        if artefact.with_contact_shift(_UNIT_MM).certified_lengths[key] != value_mm
+        for name in artefact.certified_radii
     ]
-    return changed == [(name, length)]
 
 
-def _is_to_blame(
+def _are_to_blame(
     campaign: Campaign,
     rest: IteratedAdjustment,
-    name: str,
-    off_mm: float,
+    accused: Sequence[CertifiedLength],
     *,
-    gross: bool,
     estimated: bool,
 ) -> bool:
-    """Return whether the rest, without the certificate, is consistent and more precise.
+    """Return whether the rest without them is consistent and more precise.
 
-    The certificate is off by so much from what the rest says; a length of an artefact
-    of another name must remain, unless that is gross: no arm is wrong by as much, so
-    that its file is a length as well. Where noise is estimated, sigma0 says nothing.
+    A length of an artefact of another name must remain, unless one is off by so much
+    that no arm is, so that its file is a length as well. Where noise is estimated,
+    sigma0 says nothing.
     """
     left_mm = rest.adjustment.network.rms_mm(rest.adjustment.state)
-    beyond_model = off_mm > _BY_MODEL * left_mm
+    offs = [
+        (abs(_length_mm(rest, length) - length.certified_mm), length.certified_mm)
+        for length in accused
+    ]
+    beyond_model = any(off_mm > _BY_MODEL * left_mm for off_mm, _ in offs)
+    gross = any(off_mm > _GROSS * certified_mm for off_mm, certified_mm in offs)
     if gross and beyond_model:
         return True
     agrees = beyond_model if estimated else rest.adjustment.sigma0 < _AGREEING
+    names = {length.artefact for length in accused}
     others = [
         station
         for station in rest.adjustment.network.stations
-        if station.artefact.id != name
+        if station.artefact.id not in names
     ]
     known = replace(rest.adjustment.network, stations=tuple(others)).has_length()
     return agrees and known and not lost_poses(campaign, rest)
 
 
-def _length_mm(run: IteratedAdjustment, name: str, length: str) -> float:
+def _length_mm(run: IteratedAdjustment, length: CertifiedLength) -> float:
     network, unknowns = run.adjustment.network, run.adjustment.state.unknowns
     return next(
         estimated.value_mm
         for station, state in zip(network.stations, unknowns, strict=True)
-        if station.artefact.id == name
+        if station.artefact.id == length.artefact
         for estimated in station.artefact.lengths(state)
-        if estimated.name == length
+        if estimated.name == length.name
     )
 
 
-def _without_one(
+def _without_some(
     campaign: Campaign,
-) -> Iterator[tuple[tuple[str, str, float], Campaign]]:
-    """Leave out every certificate that there is, one at a time."""
-    for index, artefact in enumerate(campaign.artefacts):
-        for name, certified_mm in artefact.certified_lengths.items():
-            changed = artefact.without_certificate(name)
-            artefacts = list(campaign.artefacts)
-            artefacts[index] = changed
-            other = replace(campaign, artefacts=tuple(artefacts))
-            yield (artefact.id, name, certified_mm), other
+) -> Iterator[tuple[tuple[CertifiedLength, ...], Campaign]]:
+    """Leave out every certificate that there is, one at a time; then all distances."""
+    lengths = [
+        CertifiedLength(artefact.id, name, certified_mm)
+        for artefact in campaign.artefacts
+        for name, certified_mm in artefact.certified_lengths.items()
+    ]
+    radii = _radii(campaign)
+    distances = [length for length in lengths if length[:2] not in radii]
+    choices = [(length,) for length in lengths]
+    if radii and len(distances) > 1:
+        choices.append(tuple(distances))
+    for chosen in choices:
+        artefacts = {entry.id: entry for entry in campaign.artefacts}
+        for length in chosen:
+            artefact = artefacts[length.artefact]
+            artefacts[length.artefact] = artefact.without_certificate(length.name)
+        yield chosen, replace(campaign, artefacts=tuple(artefacts.values()))
 
 
 def _suspicious(campaign: Campaign, run: IteratedAdjustment, design: ArmValues) -> bool:

@@ -69,6 +69,11 @@ class Candidate:
         return EFFECT_KINDS[self.kind].family is Family.LENGTH
 
     @property
+    def is_of_several(self) -> bool:
+        """Whether several artefacts share it; their ids are joined."""
+        return ", " in (self.artefact or "")
+
+    @property
     def periods(self) -> float | None:
         """Periods a turn, if it is a wave of the reading."""
         return self.order if self.cycles is None else self.cycles

@@ -1,24 +1,13 @@
-"""The outcome of a diagnosis: what `diagnosis.json` holds, and what makes it good."""
+"""The outcome of a diagnosis, as `diagnosis.json` has it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
-import numpy as np
-
-from traverse.lab.outcomes.base import (
-    Condition,
-    Established,
-    Finding,
-    Outcome,
-    Shortfall,
-    bad,
-    doubt,
-    judge,
-)
+from traverse.kinematics.arm_file.arm import Effect
 from traverse.lab.outcomes.candidate import BankName, Candidate
-from traverse.lab.report.quantities import INLINED, OMITTED, length_mm
-from traverse.plurals import counted
+from traverse.lab.report.quantities import HIDDEN, INLINED, OMITTED, picked
+from traverse.lab.statistics.outlier_clusters import Cluster
 
 Status = Literal["named", "tentative", "unknown"]
 Verdict = Literal["clean", "named", "tentative", "unexplained", "unknown"]
@@ -52,45 +41,152 @@ class Alternative:
     alias: bool
 
 
+@dataclass(frozen=True, slots=True)
+class HoldoutResult:
+    """How well a model predicts held-out poses.
+
+    Attributes:
+        rms_mm: Of their misclosures.
+        chi2: S, their mean square over the predictive covariance.
+        mean_distance_mm: To known points, if any.
+        largest_mm: The largest misclosure of a pose; NaN without poses.
+        without_blunders: The same without poses that contradict their neighbours;
+            None: there are none.
+    """
+
+    rms_mm: float
+    chi2: float
+    n: int
+    mean_distance_mm: float | None
+    n_poses: int = 0
+    largest_mm: float = float("nan")
+    without_blunders: "HoldoutResult | None" = None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FoundTerm:
+class HoldoutMisfit:
+    """Poses kept aside that contradict a model which explains all others.
+
+    Attributes:
+        artefact: Where they contradict it most.
+        figures: Of all poses kept aside but the blunders.
+        is_gross: The model predicts them no better than to a hundredth of the
+            measured volume.
+        log_p: Natural logarithm of the probability of such an S by chance.
+        n_contradicting: Poses that contradict the model one by one.
+    """
+
+    artefact: str
+    figures: HoldoutResult
+    is_gross: bool
+    log_p: float
+    n_contradicting: int
+    n_contradicting_there: int
+    n_poses_there: int
+
+
+# Smaller p-values are no numbers any more.
+_LEAST_LOG10_P = -300.0
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Term:
     """Something that the model lacked.
 
     Attributes:
-        seen: Range of the covariate that a curve was seen in.
-        poses: Where left-out poses lie together, if it reports that.
-        held_out: How poses kept aside contradict the model, if it reports that.
+        candidate: The name; of an unknown one, where the discrepancy lives.
+        harmonic: Periods a turn of an unknown, periodic discrepancy, or None.
+        parameters: Estimates by key of the effect.
+        log_bayes_factor: Natural logarithm, against the model without the term.
+        log10_p: Of its test in the model with all other terms.
+        alternatives: What else it may be, the best first.
+        separate_by: The experiment that would separate them, in words.
+        accepted: Whether it is in the adapted arm.
+        in_arm_file: Whether the file holds it, too.
+        oversized: Whether no machine has as much of it: then it has another cause.
+        negative: Whether it is a compliance that yields against the weight or the
+            force: then it is something else that follows these.
+        helps: Whether poses kept aside are predicted no worse with it.
+        effect: As an entry of the arm file; None: a curve that has no form there.
+        cluster: The cluster of left-out poses, if it reports one.
+        misfit: Poses kept aside that contradict the model, if it reports these.
     """
+
+    DERIVED: ClassVar = ("p_value", "seen", "poses", "held_out")
 
     candidate: Candidate = field(metadata=INLINED)
     status: Status
     harmonic: int | None = field(default=None, metadata=OMITTED)
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, Estimate] = field(default_factory=dict)
     log_bayes_factor: float
-    p_value: float
     log10_p: float
-    alternatives: tuple[Alternative, ...]
-    separate_by: str
-    accepted: bool
-    in_arm_file: bool
-    oversized: bool
-    negative: bool
-    helps: bool
-    seen: Mapping[str, float] | None = field(default=None, metadata=OMITTED)
-    poses: Mapping[str, Any] | None = field(default=None, metadata=OMITTED)
-    held_out: Mapping[str, Any] | None = field(default=None, metadata=OMITTED)
+    alternatives: tuple[Alternative, ...] = ()
+    separate_by: str = ""
+    accepted: bool = False
+    in_arm_file: bool = False
+    oversized: bool = False
+    negative: bool = False
+    helps: bool = True
+    effect: Effect | None = field(default=None, metadata=HIDDEN)
+    cluster: Cluster | None = field(default=None, metadata=HIDDEN)
+    misfit: HoldoutMisfit | None = field(default=None, metadata=HIDDEN)
+
+    @property
+    def p_value(self) -> float:
+        return 0.0 if self.log10_p < _LEAST_LOG10_P else 10.0**self.log10_p
+
+    @property
+    def seen(self) -> Mapping[str, float] | None:
+        """Range of the covariate that a curve was seen in; None: it is no curve."""
+        knots = None if self.effect is None else self.effect.values.get("knots")
+        return None if knots is None else {"low": knots[0], "high": knots[-1]}
+
+    @property
+    def poses(self) -> Mapping[str, Any] | None:
+        """Where left-out poses lie together, if it reports that."""
+        if self.cluster is None:
+            return None
+        return picked(self.cluster, "low", "high", excluded="n_excluded", all="n_poses")
+
+    @property
+    def held_out(self) -> Mapping[str, Any] | None:
+        """How poses kept aside contradict the model, if it reports that."""
+        if self.misfit is None:
+            return None
+        return picked(self.misfit.figures, "chi2", "rms_mm", all="n_poses") | picked(
+            self.misfit,
+            contradicting="n_contradicting",
+            contradicting_there="n_contradicting_there",
+            all_there="n_poses_there",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """A number with its unit."""
+
+    value: float
+    unit: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DetectableSize:
-    """Minimal detectable size of an effect: `value` and `unit` of minimum and best."""
+class Detectable:
+    """Minimal detectable size of an effect.
+
+    Attributes:
+        key: Key in the arm file to which the size belongs.
+        minimum: In its worst direction; None: it cannot be seen at all.
+        best: In its best direction.
+        probe_mm: What the undetected minimum does to the probe (root mean square).
+        why: Reason where it is undetectable.
+    """
 
     candidate: Candidate = field(metadata=INLINED)
     key: str
-    minimum: Mapping[str, Any] | None
-    best: Mapping[str, Any] | None
-    probe_mm: float
-    why: str | None
+    minimum: Size | None = None
+    best: Size | None = None
+    probe_mm: float = 0.0
+    why: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,15 +232,29 @@ class Gap:
     with_all_terms: "Gap | None" = field(default=None, metadata=OMITTED)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class LedgerLine:
     """Figures with an effect, or none, and all before it."""
 
+    DERIVED: ClassVar = ("held_out_rms_mm", "held_out_chi2", "without_blunders")
+
     effect: str | None
     sigma0: float
-    held_out_rms_mm: float
-    held_out_chi2: float
-    without_blunders: Mapping[str, float] | None = field(default=None, metadata=OMITTED)
+    held_out: HoldoutResult = field(metadata=HIDDEN)
+
+    @property
+    def held_out_rms_mm(self) -> float:
+        return self.held_out.rms_mm
+
+    @property
+    def held_out_chi2(self) -> float:
+        return self.held_out.chi2
+
+    @property
+    def without_blunders(self) -> Mapping[str, float] | None:
+        rest = self.held_out.without_blunders
+        names = {"held_out_rms_mm": "rms_mm", "held_out_chi2": "chi2"}
+        return None if rest is None else picked(rest, **names)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,12 +278,12 @@ class DiagnosisFigures:
 
     verdict: Verdict
     visible: Mapping[str, int]
-    terms: tuple[FoundTerm, ...]
+    terms: tuple[Term, ...]
     sigma0: BeforeAfter
     gap: Gap
     excluded: tuple[LeftOutPose, ...]
     orientations: Mapping[str, Any]
-    detectable: tuple[DetectableSize, ...]
+    detectable: tuple[Detectable, ...]
     ledger: tuple[LedgerLine, ...]
     vetoed: bool
     times_stated_noise: float | None
@@ -185,248 +295,3 @@ class DiagnosisFigures:
     family: Mapping[str, Any] | None = field(default=None, metadata=OMITTED)
     mass_distribution: Mapping[str, Any] | None = field(default=None, metadata=OMITTED)
     tools: Mapping[str, Any] | None = field(default=None, metadata=OMITTED)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DiagnosisEvidence:
-    """What the conditions look at: the figures, and what they rest on.
-
-    Attributes:
-        time_is_order: Whether the campaign has no times.
-        has_length: Whether a length is known in the campaign.
-        holds_scale: Whether the design's scale is held all the same.
-        was_identified: Whether the arm file was.
-        undetermined_mm: How far the probe moves by combinations of parameters that the
-            poses do not determine, where the design is off by a plausible deviation.
-        contradicted: Parameters of the family that the poses contradict, in sigmas.
-    """
-
-    figures: DiagnosisFigures
-    n_poses: int
-    time_is_order: bool
-    has_length: bool
-    holds_scale: bool
-    was_identified: bool
-    undetermined_mm: float
-    contradicted: Sequence[tuple[str, float]] = field(default=())
-
-
-def judge_diagnosis(evidence: DiagnosisEvidence) -> Outcome:
-    return judge(CONDITIONS, evidence)
-
-
-# Standard deviations of a mean square of noise alone.
-_OPEN_GAP = 4.0
-_MANY_EXCLUDED = 0.1
-
-
-def _visible(evidence: DiagnosisEvidence) -> Finding:
-    visible = evidence.figures.visible
-    values = {"n_visible": visible["n"], "n_effects": visible["of"]}
-    if visible["n"] > 0:
-        return Established(values)
-    return bad(
-        "These poses could show no effect of the library.",
-        "Measure more poses, in varied postures.",
-        values,
-    )
-
-
-def _named(evidence: DiagnosisEvidence) -> Finding:
-    counts = {
-        f"n_{status}": sum(term.status == status for term in evidence.figures.terms)
-        for status in ("named", "tentative", "unknown")
-    }
-    if counts["n_unknown"]:
-        return bad(
-            "Something is missing that has no name.",
-            "Look at what joint, reading or artefact the report names.",
-            counts,
-        )
-    if counts["n_tentative"]:
-        return doubt(
-            "More than one name fits, or a name is not certain.",
-            "Measure what the report proposes to separate them.",
-            counts,
-        )
-    return Established(counts)
-
-
-def _within_noise(evidence: DiagnosisEvidence) -> Finding:
-    figures = evidence.figures
-    gap, exceeded = figures.gap, figures.times_stated_noise
-    gap = gap.without_blunders or gap
-    chi2, rms_mm = gap.held_out_chi2.after, gap.held_out_rms_mm.after
-    values = {"held_out_chi2": chi2, "held_out_rms_mm": rms_mm}
-    if exceeded is not None:
-        beyond = (
-            f"What is left is {exceeded:.3g} times the mean square that the "
-            "stated noise explains"
-        )
-        if figures.verdict != "unexplained":
-            # Something was found that no arm file holds.
-            return bad(
-                f"{beyond}, by whatever the arm file cannot hold or does not have.",
-                "Mend what was found, and measure again.",
-                {**values, "times_stated": exceeded},
-            )
-        return bad(
-            f"{beyond}, without a pattern that any effect, curve or harmonic "
-            "describes: the noise is stated too small, or there is a fault without "
-            "a pattern.",
-            "Touch one place many times in one posture: if these points scatter as "
-            "stated, look for play, loose parts and whatever else the campaign has "
-            "no column for.",
-            {**values, "times_stated": exceeded},
-        )
-    if gap.n == 0 or chi2 is None or rms_mm is None:
-        return doubt(
-            "No pose could be kept aside, so that nothing proves the result.",
-            "Measure more poses.",
-        )
-    if chi2 > 1.0 + _OPEN_GAP * float(np.sqrt(2.0 / gap.n)):
-        return doubt(
-            "The poses kept aside still differ from the model by "
-            f"{length_mm(rms_mm)} rms, {chi2:.2g} times the mean square "
-            "that noise explains: something is missing in the arm file.",
-            "Measure again, where the discrepancies are largest.",
-            values,
-        )
-    return Established(values)
-
-
-def _helps(evidence: DiagnosisEvidence) -> Finding:
-    figures = evidence.figures
-    values = {
-        "held_out_chi2_before": figures.ledger[0].held_out_chi2,
-        "held_out_chi2_after": figures.ledger[-1].held_out_chi2,
-    }
-    if figures.vetoed:
-        return bad(
-            "The poses kept aside are predicted worse with what was found than "
-            "without: nothing was added to the arm.",
-            "Measure again, or more.",
-            values,
-        )
-    if figures.identified_anew:
-        return doubt(
-            "The arm as identified, without what was found, predicts the poses "
-            "kept aside better than the one with it, and is what is written.",
-            "Measure again, or more.",
-            values,
-        )
-    return Established(values)
-
-
-def _written(evidence: DiagnosisEvidence) -> Finding:
-    terms = evidence.figures.terms
-    shortfalls = [
-        Shortfall(
-            f"The artefact {term.candidate.artefact} is at fault, not the arm.",
-            "Fasten it or state it rightly, and measure again.",
-        )
-        for term in terms
-        if term.status == "named" and not term.accepted
-    ]
-    why, remedy = (
-        "the campaign does not say when it began",
-        "Give start_utc in campaign.toml.",
-    )
-    if evidence.time_is_order:
-        why, remedy = "the times of poses are their order", "Give times of the poses."
-    shortfalls += [
-        Shortfall(
-            f"{term.candidate.name} is not written to the arm file: it is bound to "
-            f"time, and {why}.",
-            remedy,
-        )
-        for term in terms
-        if term.accepted and not term.in_arm_file
-    ]
-    n_written = sum(term.accepted for term in terms)
-    return shortfalls or Established({"n_written": n_written})
-
-
-def _scaled(evidence: DiagnosisEvidence) -> Finding:
-    """Look whether a length is known, here or where the arm was identified."""
-    if evidence.holds_scale:
-        return bad(
-            "The measurements shrink the arm to a fraction of its design, whatever "
-            "was found: its scale is the design's.",
-            "Check arm file and campaign against each other, and measure again.",
-        )
-    lengths = {
-        str(rival.candidate.artefact)
-        for term in evidence.figures.terms
-        for rival in term.alternatives
-        if rival.candidate.is_length and rival.alias
-    }
-    if lengths:
-        names = " or ".join(sorted(lengths))
-        return doubt(
-            f"What was found may as well be the wrong length of {names}, and then the "
-            "arm has another scale.",
-            "Measure another certified length, or have these standards checked.",
-        )
-    if evidence.has_length or evidence.was_identified:
-        return Established({"from_campaign": evidence.has_length})
-    return doubt(
-        "The scale of the arm is undetermined: no length is known in this "
-        "campaign, and the arm file is a design. The written arm has the design's "
-        "scale.",
-        "Add a length standard, or diagnose an arm that was identified with one.",
-    )
-
-
-def _determined(evidence: DiagnosisEvidence) -> Finding:
-    """Compare what is not determined with how poses kept aside are predicted."""
-    predicted_mm = evidence.figures.gap.held_out_rms_mm.after or 0.0
-    values = {"undetermined_mm": evidence.undetermined_mm}
-    if evidence.undetermined_mm <= predicted_mm:
-        return Established(values)
-    return doubt(
-        "Parameters of the arm are undetermined: if its design is off by a "
-        f"plausible deviation there, the probe is off by "
-        f"{length_mm(evidence.undetermined_mm)} where nothing was measured.",
-        "Measure more and more varied postures; traverse identify names them.",
-        values,
-    )
-
-
-def _agreeing(evidence: DiagnosisEvidence) -> Finding:
-    n_all, n_excluded = evidence.n_poses, len(evidence.figures.excluded)
-    values = {"n_left_out": n_excluded, "n_poses": n_all}
-    if n_excluded <= _MANY_EXCLUDED * n_all:
-        return Established(values)
-    return doubt(
-        f"{n_excluded} of {counted(n_all, 'pose')} contradict the others and took "
-        "no part.",
-        "Find out why before the arm is used.",
-        values,
-    )
-
-
-def _in_family(evidence: DiagnosisEvidence) -> Finding:
-    if not evidence.contradicted:
-        return Established()
-    names = ", ".join(name for name, _ in evidence.contradicted)
-    file = (evidence.figures.family or {}).get("file")
-    return doubt(
-        f"The measurements contradict the family {file} in {names}.",
-        "Look whether the arm is of that family.",
-        {f"sigmas_of_{name}": sigmas for name, sigmas in evidence.contradicted},
-    )
-
-
-CONDITIONS: tuple[Condition[DiagnosisEvidence], ...] = (
-    Condition("visible", "the poses could show effects", _visible),
-    Condition("named", "whatever is missing has one name", _named),
-    Condition("within_noise", "noise explains what is left", _within_noise),
-    Condition("helps", "poses kept aside are predicted no worse", _helps),
-    Condition("written", "everything that has a name is in the arm", _written),
-    Condition("scale", "the scale of the arm is known", _scaled),
-    Condition("determined", "the poses determine the arm", _determined),
-    Condition("agreeing", "nearly all poses agree", _agreeing),
-    Condition("in_family", "the arm is like its family", _in_family),
-)
-"""What has to be established for a diagnosis to be good."""

@@ -102,7 +102,8 @@ INLINED = {"inlined": True}
 def plain_values(value: Any) -> Any:  # noqa: ANN401 - as of json
     """Write dataclasses as tables, arrays as lists, infinity and NaN as None.
 
-    The metadata of fields may be `OMITTED`, `HIDDEN` or `INLINED`.
+    The metadata of fields may be `OMITTED`, `HIDDEN` or `INLINED`. A class may name
+    in `DERIVED` properties that follow; those that are None are left out.
     """
     if is_dataclass(value):
         plain: dict[str, Any] = {}
@@ -114,6 +115,10 @@ def plain_values(value: Any) -> Any:  # noqa: ANN401 - as of json
                 "hidden", of_entry is None and entry.metadata.get("omitted")
             ):
                 plain[entry.name] = plain_values(of_entry)
+        for name in getattr(value, "DERIVED", ()):
+            of_property = getattr(value, name)
+            if of_property is not None:
+                plain[name] = plain_values(of_property)
         return plain
     if isinstance(value, Mapping):
         return {key: plain_values(entry) for key, entry in value.items()}

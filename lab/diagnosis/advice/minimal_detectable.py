@@ -43,8 +43,8 @@ from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
 )
-from traverse.lab.diagnosis.model.result import Detectable
 from traverse.lab.outcomes.candidate import Candidate
+from traverse.lab.outcomes.diagnosis import Detectable, Size
 
 # An axis within that of the direction of gravity is vertical.
 _VERTICAL = 0.02
@@ -211,15 +211,21 @@ def _entry(
     candidate = projected.candidate
     if not len(projected.singular_values):
         return _unseen(candidate, reason(rows, candidate, moved))
-    worst, best = sizes.tolist()
-    return replace(_unseen(candidate, ""), minimum=worst, best=best, probe_mm=probe_mm)
+    key = _own_key(candidate)
+    worst, best = (Size(size, key_unit(key)) for size in sizes.tolist())
+    return Detectable(
+        candidate=candidate, key=key, minimum=worst, best=best, probe_mm=probe_mm
+    )
 
 
 def _unseen(candidate: Candidate, why: str) -> Detectable:
     # Candidates without columns: as computed from a block of poses.
     why = why.replace("the block has", "the campaign has")
-    key = candidate.parameters[0].partition(".")[0]
-    return Detectable(candidate, key, None, None, key_unit(key), 0.0, why)
+    return Detectable(candidate=candidate, key=_own_key(candidate), why=why or None)
+
+
+def _own_key(candidate: Candidate) -> str:
+    return candidate.parameters[0].partition(".")[0]
 
 
 def planned(campaign: Campaign, arm: Arm) -> tuple[Detectable, ...]:

@@ -25,11 +25,8 @@ from scipy.spatial import cKDTree  # ships no types
 from traverse.arrays import Booleans, Floats
 from traverse.lab.adjustment import Adjustment, Noise, Options, PoseStatistics
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.model.result import (
-    HoldoutComparison,
-    HoldoutMisfit,
-    HoldoutResult,
-)
+from traverse.lab.diagnosis.model.result import HoldoutComparison
+from traverse.lab.outcomes.diagnosis import HoldoutMisfit, HoldoutResult
 from traverse.lab.statistics.distributions import (
     equivalent_normal,
     excess_p_value,

@@ -27,7 +27,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
     coarseness,
     orthonormal_basis,
 )
-from traverse.lab.diagnosis.model.result import Diagnosis, Term
 from traverse.lab.first_moments import with_first_moments
 from traverse.lab.outcomes.candidate import Candidate
 from traverse.lab.outcomes.diagnosis import Estimate
@@ -253,18 +252,3 @@ def has_epoch(effect: Effect, campaign: Campaign) -> bool:
     """
     is_bound_to_time = EFFECT_KINDS[effect.kind].effect_class == "A"
     return not is_bound_to_time or campaign.start_utc is not None
-
-
-def terms_without_epoch(diagnosis: Diagnosis) -> tuple[Term, ...]:
-    """List accepted terms that cannot be written: bound to an unknown time.
-
-    The moment that such an effect counts from is the campaign's start; where the
-    campaign does not say when it began there is none.
-    """
-    return tuple(
-        term
-        for term in diagnosis.terms
-        if term.effect is not None
-        and term.accepted
-        and not has_epoch(term.effect, diagnosis.campaign)
-    )

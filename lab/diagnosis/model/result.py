@@ -1,137 +1,25 @@
 """Options and result of a diagnosis."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from traverse.arrays import Booleans
-from traverse.kinematics.arm_file.arm import Arm, Effect
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.adjustment import Adjustment, IteratedAdjustment
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.outcomes.candidate import Candidate
 from traverse.lab.outcomes.diagnosis import (
-    Alternative,
     BankRemainder,
-    Estimate,
-    Status,
+    Detectable,
+    HoldoutResult,
+    LedgerLine,
+    Term,
     Verdict,
 )
-from traverse.lab.statistics.outlier_clusters import Cluster
 
 # A gap below that many standard deviations of S is none to speak of.
 _LEAST_GAP = 3.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HoldoutMisfit:
-    """Poses kept aside that contradict a model which explains all others.
-
-    Attributes:
-        artefact: Where they contradict it most.
-        figures: Of all poses kept aside but the blunders.
-        is_gross: The model predicts them no better than to a hundredth of the
-            measured volume.
-        log_p: Natural logarithm of the probability of such an S by chance.
-        n_contradicting: Poses that contradict the model one by one.
-    """
-
-    artefact: str
-    figures: "HoldoutResult"
-    is_gross: bool
-    log_p: float
-    n_contradicting: int
-    n_contradicting_there: int
-    n_poses_there: int
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Term:
-    """Something that the model lacked.
-
-    Attributes:
-        candidate: The name; of an unknown one, where the discrepancy lives.
-        effect: As an entry of the arm file; None: a curve that has no form there.
-        estimates: By key of the effect.
-        log_bayes_factor: Natural logarithm, against the model without the term.
-        log10_p: Of its test in the model with all other terms.
-        harmonic: Periods a turn of an unknown, periodic discrepancy, or None.
-        alternatives: What else it may be, the best first.
-        separate_by: The experiment that would separate them, in words.
-        accepted: Whether it is in the adapted arm.
-        cluster: The cluster of left-out poses, if it reports one.
-        misfit: Poses kept aside that contradict the model, if it reports these.
-        is_oversized: Whether no machine has as much of it: then it has another cause.
-        is_negative: Whether it is a compliance that yields against the weight or the
-            force: then it is something else that follows these.
-        is_unhelpful: Whether poses kept aside are predicted better without it.
-    """
-
-    status: Status
-    candidate: Candidate
-    log_bayes_factor: float
-    log10_p: float
-    effect: Effect | None = None
-    estimates: Mapping[str, Estimate] = field(default_factory=dict)
-    harmonic: int | None = None
-    alternatives: tuple[Alternative, ...] = ()
-    separate_by: str = ""
-    accepted: bool = False
-    cluster: Cluster | None = None
-    misfit: HoldoutMisfit | None = None
-    is_oversized: bool = False
-    is_negative: bool = False
-    is_unhelpful: bool = False
-
-    @property
-    def seen(self) -> tuple[float, float] | None:
-        """Range of the covariate that a curve was seen in; None: it is no curve."""
-        knots = None if self.effect is None else self.effect.values.get("knots")
-        return None if knots is None else (knots[0], knots[-1])
-
-
-@dataclass(frozen=True, slots=True)
-class Detectable:
-    """Minimal detectable size of an effect.
-
-    Attributes:
-        key: Key in the arm file to which the size belongs.
-        minimum: In the unit of the key, in its worst direction; None: it cannot be
-            seen at all.
-        best: In its best direction.
-        probe_mm: What the undetected minimum does to the probe (root mean square).
-        why: Reason where it is undetectable, else empty.
-    """
-
-    candidate: Candidate
-    key: str
-    minimum: float | None
-    best: float | None
-    unit: str
-    probe_mm: float
-    why: str
-
-
-@dataclass(frozen=True, slots=True)
-class HoldoutResult:
-    """How well a model predicts held-out poses.
-
-    Attributes:
-        rms_mm: Of their misclosures.
-        chi2: S, their mean square over the predictive covariance.
-        mean_distance_mm: To known points, if any.
-        largest_mm: The largest misclosure of a pose; NaN without poses.
-        without_blunders: The same without poses that contradict their neighbours;
-            None: there are none.
-    """
-
-    rms_mm: float
-    chi2: float
-    n: int
-    mean_distance_mm: float | None
-    n_poses: int = 0
-    largest_mm: float = float("nan")
-    without_blunders: "HoldoutResult | None" = None
 
 
 def closed(before: float, after: float, n: int) -> float | None:
@@ -160,15 +48,6 @@ class HoldoutComparison:
     def closed(self) -> float | None:
         """Part of the gap that was closed, or None: too little to say."""
         return closed(self.before.chi2, self.after.chi2, self.after.n)
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """A line of the ledger: figures with an effect, or none, and all before it."""
-
-    effect: str | None
-    held_out: HoldoutResult
-    sigma0: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,7 +118,7 @@ class Diagnosis:
     is_identified_anew: bool
     blunders: Booleans
     gap: HoldoutComparison
-    ledger: tuple[Step, ...]
+    ledger: tuple[LedgerLine, ...]
     vetoed: bool
     noise: NoiseEstimate
     leftovers: tuple[BankRemainder, ...]

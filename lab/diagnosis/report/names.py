@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from traverse.kinematics.effect_table import EFFECT_KINDS
-from traverse.lab.diagnosis.model.result import Detectable, Diagnosis, Term
+from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
+from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.outcomes.candidate import Candidate
-from traverse.lab.outcomes.diagnosis import Estimate
+from traverse.lab.outcomes.diagnosis import Detectable, Estimate, Term
 from traverse.lab.report.quantities import often, quantity, shown_unit
 from traverse.lab.statistics.outlier_clusters import Cluster
 
@@ -74,8 +74,8 @@ def cluster_text(place: Cluster) -> str:
 
 
 def seen_text(term: Term) -> str:
-    low, high = term.seen or (float("nan"), float("nan"))
-    return _range_text(term.candidate.covariate or "", low, high)
+    seen = term.seen or {"low": float("nan"), "high": float("nan")}
+    return _range_text(term.candidate.covariate or "", **seen)
 
 
 def _range_text(covariate: str, low: float, high: float) -> str:
@@ -132,7 +132,7 @@ def step_names(diagnosis: Diagnosis) -> list[str]:
 
 def term_size_text(term: Term) -> str:
     """Return how large a term is, with its standard deviation."""
-    size = term_size(term.estimates)
+    size = term_size(term.parameters)
     if size is None:
         return ""
     value, std, unit = size
@@ -183,8 +183,8 @@ def joint_rows(
             row[entry.candidate.joint] = entry
     rows = []
     for name, row in by_joint.items():
-        seen = [entry.minimum for entry in row.values() if entry.minimum is not None]
-        unit = next(iter(row.values())).unit
+        seen = [entry.minimum.value for entry in row.values() if entry.minimum]
+        unit = key_unit(next(iter(row.values())).key)
         factor, shown = shown_unit(min(seen, default=1.0), unit)
         cells = [_cell(row.get(joint), factor) for joint in joint_names]
         rows.append([f"{name} [{shown}]", *cells])
@@ -196,7 +196,7 @@ def _cell(entry: Detectable | None, factor: float) -> str:
         return ""
     if entry.minimum is None:
         return NOT_SEEN
-    size = factor * entry.minimum
+    size = factor * entry.minimum.value
     return f"{size:.2g}" if size < 100.0 else f"{size:.0f}"
 
 
@@ -206,13 +206,12 @@ def detectable_lines(detectable: Sequence[Detectable]) -> list[str]:
     width = max((len(name) for name in names), default=0)
     lines = []
     for name, entry in zip(names, detectable, strict=True):
-        if entry.minimum is None:
-            lines.append(f"{name:<{width}}  cannot be seen: {entry.why}")
-        else:
-            lines.append(
-                f"{name:<{width}}  from {quantity(entry.minimum, None, entry.unit)} on "
-                f"({quantity(entry.probe_mm, None, 'mm')} at the probe)"
-            )
+        said = f"cannot be seen: {entry.why}"
+        if entry.minimum is not None:
+            least = quantity(entry.minimum.value, None, entry.minimum.unit)
+            at_probe = quantity(entry.probe_mm, None, "mm")
+            said = f"from {least} on ({at_probe} at the probe)"
+        lines.append(f"{name:<{width}}  {said}")
     return lines
 
 

@@ -1,6 +1,5 @@
 """A diagnosis as its outcome: figures as `diagnosis.json` has them, and their state."""
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -8,34 +7,23 @@ import numpy as np
 
 from traverse.lab.adjustment import Adjustment
 from traverse.lab.campaign.prior import family_json
-from traverse.lab.diagnosis.model.fit import terms_without_epoch
-from traverse.lab.diagnosis.model.result import (
-    Detectable,
-    Diagnosis,
-    HoldoutResult,
-    Step,
-    Term,
-    closed,
-)
+from traverse.lab.diagnosis.model.result import Diagnosis, closed
 from traverse.lab.outcomes.base import Outcome
 from traverse.lab.outcomes.diagnosis import (
     BeforeAfter,
-    DetectableSize,
-    DiagnosisEvidence,
     DiagnosisFigures,
-    FoundTerm,
     Gap,
-    LedgerLine,
+    HoldoutResult,
     LeftOutPose,
+)
+from traverse.lab.outcomes.diagnosis_conditions import (
+    DiagnosisEvidence,
     judge_diagnosis,
 )
 from traverse.lab.report.provenance import ReportProvenance
-from traverse.lab.report.quantities import picked, plain_values
+from traverse.lab.report.quantities import plain_values
 
 SCHEMA = "traverse/diagnosis/1"
-
-# Smaller p-values are no numbers any more.
-_LEAST_LOG10_P = -300.0
 
 
 def outcome_of(diagnosis: Diagnosis) -> Outcome:
@@ -60,6 +48,7 @@ def _judged(diagnosis: Diagnosis, figures: DiagnosisFigures) -> Outcome:
         DiagnosisEvidence(
             figures=figures,
             n_poses=len(diagnosis.campaign.poses),
+            n_repeated=diagnosis.campaign.poses.n_repeated,
             time_is_order=diagnosis.campaign.time_is_order,
             has_length=network.has_length(),
             holds_scale=network.holds_scale,
@@ -85,7 +74,6 @@ def _undetermined_mm(adjustment: Adjustment) -> float:
 def figures_of(diagnosis: Diagnosis) -> DiagnosisFigures:
     campaign, noise = diagnosis.campaign, diagnosis.noise
     ids = [artefact.id for artefact in campaign.artefacts]
-    unwritten = terms_without_epoch(diagnosis)
     turned = campaign.poses.lines[diagnosis.turned].tolist()
     tools_mm = diagnosis.after.state.arm.tools_mm
     tools = {
@@ -95,16 +83,13 @@ def figures_of(diagnosis: Diagnosis) -> DiagnosisFigures:
     return DiagnosisFigures(
         verdict=diagnosis.verdict,
         visible={"n": diagnosis.n_visible, "of": diagnosis.n_library},
-        terms=tuple(
-            _term(term, written=term.accepted and term not in unwritten)
-            for term in diagnosis.terms
-        ),
+        terms=diagnosis.terms,
         sigma0=BeforeAfter(diagnosis.before.sigma0, diagnosis.after.sigma0),
         gap=_gap(diagnosis),
         excluded=_excluded(diagnosis),
         orientations={"excluded": [{"line": line} for line in turned]},
-        detectable=detectable_sizes(diagnosis.detectable),
-        ledger=tuple(_ledger_line(step) for step in diagnosis.ledger),
+        detectable=diagnosis.detectable,
+        ledger=diagnosis.ledger,
         vetoed=diagnosis.vetoed,
         times_stated_noise=diagnosis.exceeded,
         identified_anew=diagnosis.is_identified_anew,
@@ -117,24 +102,6 @@ def figures_of(diagnosis: Diagnosis) -> DiagnosisFigures:
         tools=tools or None,
         **family_json(campaign.prior),
     )
-
-
-def detectable_sizes(detectable: Sequence[Detectable]) -> tuple[DetectableSize, ...]:
-    return tuple(
-        DetectableSize(
-            candidate=entry.candidate,
-            key=entry.key,
-            minimum=_size(entry.minimum, entry.unit),
-            best=_size(entry.best, entry.unit),
-            probe_mm=entry.probe_mm,
-            why=entry.why or None,
-        )
-        for entry in detectable
-    )
-
-
-def _size(value: float | None, unit: str) -> dict[str, Any] | None:
-    return None if value is None else {"value": value, "unit": unit}
 
 
 def _excluded(diagnosis: Diagnosis) -> tuple[LeftOutPose, ...]:
@@ -150,58 +117,6 @@ def _excluded(diagnosis: Diagnosis) -> tuple[LeftOutPose, ...]:
         )
         for at in rows[np.argsort(lines[rows])]
     )
-
-
-def _term(term: Term, *, written: bool) -> FoundTerm:
-    seen = None if term.seen is None else {"low": term.seen[0], "high": term.seen[1]}
-    poses = held_out = None
-    if term.cluster is not None:
-        poses = picked(
-            term.cluster, "low", "high", excluded="n_excluded", all="n_poses"
-        )
-    if term.misfit is not None:
-        held_out = {
-            **picked(term.misfit.figures, "chi2", "rms_mm", all="n_poses"),
-            **picked(
-                term.misfit,
-                contradicting="n_contradicting",
-                contradicting_there="n_contradicting_there",
-                all_there="n_poses_there",
-            ),
-        }
-    return FoundTerm(
-        candidate=term.candidate,
-        status=term.status,
-        harmonic=term.harmonic,
-        parameters=term.estimates,
-        log_bayes_factor=term.log_bayes_factor,
-        p_value=0.0 if term.log10_p < _LEAST_LOG10_P else 10.0**term.log10_p,
-        log10_p=term.log10_p,
-        alternatives=term.alternatives,
-        separate_by=term.separate_by,
-        accepted=term.accepted,
-        in_arm_file=written,
-        oversized=term.is_oversized,
-        negative=term.is_negative,
-        helps=not term.is_unhelpful,
-        seen=seen,
-        poses=poses,
-        held_out=held_out,
-    )
-
-
-def _ledger_line(step: Step) -> LedgerLine:
-    rest = step.held_out.without_blunders
-    return LedgerLine(
-        effect=step.effect,
-        sigma0=step.sigma0,
-        without_blunders=None if rest is None else _held_out(rest),
-        **_held_out(step.held_out),
-    )
-
-
-def _held_out(figures: HoldoutResult) -> dict[str, float]:
-    return {"held_out_rms_mm": figures.rms_mm, "held_out_chi2": figures.chi2}
 
 
 def _gap(diagnosis: Diagnosis) -> Gap:

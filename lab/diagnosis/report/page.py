@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from traverse.lab.diagnosis.model.fit import terms_without_epoch
 from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report.names import (
     candidate_label,
@@ -51,7 +50,6 @@ _FILTERS: Filters = {
     "seen_text": seen_text,
     "moves_base": moves_base,
     "depends_on_time": depends_on_time,
-    "terms_without_epoch": terms_without_epoch,
     "mass_distribution": lambda adjustment: adjustment.mass_distribution(),
     "n_judged": _n_judged,
     "outcome": outcome_of,

@@ -18,9 +18,10 @@ from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
 from traverse.lab.adjustment import ArmValues
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.model.result import Diagnosis, Term
+from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies
 from traverse.lab.first_moments import first_moments, states_no_mass
+from traverse.lab.outcomes.diagnosis import Term
 from traverse.plurals import counted
 
 # Waves that repeat more often are drawn one upon the other.
@@ -284,7 +285,7 @@ def value_covariance(diagnosis: Diagnosis, term: Term, effects: ArmEffects) -> F
     if term.candidate.is_curve and fitted is not None:
         # Its mean is the joint's zero: the fit holds it, single values do not know.
         return fitted
-    known = {key: estimate.std for key, estimate in term.estimates.items()}
+    known = {key: estimate.std for key, estimate in term.parameters.items()}
     parts = [
         np.ravel(known.get(key, np.zeros_like(value)))
         for key, value in effects.corrections[0].keys.items()

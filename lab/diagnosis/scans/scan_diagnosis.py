@@ -22,7 +22,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
 )
-from traverse.lab.diagnosis.model.result import Diagnosis, DiagnosisOptions, Step, Term
+from traverse.lab.diagnosis.model.result import Diagnosis, DiagnosisOptions
 from traverse.lab.diagnosis.report.page import WORDS
 from traverse.lab.diagnosis.scans.decimation import Decimation, decimated
 from traverse.lab.diagnosis.scans.harmonics import (
@@ -32,7 +32,7 @@ from traverse.lab.diagnosis.scans.harmonics import (
 )
 from traverse.lab.diagnosis.search.forward_search import Progress, no_progress
 from traverse.lab.diagnosis.terms import verdict_of
-from traverse.lab.outcomes.diagnosis import Alternative
+from traverse.lab.outcomes.diagnosis import Alternative, Term
 from traverse.lab.report.quantities import picked
 
 # Of the probability of a false alarm: what the harmonics of all samples get.
@@ -136,15 +136,13 @@ def _together(
     added_names = ", ".join(term.candidate.name for term in terms)
     return replace(
         diagnosis,
-        verdict=verdict_of(
-            (*terms, *diagnosis.terms), blind=False, exceeded=diagnosis.exceeded
-        ),
+        verdict=verdict_of((*terms, *diagnosis.terms), exceeded=diagnosis.exceeded),
         terms=(*terms, *diagnosis.terms),
         arm=first.arm,
         before=first.before,
         ledger=(
             replace(start, held_out=gap.before),
-            Step(added_names, diagnosis.ledger[0].held_out, diagnosis.ledger[0].sigma0),
+            replace(diagnosis.ledger[0], effect=added_names),
             *diagnosis.ledger[1:],
         ),
         gap=gap,
@@ -167,7 +165,7 @@ def _term(
         status="tentative" if others else "named",
         candidate=best.candidate,
         effect=effect,
-        estimates=estimates_of(rows, index),
+        parameters=estimates_of(rows, index),
         log_bayes_factor=_evidence(best),
         log10_p=best.log_p / _LOG_10,
         alternatives=tuple(
@@ -175,6 +173,7 @@ def _term(
             for other in others
         ),
         accepted=accepted,
+        in_arm_file=accepted,
     )
 
 

@@ -131,29 +131,43 @@ def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
 
 
 def _lengths_of_all(stage: CandidateScores) -> list[ScoredCandidate]:
-    """Judge that all standards are longer than stated by one factor.
+    """Judge that all standards, or all distances, are longer than stated by one factor.
 
     Strategy: the arm takes up such a factor as its scale, and what is left, at radii,
     looks like a wrong radius of the probe. No arm file has it, so that it is a rival
     only.
     """
     rows = stage.rows
-    artefacts = tuple(dict.fromkeys(of for _, of, _ in rows.certificates))
-    if len(artefacts) < 2:
+    certified = {of for _, of, _ in rows.certificates}
+    stations = rows.adjustment.network.stations
+    artefacts = [at.artefact for at in stations if at.artefact.id in certified]
+    distances = [entry for entry in artefacts if entry.certifies_distance]
+    shared = [
+        tuple(entry.id for entry in some)
+        for some in ([artefacts, distances] if distances != artefacts else [artefacts])
+        if len(some) > 1
+    ]
+    if not shared:
         return []
-    everything = Candidate(
-        kind=ArtefactLength.kind,
-        joint=None,
-        bank=BankName.LIBRARY,
-        artefact=", ".join(artefacts),
-        parameters=("error_ppm",),
-        scales=(_SHARED_PPM,),
+    candidates = tuple(
+        Candidate(
+            kind=ArtefactLength.kind,
+            joint=None,
+            bank=BankName.LIBRARY,
+            artefact=", ".join(names),
+            parameters=("error_ppm",),
+            scales=(_SHARED_PPM,),
+        )
+        for names in shared
     )
-    columns = [rows.by_artefact_length(artefact) for artefact in artefacts]
-    bank = Bank((everything,), _SHARED_PPM * np.sum(columns, axis=0))
+    columns = [
+        np.sum([rows.by_artefact_length(name) for name in names], axis=0)
+        for names in shared
+    ]
+    bank = Bank(candidates, _SHARED_PPM * np.hstack(columns))
     findings = judge(rows, project(rows, bank))
-    shared = replace(stage, findings={BankName.LIBRARY: findings})
-    return ranked(shared, (BankName.LIBRARY,), ())
+    stage = replace(stage, findings={BankName.LIBRARY: findings})
+    return ranked(stage, (BankName.LIBRARY,), ())
 
 
 def of_single_joints(

@@ -20,8 +20,6 @@ from traverse.lab.report.templates import Filters, Words, page
 
 _SEED = 4
 _N_PAIRS = 200
-_MOST_PAIRS = 12
-_CLOSE = 0.9
 
 
 _FILTERS: Filters = {
@@ -70,8 +68,6 @@ def report_page(
         effects_mm=effects_mm,
         held=_held(result),
         noise_mm=_noise_mm(result),
-        close_pairs=_close_pairs(result),
-        CLOSE=_CLOSE,
         excluded=_excluded(result),
         joint_columns=[f"{name} [degrees]" for name in result.campaign.joint_names],
     )
@@ -91,19 +87,6 @@ def _held(result: Identification) -> list[str]:
         name
         for name in parameters.of_geometry().names
         if name not in free and any(part in name for part in (".axis.", ".link."))
-    ]
-
-
-def _close_pairs(result: Identification) -> list[tuple[str, str, float]]:
-    """Find the parameters that are correlated most."""
-    names = [entry.name for entry in result.parameters]
-    first, second = np.triu_indices(len(names), 1)
-    values = result.correlations[first, second]
-    order = np.argsort(-np.abs(values))[:_MOST_PAIRS]
-    return [
-        (names[first[at]], names[second[at]], float(values[at]))
-        for at in order
-        if abs(values[at]) > _CLOSE
     ]
 
 

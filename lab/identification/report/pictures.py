@@ -37,7 +37,7 @@ _POSE = (BLUE, "o", None)
 def pictures_of(
     result: Identification, uncertainty: UncertaintyMap
 ) -> dict[str, bytes | None]:
-    """Paint all pictures; those of parameters are None where none is free."""
+    """Paint all pictures; the map is None where no parameter is free."""
     n_artefacts, n_joints = len(result.artefacts), len(result.campaign.joint_names)
     joints_mm = 12.0 + 36.0 * ((n_joints + 1) // 2)
     coverage_mm = 22.0 + 7.0 * len(result.coverage)
@@ -48,7 +48,6 @@ def pictures_of(
         "joints": picture(180.0, joints_mm, _paint_joints, result),
         "normal": picture(180.0, 66.0, _paint_normal, result),
         "map": None,
-        "correlations": None,
         "coverage": picture(180.0, coverage_mm, _paint_coverage, result),
     }
     if result.parameters:
@@ -58,10 +57,6 @@ def pictures_of(
         )
         map_mm = float(np.clip(36.0 * height / max(width, 1.0) + 24.0, 55.0, 130.0))
         pictures["map"] = picture(180.0, map_mm, _paint_map, uncertainty)
-        size_mm = float(np.clip(45.0 + 3.6 * len(result.parameters), 80.0, 180.0))
-        pictures["correlations"] = picture(
-            size_mm + 8.0, 0.88 * size_mm, _paint_correlations, result
-        )
     return pictures
 
 
@@ -174,26 +169,6 @@ def _scaled_w(result: Identification) -> Floats:
         statistics.statistics[taken] / scale**2, statistics.degrees[taken]
     )
     return np.sort(w[np.isfinite(w)])
-
-
-def _paint_correlations(figure: Figure, result: Identification) -> None:
-    names = [entry.name for entry in result.parameters]
-    room_mm = labels_mm(names)
-    [[axes]] = axes_grid(figure, Margins(room_mm, room_mm, right=12.0))
-    drawn = axes.imshow(
-        result.correlations, cmap="RdBu_r", vmin=-1.0, vmax=1.0, interpolation="none"
-    )
-    size = 6.5 if len(names) <= 40 else 4.5
-    axes.set_xticks(range(len(names)), names, rotation=90, fontsize=size)
-    axes.set_yticks(range(len(names)), names, fontsize=size)
-    axes.tick_params(length=0.0)
-    owners = [name.split(".")[0] for name in names]
-    for at in range(1, len(owners)):
-        if owners[at] != owners[at - 1]:
-            axes.axhline(at - 0.5, color="black", linewidth=0.3)
-            axes.axvline(at - 0.5, color="black", linewidth=0.3)
-    bar = figure.colorbar(drawn, ax=axes, shrink=0.7)
-    bar.set_label("correlation")
 
 
 def _paint_coverage(figure: Figure, result: Identification) -> None:

@@ -12,6 +12,7 @@ from traverse.lab.outcomes.base import (
     doubt,
 )
 from traverse.lab.outcomes.identified import ContradictedCertificate
+from traverse.lab.outcomes.repeats import no_repeats
 from traverse.lab.statistics.outlier_clusters import ExcludedCluster
 
 # Part of the poses that may contradict the others.
@@ -65,12 +66,18 @@ def _radii_agree(result: Identification) -> Finding:
     text = (
         f"The certified radii of {', '.join(shift.artefacts)} are all {sense} as "
         f"measured, by {1000.0 * abs(shift.shift_mm):.1f} µm: they have one cause "
-        f"({shift.evidence:.3g} sigma), and no certificate is to blame. The probe's "
+        f"({shift.evidence:.3g} sigma), and none of them is to blame. The probe's "
         f"radius is not the stated {radius_mm:.10g} mm but "
         f"{radius_mm + shift.shift_mm:.4f} mm, or the contact is late or bends the "
         "stylus by as much (pretravel, force). The certificates took part, with this "
         "shift."
     )
+    if shift.or_else:
+        text += (
+            f" Or the certified distances of {', '.join(shift.or_else)} are all wrong "
+            "by one factor, and so is the scale of this arm: the measurements cannot "
+            "tell."
+        )
     remedy = (
         "Calibrate the probe's radius on a sphere, with the force of measuring; look "
         "with traverse diagnose whether the stylus bends."
@@ -80,6 +87,7 @@ def _radii_agree(result: Identification) -> Finding:
         "shift_mm": shift.shift_mm,
         "probe_radius_mm": radius_mm + shift.shift_mm,
         "sigmas": shift.evidence,
+        "rivals": list(shift.or_else),
     }
     return doubt(text, remedy, values)
 
@@ -209,11 +217,19 @@ STATED = (
 )
 """What files state."""
 
+
+def _independent(result: Identification) -> Finding:
+    poses = result.campaign.poses
+    n_repeated = 0 if result.campaign.is_stream else poses.n_repeated
+    return no_repeats(n_repeated, len(poses))
+
+
 KEPT = (
     Condition("artefacts", "no artefact lost many poses", _artefacts_agree),
     Condition("clusters", "excluded poses do not lie together", _no_clusters),
+    Condition("repeated", "poses were measured anew", _independent),
 )
-"""Where poses were left out."""
+"""Which poses count."""
 
 ALIKE = (
     Condition("family", "the arm is of its family", _family_agrees),

@@ -122,7 +122,9 @@ def figures_of(result: Identification, verdict: str) -> IdentificationFigures:
         contradictions=result.contradictions,
         contact_shift=None
         if shift is None
-        else picked(shift, "artefacts", "shift_mm", sigmas="evidence"),
+        else picked(
+            shift, "artefacts", "shift_mm", sigmas="evidence", rivals="or_else"
+        ),
         wrong_signs=result.wrong_signs,
         lost_poses={
             entry.artefact: picked(entry, "n_lost", n="n_poses")

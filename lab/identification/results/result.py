@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.adjustment import Adjustment, Noise, Options, PoseStatistics
@@ -180,11 +178,3 @@ class Identification:
         parameters = self.adjustment.network.parameters
         step = self.adjustment.last_step / parameters.free_tolerances
         return parameters.named(step) if len(step) else {}
-
-    @property
-    def correlations(self) -> Floats:
-        """Of the free parameters, (n_free, n_free)."""
-        stds = np.sqrt(np.diag(self.covariance))
-        safe = np.where(stds > 0.0, stds, 1.0)
-        correlations: Floats = self.covariance / np.outer(safe, safe)
-        return correlations

@@ -12,9 +12,8 @@ from benchmarks.blind.score import TrueTerm, deviations, pooled_gap, scored_term
 from benchmarks.blind.table import rows
 from benchmarks.trials.lines import append
 from traverse.kinematics.arm_file.arm import effect_from_table
-from traverse.lab.diagnosis.model.result import Term
 from traverse.lab.outcomes.candidate import BankName, Candidate
-from traverse.lab.outcomes.diagnosis import Alternative, Estimate
+from traverse.lab.outcomes.diagnosis import Alternative, Estimate, Term
 
 J3_ECCENTRICITY = ("encoder_eccentricity", "J3", None, None, None)
 J3_RUNOUT = ("axis_runout", "J3", 2, "radial", None)
@@ -54,7 +53,7 @@ def term(identity, status="named", alternatives=(), evidence=50.0, estimates=Non
                 "sin_rad": 0.0,
             }
         ),
-        estimates=estimates or {},
+        parameters=estimates or {},
         log_bayes_factor=evidence,
         log10_p=-20.0,
         harmonic=None,

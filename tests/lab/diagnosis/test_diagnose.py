@@ -87,7 +87,7 @@ def test_an_eccentricity_is_named_with_its_size():
     (term,) = diagnosis.terms
     assert names(diagnosis) == [("encoder_eccentricity", "J3")]
     for key in ("cos_rad", "sin_rad"):
-        estimate = term.estimates[key]
+        estimate = term.parameters[key]
         assert abs(estimate.value - ECCENTRIC[key]) < 3.0 * estimate.std
         assert 0.0 < estimate.std < 3e-6
         assert estimate.unit == "rad"
@@ -229,7 +229,7 @@ def test_an_effect_that_the_arm_has_already_is_no_finding():
     (kept,) = again.adapted.effects
     assert kept.kind == "encoder_eccentricity"
     for key in ("cos_rad", "sin_rad"):
-        std = diagnosis.terms[0].estimates[key].std
+        std = diagnosis.terms[0].parameters[key].std
         assert abs(kept.values[key] - entry.values[key]) < 3.0 * std
 
 
@@ -362,7 +362,7 @@ def test_an_effect_that_no_machine_has_is_not_named():
     made = measured().with_effect(effect_from_table(table))
     diagnosis = diagnose(made.campaign, made.arm, DECISION)
     assert diagnosis.verdict == "unknown"
-    oversized = [term for term in diagnosis.terms if term.is_oversized]
+    oversized = [term for term in diagnosis.terms if term.oversized]
     assert oversized
     for term in oversized:
         assert (term.status, term.accepted) == ("unknown", False)

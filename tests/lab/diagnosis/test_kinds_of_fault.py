@@ -123,6 +123,29 @@ def test_noise_that_is_exceeded_without_a_pattern_is_not_clean():
     assert diagnose(campaign, start.arm, DECISION).verdict == "clean"
 
 
+def test_noise_that_is_exceeded_a_little_is_not_clean_either():
+    start = measured()
+    rng = np.random.default_rng(5)
+    angles_rad = start.campaign.poses.angles_rad
+    noise_rad = rng.normal(size=angles_rad.shape) * 8e-6
+    diagnosis = decided(start.with_poses(angles_rad=angles_rad + noise_rad))
+    assert diagnosis.exceeded is None
+    assert 1.5 < diagnosis.gap.after.chi2 < 4.0
+    assert (diagnosis.verdict, diagnosis.terms) == ("unexplained", ())
+    assert outcome_of(diagnosis).state is State.DOUBT
+
+
+def test_a_campaign_of_many_blunders_is_not_clean():
+    start = measured()
+    rng = np.random.default_rng(6)
+    angles_rad = start.campaign.poses.angles_rad.copy()
+    hit = rng.random(len(angles_rad)) < 0.25
+    angles_rad[hit] += rng.normal(size=(int(hit.sum()), 7)) * 2e-4
+    diagnosis = decided(start.with_poses(angles_rad=angles_rad))
+    assert diagnosis.verdict in ("unexplained", "unknown")
+    assert "agreeing" in outcome_of(diagnosis).codes
+
+
 @pytest.mark.slow
 def test_an_eccentric_and_tilted_ring_is_named_by_both():
     travel_rad = np.ptp(measured().campaign.poses.angles_rad[:, 2])
@@ -163,7 +186,7 @@ def test_an_eccentric_and_tilted_ring_is_named_by_both():
 def test_what_yields_against_weight_or_force_is_no_compliance(table):
     diagnosis = decided(measured().with_effect(effect_from_table(table)))
     (term,) = diagnosis.terms
-    assert (term.status, term.is_negative, term.accepted) == ("unknown", True, False)
+    assert (term.status, term.negative, term.accepted) == ("unknown", True, False)
 
 
 @pytest.mark.slow
@@ -183,6 +206,25 @@ def test_a_wrong_length_of_the_only_bar_is_no_radius_alone():
     assert {("probe_radius", None), ("artefact_length", "bar")} <= {
         (name.kind, name.artefact) for name in names
     }
+    assert "scale" in outcome_of(diagnosis).codes
+
+
+def test_distances_wrong_by_one_factor_are_rivals_of_the_probes_radius():
+    campaign = campaign_from_simulation(draw_noise(poses(two_bars=True), 1).campaign)
+    artefacts = [
+        artefact.model_copy(update={"distance_mm": 1.0008 * artefact.distance_mm})
+        if artefact.kind == "ball_bar"
+        else artefact
+        for artefact in campaign.artefacts
+    ]
+    wrong = replace(campaign, artefacts=tuple(artefacts))
+    diagnosis = diagnose(wrong, poses().arm, DECISION)
+    rivals = [
+        rival.candidate.artefact
+        for term in diagnosis.terms
+        for rival in term.alternatives
+    ]
+    assert "bar, short" in rivals
     assert "scale" in outcome_of(diagnosis).codes
 
 

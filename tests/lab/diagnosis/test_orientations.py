@@ -65,7 +65,7 @@ def test_an_axis_that_wobbles_is_named_which_positions_do_not_show(poses):
     (term,) = diagnosis.terms
     assert term.candidate.name == "axis_wobble 2 J7"
     for key in ("cos_rad", "sin_rad"):
-        estimate, true = term.estimates[key], played.effects[0].values[key]
+        estimate, true = term.parameters[key], played.effects[0].values[key]
         away = np.subtract(estimate.value, true)
         assert np.all(np.abs(away) < 5.0 * np.array(estimate.std) + 2e-6)
     assert diagnose(without(campaign), ARM).verdict == "clean"

@@ -57,7 +57,7 @@ def test_what_yields_is_named_and_predicts_nearly_as_with_the_true_masses(kind, 
     )
     assert diagnosis.gap.after.rms_mm < NEAR * known.gap.after.rms_mm
     assert diagnosis.gap.after.rms_mm < 0.7 * diagnosis.gap.before.rms_mm
-    compliance = term.estimates["compliance_rad_nm"]
+    compliance = term.parameters["compliance_rad_nm"]
     assert compliance.value > 10.0 * compliance.std
     assert known.all_terms.mass_distribution() == {}
     masses = diagnosis.all_terms.mass_distribution()

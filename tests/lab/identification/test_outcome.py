@@ -8,6 +8,7 @@ import pytest
 
 from tests.lab.simulated import DESIGN_ARM, bar, built, cones, simulate
 from traverse.kinematics.model.derivatives import probe_derivatives
+from traverse.lab.identification.certificates import OF_RADII
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.results.files import identification_json
 from traverse.lab.identification.results.outcome import CONDITIONS, outcome_of
@@ -89,6 +90,32 @@ def test_a_single_wrong_radius_is_still_named():
     assert [entry.artefact for entry in result.contradictions] == ["ball"]
     assert result.contact_shift is None
     assert outcome_of(result).outcome.state is State.BAD
+
+
+def test_distances_wrong_by_one_factor_blame_no_right_ball():
+    two_bars = [*cones(2), bar(), bar(id="bar-2"), BALL | {"radius_mm": 60.0}]
+    campaign = simulate(built(3), two_bars, 60, 7)
+    artefacts = [
+        artefact.model_copy(update={"distance_mm": 401.0})
+        if artefact.kind == "ball_bar"
+        else artefact
+        for artefact in campaign.artefacts
+    ]
+    wrong = replace(campaign, artefacts=tuple(artefacts))
+    result = identify(wrong, DESIGN_ARM, NO_SEARCH)
+    accused = [(entry.artefact, entry.length) for entry in result.contradictions]
+    assert accused == [("bar", "distance_mm"), ("bar-2", "distance_mm")]
+    assert all(OF_RADII in entry.or_else for entry in result.contradictions)
+    assert outcome_of(result).outcome.state is State.BAD
+
+
+def test_poses_that_are_there_twice_are_in_doubt():
+    campaign = simulate(built(3), TABLES, 30, 7)
+    twice = campaign.part(np.tile(np.arange(len(campaign.poses)), 2))
+    result = identify(twice, DESIGN_ARM, NO_SEARCH)
+    assert outcome_of(result).outcome.codes == ("repeated",)
+    (reason,) = outcome_of(result).outcome.reasons
+    assert reason.values == {"n_repeated": len(campaign.poses), "n": len(twice.poses)}
 
 
 @pytest.mark.parametrize("joint", [1, 3])

@@ -240,7 +240,6 @@ SECTIONS = [
     "parameters",
     "undetermined",
     "map",
-    "correlations",
     "excluded",
     "advice",
 ]
@@ -298,7 +297,7 @@ def test_nothing_outside_is_referred_to(page: Page) -> None:
 
 
 def test_pictures_have_a_size_to_look_at(page: Page) -> None:
-    assert len(page.images) == 6
+    assert len(page.images) == 5
     for png in page.pictures:
         width, height = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))
         assert 400 < width < 2000
@@ -367,4 +366,4 @@ def test_a_page_without_free_parameters_says_so() -> None:
     held = identify(campaign, DESIGN_ARM, Options(hold=("*",)))
     page = Page(report_page(held, result_map(held)))
     assert page.sections == SECTIONS
-    assert page.text.count("No parameter was free") == 4
+    assert page.text.count("No parameter was free") == 3

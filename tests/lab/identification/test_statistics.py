@@ -109,11 +109,6 @@ def test_sigma0_is_the_weighted_sum_over_the_redundancy(result, dense):
     assert result.sigma0 == pytest.approx(expected, rel=1e-9)
 
 
-def test_correlations_have_a_diagonal_of_ones(result):
-    assert np.allclose(np.diag(result.correlations), 1.0)
-    assert np.max(np.abs(result.correlations)) <= 1.0 + 1e-12
-
-
 def test_controllability_is_one_without_competition(result):
     normal = np.linalg.inv(result.covariance / result.variance_factor)
     for at, entry in enumerate(result.parameters):

@@ -204,7 +204,7 @@ def test_an_effect_is_named_from_poses_with_several_tools(tmp_path):
     (term,) = diagnosis.terms
     assert term.status == "named"
     assert (term.candidate.kind, term.candidate.joint) == ("encoder_eccentricity", "J2")
-    cosine, sine = term.estimates.values()
+    cosine, sine = term.parameters.values()
     size_rad = np.hypot(cosine.value, sine.value)
     assert abs(size_rad - 1e-4) < 4 * max(cosine.std, sine.std)
     assert diagnosis.gap.closed > 0.9

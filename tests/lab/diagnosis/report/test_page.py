@@ -92,7 +92,7 @@ def test_figures_are_those_of_the_result(page):
     (term,) = diagnosis.terms
     at = page.cells.index("cos_rad")
     told = [float(cell) for cell in page.cells[at + 1 : at + 3]]
-    expected = [term.estimates["cos_rad"].value, term.estimates["cos_rad"].std]
+    expected = [term.parameters["cos_rad"].value, term.parameters["cos_rad"].std]
     assert told == pytest.approx(expected, rel=0.05)
     assert page.cells[at + 3] == "rad"
     line = str(int(diagnosis.campaign.poses.lines[100]))
@@ -203,7 +203,7 @@ def test_every_kind_is_reported_over_what_matters_for_it(table, plots):
             order=given.get("order"),
             covariate=given.get("covariate"),
         ),
-        estimates={
+        parameters={
             key: Estimate(
                 value,
                 tuple(0.1 * abs(v) for v in value)
@@ -236,7 +236,7 @@ def test_the_length_of_a_standard_moves_no_pose(plots):
         diagnosis.terms[0],
         effect=effect,
         candidate=candidate("artefact_length", artefact="bar"),
-        estimates={"error_ppm": Estimate(12.0, 1.0, "ppm")},
+        parameters={"error_ppm": Estimate(12.0, 1.0, "ppm")},
     )
     assert term_curve(diagnosis, term, plots.before, plots.after) is None
 

@@ -6,7 +6,6 @@ import pytest
 
 from tests.lab.diagnosis.diagnosed import clean, drifting, eccentric
 from traverse.kinematics.arm_file.arm import effect_from_table
-from traverse.lab.diagnosis.model.result import Detectable
 from traverse.lab.diagnosis.report.names import (
     candidate_label,
     detectable_lines,
@@ -18,7 +17,7 @@ from traverse.lab.diagnosis.report.outcome import diagnosis_json
 from traverse.lab.diagnosis.report.page import WORDS, summary_lines
 from traverse.lab.diagnosis.report.pictures import conditions
 from traverse.lab.outcomes.candidate import BankName, Candidate
-from traverse.lab.outcomes.diagnosis import Alternative, Estimate
+from traverse.lab.outcomes.diagnosis import Alternative, Detectable, Estimate, Size
 from traverse.lab.report.quantities import odds, probability_of_log, quantity
 
 
@@ -114,7 +113,7 @@ def test_the_size_of_a_curve_is_its_range():
     assert value == pytest.approx(3e-5)
     term = replace(
         eccentric().terms[0],
-        estimates=curve,
+        parameters=curve,
         candidate=candidate("empirical", "J3", covariate="time_s"),
     )
     assert term_size_text(term) == "30 µrad from lowest to highest"
@@ -233,22 +232,28 @@ def test_excluded_poses_are_named_by_their_lines():
 
 
 DETECTABLE = (
-    Detectable(
-        candidate("encoder_eccentricity", "J1"), "cos_rad", 7e-6, 5e-6, "rad", 0.002, ""
+    *(
+        Detectable(
+            candidate=candidate("encoder_eccentricity", joint),
+            key="cos_rad",
+            minimum=Size(least_rad, "rad"),
+            best=Size(5e-6, "rad"),
+            probe_mm=0.002,
+        )
+        for joint, least_rad in (("J1", 7e-6), ("J2", 9e-6))
     ),
     Detectable(
-        candidate("encoder_eccentricity", "J2"), "cos_rad", 9e-6, 5e-6, "rad", 0.002, ""
+        candidate=candidate("joint_compliance", "J1"),
+        key="compliance_rad_nm",
+        why="J1 is vertical: gravity does not twist it",
     ),
     Detectable(
-        candidate("joint_compliance", "J1"),
-        "compliance_rad_nm",
-        None,
-        None,
-        "rad/(N m)",
-        0.0,
-        "J1 is vertical: gravity does not twist it",
+        candidate=candidate("base_drift"),
+        key="rate_mm_s",
+        minimum=Size(1e-5, "mm/s"),
+        best=Size(8e-6, "mm/s"),
+        probe_mm=0.003,
     ),
-    Detectable(candidate("base_drift"), "rate_mm_s", 1e-5, 8e-6, "mm/s", 0.003, ""),
 )
 
 
@@ -299,7 +304,7 @@ def test_a_curve_says_where_it_was_seen():
         effect=effect,
         status="unknown",
         candidate=replace(term.candidate, kind="empirical", covariate="J3_rad"),
-        estimates={},
+        parameters={},
     )
     words = " ".join(summary_lines(replace(diagnosis, terms=(curve,))))
     assert "seen where the reading of J3 is -28.65 to 57.3 degrees" in words

@@ -223,7 +223,7 @@ def test_a_small_high_harmonic_shows_in_all_samples(tmp_path):
     assert term.candidate.name == "encoder_harmonic 17 J1"
     assert term.status == diagnosis.diagnosis.verdict == "named"
     assert term.accepted
-    estimate = term.estimates["cos_rad"]
+    estimate = term.parameters["cos_rad"]
     assert abs(estimate.value - 2e-6) < 4.0 * estimate.std
     (written,) = diagnosis.diagnosis.adapted.effects
     assert written.values["order"] == 17
@@ -257,7 +257,7 @@ def test_a_reading_that_is_late_by_samples_is_that_joints_latency_alone(folders)
     (term,) = diagnosis.terms
     assert term.candidate.name == "encoder_latency J4"
     assert diagnosis.verdict == "named"
-    assert term.estimates["latency_s"].value == pytest.approx(0.015, abs=2e-5)
+    assert term.parameters["latency_s"].value == pytest.approx(0.015, abs=2e-5)
     assert not diagnosis.after.network.holds_scale
 
 
