@@ -114,7 +114,8 @@ def scored_terms(
     ]
     return Score(
         verdict=verdict,
-        detected=verdict != "clean",
+        # Without anything hidden, more noise than stated is no claim of an effect.
+        detected=verdict not in (("clean",) if truths else ("clean", "unexplained")),
         n_terms=len(terms),
         exact=first is not None and _is_one_of(first, names),
         right_joint=first is not None and first.candidate.joint in joints,

@@ -219,8 +219,10 @@ def smallest_sizes(prior: Prior, n_poses: int) -> dict[str, float]:
     campaign = campaign_from_simulation(draw_noise(poses, _FIRST_SEED).campaign)
     without_family, together = (
         {
-            (effect.candidate.identity, effect.key): effect.minimum and effect.minimum.value
-            for effect in planned(replace(campaign, prior=known), design_of())
+            (size.candidate.identity, size.key): (
+                None if size.minimum is None else size.minimum.value
+            )
+            for size in planned(replace(campaign, prior=known), design_of())
         }
         for known in (None, prior)
     )

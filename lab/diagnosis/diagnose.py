@@ -167,7 +167,7 @@ def diagnose(
             blind=n_visible == 0,
             exceeded=exceeded,
             is_all_noise=is_noise(adapted.gap.after)
-            and not is_many(np.count_nonzero(excluded | left_out), len(left_out)),
+            and not is_many(int(np.sum(excluded | left_out)), len(left_out)),
         ),
         n_library=len(library),
         n_visible=n_visible,

@@ -336,7 +336,7 @@ def _without_some(
     ]
     radii = _radii(campaign)
     distances = [length for length in lengths if length[:2] not in radii]
-    choices = [(length,) for length in lengths]
+    choices: list[tuple[CertifiedLength, ...]] = [(length,) for length in lengths]
     if radii and len(distances) > 1:
         choices.append(tuple(distances))
     for chosen in choices:

@@ -82,7 +82,7 @@ def walk_candidates():
     assert joints == [f"J{k}" for k in range(1, 8)]
     entries = planned(measured().campaign, measured().arm)
     (mine,) = (e for e in entries if e.candidate.identity[:2] == (KIND, "J3"))
-    assert 0.0 < mine.minimum < 1e-4
+    assert 0.0 < mine.minimum.value < 1e-4
     assert mine.unit == "rad"
 
 

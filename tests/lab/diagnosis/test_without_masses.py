@@ -144,7 +144,7 @@ def test_sizes_that_could_be_found_are_those_of_the_assumed_masses():
     assert set(with_masses) == set(without)
     assert without[name].key == "compliance_rad_nm"
     assert without[name].minimum == without[name].best
-    assert 0.1 < without[name].minimum / with_masses[name].minimum < 1.0
+    assert 0.1 < without[name].minimum.value / with_masses[name].minimum.value < 1.0
 
 
 def test_masses_that_are_known_are_left_alone():

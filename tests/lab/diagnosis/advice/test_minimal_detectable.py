@@ -52,7 +52,7 @@ def test_a_single_column_by_the_formula():
     spare = rows.redundancy - 1
     critical = stats.f.isf(level, 1, spare)
     sigma = np.sqrt(rows.sum_of_squares / rows.redundancy)
-    root = size.minimum / size.candidate.scales[0] * length / sigma
+    root = size.minimum.value / size.candidate.scales[0] * length / sigma
     assert stats.ncf.sf(critical, 1, spare, root**2) == pytest.approx(0.95, abs=1e-4)
     assert size.minimum == size.best
     assert (size.key, size.unit, size.why) == ("scale_ppm", "ppm", "")
@@ -86,8 +86,8 @@ def test_what_is_just_detectable_is_found_in_95_of_100(which):
     level = 0.005 / len(bank().candidates)
     seen = np.mean(tests > stats.f.isf(level, q, spare))
     assert seen == pytest.approx(0.95, abs=3.5 * np.sqrt(0.05 * 0.95 / n_draws))
-    assert size.best <= size.minimum
-    assert size.best / size.minimum == pytest.approx(values[-1] / values[0])
+    assert size.best.value <= size.minimum.value
+    assert size.best.value / size.minimum.value == pytest.approx(values[-1] / values[0])
 
 
 def test_a_stricter_threshold_needs_a_larger_effect():

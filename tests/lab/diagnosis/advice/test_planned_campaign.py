@@ -24,7 +24,9 @@ SLIPPING = {
 
 def minima(sizes):
     return {
-        size.candidate.name: size.minimum for size in sizes if size.minimum is not None
+        size.candidate.name: size.minimum.value
+        for size in sizes
+        if size.minimum is not None
     }
 
 
