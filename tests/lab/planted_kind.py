@@ -83,7 +83,7 @@ def walk_candidates():
     entries = planned(measured().campaign, measured().arm)
     (mine,) = (e for e in entries if e.candidate.identity[:2] == (KIND, "J3"))
     assert 0.0 < mine.minimum.value < 1e-4
-    assert mine.unit == "rad"
+    assert mine.minimum.unit == "rad"
 
 
 def walk_diagnosis():

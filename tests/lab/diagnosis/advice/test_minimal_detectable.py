@@ -55,7 +55,7 @@ def test_a_single_column_by_the_formula():
     root = size.minimum.value / size.candidate.scales[0] * length / sigma
     assert stats.ncf.sf(critical, 1, spare, root**2) == pytest.approx(0.95, abs=1e-4)
     assert size.minimum == size.best
-    assert (size.key, size.unit, size.why) == ("scale_ppm", "ppm", "")
+    assert (size.key, size.minimum.unit, size.why) == ("scale_ppm", "ppm", None)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_what_is_just_detectable_is_found_in_95_of_100(which):
     n_draws, q = 1500, columns.shape[1]
     sigma = np.sqrt(rows.sum_of_squares / rows.redundancy)
     # In the weakest direction, an amplitude of the stated size.
-    amplitude = size.minimum / size.candidate.scales[0]
+    amplitude = size.minimum.value / size.candidate.scales[0]
     signal = clean @ (turned[-1] * amplitude)
     rng = np.random.default_rng(8)
     noise = rng.standard_normal((len(rows.values), n_draws))
@@ -94,7 +94,7 @@ def test_a_stricter_threshold_needs_a_larger_effect():
     strict = detectable(measured_rows(), bank(), log_p=-40.0)
     for loose, size in zip(all_found(), strict, strict=True):
         if loose.minimum is not None:
-            assert size.minimum > 1.3 * loose.minimum
+            assert size.minimum.value > 1.3 * loose.minimum.value
 
 
 def test_a_vertical_first_joint_is_not_twisted_by_gravity():
