@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from playwright.async_api import Page, expect
 
-from tests.browser.conftest import OpenPage, PosedDaemon, Scene
+from tests.browser.conftest import OpenPage, PosedDaemon
 from tests.client.display.values import event, health
 from tests.protocol.message_examples import SCAN
 from traverse.protocol.messages import HomeArgs, QualityFlag, ReferenceArgs, Scan
@@ -164,21 +164,3 @@ async def test_nothing_is_green_when_broker_or_arm_is_gone(
             await is_said(page, "Ready", "good")
             await expect(take).to_be_enabled()
             assert await n_played(page, "cleared") == 1
-
-
-@pytest.mark.slow
-async def test_one_refusal_is_one_message_and_one_sound(scene: Scene) -> None:
-    page = scene.page
-    await is_said(page, "Ready", "good")
-    rows = page.locator("table.plain tbody tr", has=page.locator("td:nth-child(7)"))
-    await expect(rows).to_have_count(3)
-    for left in (2, 1, 0):
-        await page.keyboard.press("u")
-        await expect(rows).to_have_count(left)
-    await page.keyboard.press("u")  # the daemon replies, and reports an event
-    await expect(page.get_by_role("status")).to_contain_text("Refused: ")
-    await page.keyboard.press("l")  # everything sent before has arrived by now
-    await page.get_by_label("Artefact").fill("plate")
-    await page.get_by_role("button", name="Set").click()
-    await expect(page.get_by_text("Label: plate")).to_be_visible()
-    assert await n_played(page, "refused") == 1

@@ -68,18 +68,10 @@ async def test_the_sessions_points_are_all_there_whatever_happens(
             await page.wait_for_function(
                 "traverse_sounds.played.filter(kind => kind === 'point').length === 1"
             )
-
-
-@pytest.mark.slow
-async def test_late_and_new_points_at_one_time_are_all_in_the_view(
-    posed: PosedDaemon, address: str, served_page: OpenPage
-) -> None:
-    async with posed.posing(), served_page(posed.arm, address) as page:
-        await are_shown(page, 0)
-        for n in range(10):
-            await posed.take(1, age_s=60.0)
-            await posed.touch(float(n), 0.0, 0.0)
-        await are_shown(page, 20)
+            for n in range(10):  # late and new ones at one time
+                await posed.take(1, age_s=60.0)
+                await posed.touch(float(n), 0.0, 0.0)
+            await are_shown(page, 28)
 
 
 @pytest.mark.slow
@@ -111,7 +103,7 @@ async def test_a_new_session_is_requested_and_the_earlier_one_can_be_shown(
         await are_shown(page, 1)
 
 
-async def test_the_difference_to_the_last_point_and_which_one_is_taken_back(
+async def test_differences_to_the_last_point_and_to_a_nominal_place_and_spacings(
     posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:
     posed.pose["xyz_mm"] = [13.0, 24.0, 30.0]
@@ -132,11 +124,26 @@ async def test_the_difference_to_the_last_point_and_which_one_is_taken_back(
         await expect(undo).to_contain_text("Undo 0")
         await expect(step).to_contain_text("from point 0")
 
+        # A nominal place with its tolerance.
+        posed.pose |= {
+            "xyz_mm": [100.03, 7.0, 9.0],
+            "covariance_mm2": [1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6],
+        }
+        await page.get_by_role("button", name="Nominal: none").click()
+        await page.get_by_label("X in mm").fill("100")
+        await page.get_by_label("Tolerance").fill("0.05")
+        await page.get_by_role("button", name="Set").click()
+        bar = page.locator(".nominal").first
+        await expect(bar).to_contain_text("ΔX +0.030")
+        await expect(bar).to_contain_text("0.030 of 0.050 mm: in tolerance")
+        await expect(bar).to_have_class(re.compile("good"))
+        posed.pose["xyz_mm"] = [99.949, 7.0, 9.0]
+        await expect(bar).to_contain_text("undecided")
+        posed.pose["xyz_mm"] = [99.9, 7.0, 9.0]
+        await expect(bar).to_contain_text("out of tolerance")
+        await expect(bar).to_have_class(re.compile("bad"))
 
-async def test_a_scan_is_by_time_or_has_a_spacing(
-    posed: PosedDaemon, address: str, served_page: OpenPage
-) -> None:
-    async with posed.posing(), served_page(posed.arm, address) as page:
+        # A scan is by time or has a spacing.
         spacing = page.get_by_role("button", name="Scan: ")
         await expect(spacing).to_have_text("Scan: by time")
         for entered in ("-1", "0.25"):
@@ -191,29 +198,6 @@ async def test_read_out_and_list_are_in_one_system_and_unit(
         await expect(rows(page).first).to_contain_text("1.00000")
         await expect(page.locator("th", has_text="inch")).to_have_count(3)
         await expect(page.locator(".sectors b").first).to_have_text("7.162°")
-
-
-async def test_deviation_from_a_nominal_place_with_its_tolerance(
-    posed: PosedDaemon, address: str, served_page: OpenPage
-) -> None:
-    posed.pose |= {
-        "xyz_mm": [100.03, 7.0, 9.0],
-        "covariance_mm2": [1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6],
-    }
-    async with posed.posing(), served_page(posed.arm, address) as page:
-        await page.get_by_role("button", name="Nominal: none").click()
-        await page.get_by_label("X in mm").fill("100")
-        await page.get_by_label("Tolerance").fill("0.05")
-        await page.get_by_role("button", name="Set").click()
-        bar = page.locator(".nominal").first
-        await expect(bar).to_contain_text("ΔX +0.030")
-        await expect(bar).to_contain_text("0.030 of 0.050 mm: in tolerance")
-        await expect(bar).to_have_class(re.compile("good"))
-        posed.pose["xyz_mm"] = [99.949, 7.0, 9.0]
-        await expect(bar).to_contain_text("undecided")
-        posed.pose["xyz_mm"] = [99.9, 7.0, 9.0]
-        await expect(bar).to_contain_text("out of tolerance")
-        await expect(bar).to_have_class(re.compile("bad"))
 
 
 async def test_probe_and_label_are_shown_and_changed(

@@ -52,6 +52,13 @@ async def test_a_morning_with_the_page(scene: Scene) -> None:
         await page.keyboard.press("u")
     await expect(page.get_by_role("status")).to_contain_text("no point")
     await sounds(scene, "refused")
+    # The daemon replies, and reports an event: one message and one sound.
+    await page.keyboard.press("l")  # everything sent before has arrived by then
+    await page.get_by_label("Artefact").fill("plate")
+    await page.get_by_role("button", name="Set").click()
+    await expect(page.get_by_text("Label: plate")).to_be_visible()
+    played = "traverse_sounds.played.filter(kind => kind === 'refused').length"
+    assert await page.evaluate(played) == 1
 
     # A scan runs until it is stopped, and is drawn.
     await page.keyboard.press("s")
@@ -63,7 +70,7 @@ async def test_a_morning_with_the_page(scene: Scene) -> None:
 
 
 @pytest.mark.slow
-async def test_points_are_labelled_and_saved(
+async def test_points_are_labelled_and_saved_and_nobody_needs_a_mouse(
     scene: Scene, served_page: OpenPage
 ) -> None:
     page = scene.page
@@ -86,6 +93,28 @@ async def test_points_are_labelled_and_saved(
     path = await (await saving.value).path()
     saved = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
     assert [p["label"]["artefact"] for p in saved] == [None, None, None, "plate"]
+
+    # Every button is reached by keys, and has a name.
+    await expect(page.get_by_role("button", name="Undo 3")).to_be_enabled()
+    names = []
+    for _ in range(70):  # around, from wherever the focus was
+        await page.keyboard.press("Tab")
+        script = "document.activeElement.ariaLabel || document.activeElement.innerText"
+        names.append(str(await page.evaluate(script)).split("\n")[0].lower())
+    for wanted in (
+        *("take point", "undo 3", "start scan", "top", "save points as csv"),
+        *("circle", "distance", "open the report sheet"),
+    ):
+        assert wanted in names, names
+    unnamed = await page.evaluate(
+        "[...document.querySelectorAll('button')]"
+        ".filter(b => !(b.innerText || b.ariaLabel || '').trim()).length"
+    )
+    assert unnamed == 0
+    await page.keyboard.press("d")
+    await expect(page.locator("body")).to_have_class(re.compile("body--light"))
+    await page.set_viewport_size({"width": 820, "height": 1180})
+    await expect(page.get_by_role("button", name="Take point")).to_be_in_viewport()
 
 
 @pytest.mark.slow
@@ -124,29 +153,3 @@ async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
         scene.daemon.process.kill()
         scene.daemon.process.wait()
         await expect(banner).to_contain_text("The arm is off line")
-
-
-@pytest.mark.slow
-async def test_the_page_can_be_used_without_a_mouse(scene: Scene) -> None:
-    page = scene.page
-    await expect(page.locator("header")).to_contain_text("Ready to measure.")
-    await expect(page.get_by_role("button", name="Undo 2")).to_be_enabled()
-    names = []
-    for _ in range(45):
-        await page.keyboard.press("Tab")
-        script = "document.activeElement.ariaLabel || document.activeElement.innerText"
-        names.append(str(await page.evaluate(script)).split("\n")[0].lower())
-    for wanted in (
-        *("take point", "undo 2", "start scan", "top", "save points as csv"),
-        *("circle", "distance", "open the report sheet"),
-    ):
-        assert wanted in names, names
-    unnamed = await page.evaluate(
-        "[...document.querySelectorAll('button')]"
-        ".filter(b => !(b.innerText || b.ariaLabel || '').trim()).length"
-    )
-    assert unnamed == 0
-    await page.keyboard.press("d")
-    await expect(page.locator("body")).to_have_class(re.compile("body--light"))
-    await page.set_viewport_size({"width": 820, "height": 1180})
-    await expect(page.get_by_role("button", name="Take point")).to_be_in_viewport()

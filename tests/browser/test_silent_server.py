@@ -41,11 +41,18 @@ async def is_stale(page: Page) -> None:
         await expect(button).to_have_attribute("aria-disabled", "true")
 
 
-async def test_a_stopped_server_is_noticed_and_its_presses_are_not_executed_later(
+async def test_a_silent_arm_or_server_is_noticed_and_no_press_is_executed_later(
     posed: PosedDaemon, address: str, page_and_server: ServePage
 ) -> None:
     async with posed.posing(), page_and_server(posed.arm, address) as (page, server):
         take = page.get_by_role("button", name="Take point")
+        await expect(page.locator(".said .word")).to_have_text("Ready")
+        posed.is_silent = True
+        await expect(page.locator(".said .word")).to_have_text("Stale")
+        await expect(page.locator(".figures")).to_have_class(re.compile("stale"))
+        for name in ("Take point", "Undo", "New session"):
+            await expect(page.get_by_role("button", name=name)).to_be_disabled()
+        posed.is_silent = False
         await expect(page.locator(".said .word")).to_have_text("Ready")
         await take.click()
         await expect(page.locator("tr.new")).to_have_count(1)
@@ -77,35 +84,9 @@ async def test_a_stopped_server_is_noticed_and_its_presses_are_not_executed_late
         await expect(lost).to_have_text("")
         assert n_points(posed) == 2
 
-
-@pytest.mark.slow
-async def test_a_killed_server_is_noticed_and_presses_are_reported_lost(
-    posed: PosedDaemon, address: str, page_and_server: ServePage
-) -> None:
-    async with posed.posing(), page_and_server(posed.arm, address) as (page, server):
-        take = page.get_by_role("button", name="Take point")
-        await expect(page.locator(".said .word")).to_have_text("Ready")
-        await expect(take).to_be_enabled()
         server.process.send_signal(signal.SIGKILL)
         await server.ended()
         await take.click(force=True)
-        lost = page.locator(".press-outcome")
         await expect(lost).to_have_text(re.compile(r"^(Lost|Not sent)"))
         await is_stale(page)
-        assert n_points(posed) == 0
-
-
-@pytest.mark.slow
-async def test_a_stopped_arm_is_stale_within_moments(
-    posed: PosedDaemon, address: str, page_and_server: ServePage
-) -> None:
-    async with page_and_server(posed.arm, address) as (page, _), posed.posing():
-        await expect(page.locator(".said .word")).to_have_text("Ready")
-        posed.is_silent = True
-        await expect(page.locator(".said .word")).to_have_text("Stale")
-        await expect(page.locator(".figures")).to_have_class(re.compile("stale"))
-        for name in ("Take point", "Undo", "New session"):
-            button = page.get_by_role("button", name=name)
-            await expect(button).to_be_disabled()
-        posed.is_silent = False
-        await expect(page.locator(".said .word")).to_have_text("Ready")
+        assert n_points(posed) == 2
