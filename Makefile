@@ -86,7 +86,7 @@ test:  ## all tests but the slow ones
 	$(READY)
 	$(TEST) -m "not slow" || $(AGAIN) -m "not slow"
 
-test-slow:  ## guides followed to their end, campaigns through everything; three minutes
+test-slow:  ## guides followed to their end, outages, campaigns through everything; five minutes
 	$(READY)
 	$(TEST) -m "slow and not targets" || $(AGAIN) -m "slow and not targets"
 

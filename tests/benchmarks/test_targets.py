@@ -58,6 +58,7 @@ def test_all_targets_are_found():
 LONG = frozenset(
     {
         *("audit", "bench", "bench-capture", "bench-drivers", "bench-fleet"),
+        "blind-full",  # the programs of `blind`, longer
         *("bench-kernel", "bench-page", "bench-recording", "bench-zoo", "deb", "fuzz"),
         *("screenshots", "wheels"),
     }

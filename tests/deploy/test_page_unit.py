@@ -115,22 +115,19 @@ async def test_the_example_of_the_environment_is_for_other_computers(
 
 
 @pytest.mark.parametrize(
-    ("options", "token", "refusal"),
+    ("options", "refusal"),
     [
-        ("", "short", "a token of 5 characters, expected at least 16"),
-        ("--host=0.0.0.0", TOKEN, "give --token-file, --certificate and --key"),
+        ("--host=0.0.0.0", "give --token-file, --certificate and --key"),
         (
             "--certificate=credential:page.pem --key=credential:page.key",
-            TOKEN,
             "expected a certificate and its key without a passphrase, PEM",
         ),
-        ("--username=a --password-file=credential:no/name", TOKEN, "is no name of a"),
+        ("--username=a --password-file=credential:no/name", "is no name of a"),
     ],
 )
 async def test_what_is_refused_is_said_and_not_tried_again(
-    credentials: Path, tmp_path: Path, options: str, token: str, refusal: str
+    credentials: Path, tmp_path: Path, options: str, refusal: str
 ) -> None:
-    (credentials / "page.token").write_text(token)
     with started(tmp_path, options) as server:
         assert await server.ended() == 2
     assert refusal in re.sub(r"[\s│]+", " ", server.log)

@@ -15,6 +15,8 @@ from tests.simulator.effects.examples import heavy_arm
 from traverse.kinematics.arm_file.arm import write_arm
 from traverse.simulator.campaigns.command import campaign_made
 
+pytestmark = pytest.mark.slow
+
 SPEC = """\
 schema = "traverse/simulated-campaign/1"
 arm = "arm.toml"
@@ -164,7 +166,6 @@ def test_others_refuse_them_in_words(folder: Path) -> None:
     run_traverse(folder, "check", "campaign")
 
 
-@pytest.mark.slow
 def test_a_diagnosis_writes_its_files(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder / "campaign", tmp_path / "campaign")
     run_traverse(

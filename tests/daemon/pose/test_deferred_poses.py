@@ -42,6 +42,7 @@ def measured(model, seed, presses, read_ends, *, defers):
     return asyncio.run(measure())
 
 
+@pytest.mark.slow
 @given(
     presses=st.sets(st.integers(0, N - 1), min_size=1, max_size=20),
     read_ends=st.sets(st.integers(1, N - 1), max_size=10),

@@ -190,14 +190,12 @@ async def test_keys_at_a_terminal_undo_and_quit(campaign: Workbench) -> None:
 ANOTHER = CONE.replace("600.0", "653.0")  # 53 mm beside
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "message", "left"),
     [
-        pytest.param(
-            b"y", "on seat: 3 of 4", 3, marks=pytest.mark.slow
-        ),  # the right one
+        (b"y", "on seat: 3 of 4", 3),  # the right one
         (b"b", "on seat: 1 of 4", 1),  # the others were not
-        pytest.param(b"u", "is left out", 2, marks=pytest.mark.slow),
     ],
 )
 async def test_a_touch_of_another_seat_is_questioned(

@@ -73,6 +73,7 @@ async def test_an_arm_is_commanded_from_a_terminal(resting: Workbench) -> None:
         assert "names no probe library" in errors
 
 
+@pytest.mark.slow
 async def test_refusals_say_what_is_wrong(resting: Workbench) -> None:
     async with measuring(resting):
         status, _, errors = await traverse(resting, "undo")

@@ -80,6 +80,7 @@ async def test_three_demonstrations_beside_each_other(
     assert_nothing_is_left(tmp_path)
 
 
+@pytest.mark.slow
 async def test_a_broker_that_is_not_there_is_told(tmp_path: Path) -> None:
     where = ("--broker", f"{HOST}:{free_port()}")
     with Program(tmp_path, "demo", "demo", *where) as demo:

@@ -55,6 +55,7 @@ async def test_a_daemon_that_may_not_read_its_status_says_so(tmp_path: Path) -> 
         broker.stop()
 
 
+@pytest.mark.slow
 async def test_a_daemon_that_is_started_again_is_not_another_one(
     resting: Workbench,
 ) -> None:

@@ -49,6 +49,7 @@ async def test_every_press_is_one_point_where_the_ball_truly_was(
     assert np.linalg.norm(on_ball, axis=1) == pytest.approx(53.8, abs=2 * rounding_mm)
 
 
+@pytest.mark.slow
 async def test_points_keep_to_the_arm_file_where_the_true_arm_differs(
     bench: Workbench,
 ) -> None:

@@ -151,9 +151,9 @@ def test_zeros_that_are_held_by_wish_are_never_moved():
     true = disturbed(replace(DESIGN, zeros_rad=zeros), 3)
     tables = [*cones(3), bar()]
     options = replace(QUICK, hold=("*.zero",))
-    held, _ = identified(tables, 25, options, arm=true)
+    held, _ = identified(tables, 15, options, arm=true)
     assert not np.any(held.zero_offsets_rad)
     assert [joint.zero_rad for joint in held.arm.joints] == DESIGN.zeros_rad.tolist()
     options = replace(QUICK, hold=("J2.zero",))
-    held_at_j2, _ = identified(tables, 25, options, arm=true)
+    held_at_j2, _ = identified(tables, 15, options, arm=true)
     assert held_at_j2.zero_offsets_rad[1] == 0.0
