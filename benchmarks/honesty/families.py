@@ -47,6 +47,7 @@ class Family:
         has_clock: Some device has a timer of its own.
         can_swap: Two devices, or two lines of one, can change places.
         can_count: Its encoders may be incremental ones.
+        quick_rad_s: Of a joint that is seen to stop between two readings.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Family:
     has_clock: bool = True
     can_swap: bool = False
     can_count: bool = True
+    quick_rad_s: float = 0.5
 
     @property
     def n_devices(self) -> int:
@@ -244,7 +246,7 @@ _MAKERS: tuple[Callable[[], Family], ...] = (
     lambda: Family("text+handle", (_text(N_JOINTS), _handle()), "handle/0"),
     lambda: Family("amt21", (_amt21(), _handle()), "handle/0"),
     lambda: Family("rls", (_rls(), _handle()), "handle/0", can_swap=True),
-    lambda: Family("modbus", (_modbus(), _handle()), "handle/0"),
+    lambda: Family("modbus", (_modbus(), _handle()), "handle/0", quick_rad_s=1.0),
     lambda: Family("canopen", (_canopen(), _handle()), "handle/0"),
     lambda: Family("microscribe", (_microscribe(),), "scribe/0", latches=True),
 )

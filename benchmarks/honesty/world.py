@@ -55,7 +55,7 @@ DAY_S = 86_400.0
 # How far an unmarked UTC may be back and ahead: as the daemon states it.
 SYNCHRONISED_S, ALONE_S = (1.0, 1.0), (60.0 + DAY_S + 60.0, 400.0 * DAY_S)
 ANSWER_S = 4.0  # that the operator waits
-STEP_S, QUICK_STEPS, QUICK_RAD_S = 0.01, 15, 0.45  # of joints that are seen to freeze
+STEP_S, QUICK_STEPS = 0.01, 15  # of joints that are seen to freeze
 SEEN_SLACK_S = 0.25  # of blocks and checks
 
 
@@ -249,10 +249,10 @@ class World:
     def _freeze(self, fault: PlannedFault) -> None:
         """Freeze counts once two joints are quick, and stay so, if ever they are."""
         mounted = self._mounted[fault.device]
-        joints = mounted.source.encoders.joints
+        joints, quick_rad_s = mounted.source.encoders.joints, self._family.quick_rad_s
         times_s = np.arange(fault.at_s, fault.at_s + fault.lasts_s, STEP_S)
         readings_rad = self.truth.course.readings_rad(times_s)
-        is_quick = np.abs(np.diff(readings_rad, axis=0)) > QUICK_RAD_S * STEP_S
+        is_quick = np.abs(np.diff(readings_rad, axis=0)) > quick_rad_s * STEP_S
         is_quick[:-QUICK_STEPS] &= is_quick[QUICK_STEPS:]
         of_device = is_quick[:-QUICK_STEPS, joints]
         enough = of_device.any(axis=1) & (is_quick[:-QUICK_STEPS].sum(axis=1) > 1)
