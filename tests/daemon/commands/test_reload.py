@@ -1,8 +1,10 @@
 """Reloading: the new configuration applies whole, or the old one stays."""
 
 import asyncio
+import hashlib
 import socket
 
+import numpy as np
 import pytest
 
 from tests.daemon.board_harness import BOARD, Bench
@@ -170,6 +172,40 @@ async def test_another_arm_is_refused(reloading, old, new, words):
     arm_file(reloading.folder, ARM.replace(old, new))
     error = await reloading.refused()
     assert words in str(error) or "base/0" in str(error)
+
+
+def identified(folder):
+    """Write an arm file that was identified, and its covariance."""
+    file = folder / "arm.cov.npz"
+    np.savez(file, names=["J1.link.x"], covariance=np.diag([1e-4]))
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    arm_file(
+        folder,
+        f'{ARM}[identification]\ncovariance_file = "arm.cov.npz"\n'
+        f'covariance_digest = "{digest}"\ndate = "2026-01-01"\n',
+    )
+    return file
+
+
+@pytest.mark.parametrize("is_replaced", [False, True])
+async def test_a_covariance_that_vanishes_or_is_replaced_is_not_stated(
+    reloading, is_replaced
+):
+    """It is that of the file until a reload, which refuses what is not the arm's."""
+    file = identified(reloading.folder)
+    await reloading.carried_out()
+    bench = reloading.bench
+    assert bench.measurement.conditions.is_established("geometry")
+    if is_replaced:
+        np.savez(file, names=["J1.link.x"], covariance=np.diag([1e-8]))
+    else:
+        file.unlink()
+    bench.take(latch((5, 6, 7)))
+    stated = bench.measurement.model.covariance.covariance
+    reloading.used.clear()
+    error = await reloading.refused()
+    assert "covariance" in str(error)
+    assert np.array_equal(bench.measurement.model.covariance.covariance, stated)
 
 
 async def test_it_waits_until_no_point_is_being_taken(reloading):
