@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from benchmarks.honesty.families import FAMILIES
-from benchmarks.honesty.plan import FAULT_KINDS, LONE_KINDS, draw_plan
+from benchmarks.honesty.plan import (
+    FAULT_KINDS,
+    LONE_KINDS,
+    SLEW_PPM,
+    Action,
+    PlannedFault,
+    draw_plan,
+)
 from benchmarks.honesty.table import verdict
 from benchmarks.honesty.timeline import ClockFault, Timeline
 from benchmarks.honesty.world import World, world_line
@@ -96,6 +103,24 @@ def test_every_fault_is_drawn_and_some_worlds_have_none():
     kinds = {kind for plan in plans for kind in plan.kinds}
     assert kinds == {*FAULT_KINDS, *LONE_KINDS, "none"}
     assert {plan.family for plan in plans} == set(FAMILIES)
+
+
+@pytest.mark.parametrize(
+    ("family", "kind", "flag"),
+    [
+        ("latch2", "frozen_device", "stale"),
+        ("canopen", "bus_off", "turns_uncertain"),
+        ("latch", "host_slew", ""),
+    ],
+)
+def test_what_is_drawn_alone_is_marked(tmp_path, family, kind, flag):
+    fault = PlannedFault(kind, 3.0, 8.0, SLEW_PPM)
+    changes = {"pace": "fast", "actions": (Action(2.5, "confirm"),)}
+    plan = quiet_plan(family, faults=(fault,), duration_s=12.0, **changes)
+    tally = World(plan, tmp_path).run().tally
+    assert tally.ok["live"]
+    assert not tally.lies, tally.examples
+    assert not flag or any(flag in flags for flags in tally.doubts)
 
 
 def test_a_line_of_a_world_is_judged():
