@@ -51,8 +51,8 @@ def ippdme(
         quote_class: GetMachineClass answers in quotes.
     """
     from traverse.client.arm import Arm
+    from traverse.client.gateways.ippdme.options import Options
     from traverse.client.gateways.ippdme.server import IppServer
-    from traverse.client.gateways.ippdme.session import Options
     from traverse.daemon.pose.probe_library import read_probes
 
     with refusals(ValueError):

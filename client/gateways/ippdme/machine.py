@@ -24,6 +24,7 @@ STALE_S = 2.0  # live poses arrive many times a second while the arm is there
 Args = Sequence[Argument]
 OF_POINT = ("IJK", "Q", "ER")
 AXES = ("X", "Y", "Z")
+N_NUMBERS = {"X": 1, "Y": 1, "Z": 1, "IJK": 3}  # of a target
 
 
 class Machine:
@@ -294,3 +295,25 @@ def _rotation(theta: float, psi: float, phi: float) -> Floats:
     about_new_z = np.array([[c3, s3, 0], [-s3, c3, 0], [0, 0, 1]])
     turn: Floats = about_new_z @ about_x @ about_z
     return turn
+
+
+def target_values(args: Args) -> dict[str, tuple[float, ...]]:
+    """Read the arguments of `PtMeas`: coordinates of a target, and a direction.
+
+    Raises:
+        IppError: one of them is wrong, or no coordinate is given.
+    """
+    given: dict[str, tuple[float, ...]] = {}
+    for arg in args:
+        if (
+            not isinstance(arg, Property)
+            or arg.name in given
+            or len(arg.values) != N_NUMBERS.get(arg.name)
+        ):
+            raise IppError(509, f"{shown(arg)}: expected X(x), Y(y), Z(z), IJK(i,j,k)")
+        given[arg.name] = arg.values
+    if given.keys() <= {"IJK"}:
+        raise IppError(509, "X, Y or Z is missing")
+    if not any(given.get("IJK", (1.0,))):
+        raise IppError(1010, "IJK(0,0,0)")
+    return given

@@ -15,7 +15,8 @@ from traverse.client.gateways.ippdme.grammar import (
     LineBuffer,
     error_line,
 )
-from traverse.client.gateways.ippdme.session import Options, Session
+from traverse.client.gateways.ippdme.options import Options
+from traverse.client.gateways.ippdme.session import Session
 from traverse.client.gateways.outlets import Report
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages import Event, Live, Point

@@ -4,10 +4,8 @@ Numbers in parentheses are sections of the specification, version 1.4.3.
 """
 
 import time
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from collections.abc import Callable, Mapping
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,88 +15,38 @@ from traverse.client.gateways.ippdme import tools
 from traverse.client.gateways.ippdme.grammar import (
     ERRORS,
     SERVER_TAG,
-    Argument,
     Command,
     IppError,
-    Property,
     Word,
-    error_line,
-    parse,
     property_text,
     quoted,
 )
 from traverse.client.gateways.ippdme.machine import (
     AXES,
+    Args,
     Machine,
     shown,
+    target_values,
     word,
 )
+from traverse.client.gateways.ippdme.move_report import MoveReport, requested_report
+from traverse.client.gateways.ippdme.options import Options
+from traverse.client.gateways.ippdme.transactions import WAITS, Lines, Transactions
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages import Live, Point, Status
 
 VERSION = "1.4.3"
-MAX_PENDING = 1000
-MAX_DETAILS = 64
 MAX_IDS = 10_000  # a point that was taken back is looked for among the latest
-MIN_REPORT_S = 0.1  # at most ten movements a second are reported (6.3.2.7)
 WHILE_LOCKED = ("GetErrStatusE", "GetXtdErrStatus", "ClearAllErrors", "EndSession")
 """What is carried out in a state of error. `EndSession`, since a client that sends it
 and `StartSession` has a session in any case (6.3.1)."""
 OF_THE_WAY = ("broker.lost",)  # the points that it has held up are good
 WITHOUT_SESSION = ("StartSession", "EndSession")
-N_NUMBERS = {"X": 1, "Y": 1, "Z": 1, "IJK": 3}
-
-Lines = Sequence[str]
-WAITS: Lines = ("",)
-"""Returned by commands that end later, with `_complete`."""
-
-
 Work = Callable[["Session", Command], Lines | None]
 
 
-def _of_machine(work: Callable[[Machine, Sequence[Argument]], Lines | None]) -> Work:
+def _of_machine(work: Callable[[Machine, Args], Lines | None]) -> Work:
     return lambda session, command: work(session.machine, command.args)
-
-
-@dataclass(slots=True)
-class MoveReport:
-    """The daemon that reports movements (6.3.2.7)."""
-
-    tag: str
-    period_s: float | None
-    distance_mm: float | None
-    names: Sequence[str]
-    at_s: float = -np.inf
-    place_mm: Floats | None = None
-    is_due: bool = False
-    in_doubt: bool = False
-
-    def is_wanted(self, place_mm: Floats, now_s: float) -> bool:
-        """Return whether this pose is reported."""
-        since_s = now_s - self.at_s
-        far = self.distance_mm is not None and (
-            self.place_mm is None
-            or np.linalg.norm(place_mm - self.place_mm) > self.distance_mm
-        )
-        late = self.period_s is not None and since_s >= self.period_s
-        return since_s >= MIN_REPORT_S and bool(far or late or self.is_due)
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """The user's choices.
-
-    Attributes:
-        near_mm: greatest distance of a touch from its target for `PtMeas`; the ball's
-            radius is added.
-        radii_mm: radii of balls by tool, as far as known.
-        keys: names of keys by input, such as "base/1".
-    """
-
-    near_mm: float = 10.0
-    radii_mm: Mapping[str, float] = field(default_factory=dict)
-    keys: Mapping[str, str] = field(default_factory=dict)
-    machine_class: Literal["CartCMM", '"CartCMM"'] = "CartCMM"
 
 
 class Session:
@@ -125,45 +73,19 @@ class Session:
         self.machine = Machine(options.radii_mm, clock)
         self._tools = self.machine.tools
         self._status: Status | None = None  # the last one while the arm was online
-        self._pending: deque[Command] = deque()
-        self._current: Command | None = None
-        self._target: tuple[Floats, int] | None = None  # and touched after [ns]
+        self._transactions = Transactions(self._result, send, report)
+        self.take_line = self._transactions.take_line
+        # Of PtMeas: the place, and that it is touched after [ns].
+        self._target: tuple[Floats, int] = np.zeros(3), 0
         self._new_tool = self._new_model = ""
         self._radius_mm: float | None = None  # as the client knows it
         self._is_radius_new = False
-        self._details: deque[IppError] = deque(maxlen=MAX_DETAILS)
         self._sent_ids: dict[str, None] = {}
         self._end()
 
-    # What arrives from the client
-
-    def take_line(self, line: bytes) -> None:
-        """Take a line with its end."""
-        try:
-            command = parse(line)
-        except IppError as error:
-            if error.tag == SERVER_TAG:
-                self._unsolicited("Parser", error)
-            else:
-                self._send(f"{error.tag} &")
-                self._fail(Command(error.tag, "Parser"), error)
-            return
-        self._send(f"{command.tag} &")
-        busy = self._unfinished()
-        if any(command.tag == other.tag for other in busy):
-            self._fail(command, IppError(1, f"{command.tag} is in use"))
-        elif len(busy) > MAX_PENDING:
-            self._fail(command, IppError(0, f"{MAX_PENDING} commands wait already"))
-        elif command.is_fast or command.name == "AbortE":
-            self._execute(command)
-        else:
-            self._pending.append(command)
-            self._proceed()
-
     def disconnected(self) -> None:
         """End the session and its requests: the client has gone."""
-        self._pending.clear()
-        self._current = self._target = None
+        self._transactions.clear()
         self._end()
 
     # What arrives from the arm
@@ -171,18 +93,20 @@ class Session:
     def take_status(self, status: Status, *, is_connected: bool) -> None:
         """Take the arm's state; any number of times."""
         machine, reachable = self.machine, status.online and is_connected
-        if machine.is_reachable and not reachable and self._in_session:
+        if machine.is_reachable and not reachable and self._transactions.in_session:
             why = (
                 "the arm is offline" if is_connected else "no connection to the broker"
             )
-            self._unsolicited("Server", IppError(503, why, 1))
+            self._transactions.report_unsolicited("Server", IppError(503, why, 1))
         machine.is_reachable = reachable
         if not status.online:
             return
         before, self._status = self._status, status
         alarm, machine.alarm = machine.alarm, alarm_of(status, ignored=OF_THE_WAY)
-        if machine.alarm and machine.alarm != alarm and self._in_session:
-            self._unsolicited("Server", IppError(1000, machine.alarm, 1))
+        if machine.alarm and machine.alarm != alarm and self._transactions.in_session:
+            self._transactions.report_unsolicited(
+                "Server", IppError(1000, machine.alarm, 1)
+            )
         self._tools.library = status.probes or ()
         name = status.probe or tools.OWN
         is_new = before is None or before.probe != status.probe
@@ -203,16 +127,21 @@ class Session:
             self._end_tool_change("")
         self._note_radius(live.probe_radius_mm)
         if self._moves is not None:
-            self._report_move(self._moves, live)
+            try:
+                if data := self._moves.line(live, self.machine):
+                    self._send(data)
+            except IppError as error:
+                error.severity = 1
+                self._transactions.report_error(self._moves.tag, "OnMoveReportE", error)
 
     def take_point(self, point: Point) -> None:
         """Take a point, or a retraction."""
-        what, command = f"point {point.seq}", self._current
+        what, command = f"point {point.seq}", self._transactions.current
         if point.retracts is not None:
             self._take_back(point.retracts)
-        elif not self._in_session:
+        elif not self._transactions.in_session:
             self._report(f"{what} not sent: there is no session")
-        elif self._target is not None and command is not None:
+        elif command is not None and command.name == "PtMeas":
             target_mm, since_ns = self._target  # nothing selects a system meanwhile
             place_mm = self.machine.systems.point(point.xyz_mm)
             off_mm = float(np.linalg.norm(place_mm - target_mm))
@@ -220,17 +149,19 @@ class Session:
                 self._report(f"{what} not sent: it was taken before PtMeas")
             elif off_mm > self._options.near_mm + point.probe_radius_mm:
                 why = f"{what} is {off_mm:.1f} mm from the target; PtMeas goes on"
-                self._error(command.tag, "PtMeas", IppError(1001, why, 1))
+                self._transactions.report_error(
+                    command.tag, "PtMeas", IppError(1001, why, 1)
+                )
             else:
                 result = self._measured(point)
                 if isinstance(result, str):
                     self._note_sent(point)
-                self._complete(result)
+                self._transactions.complete(result)
         elif not self._user:
             self._report(f"{what} not sent: the client has not enabled the user")
         elif isinstance(result := self._measured(point), IppError):
             result.severity = 1  # the operator repeats it; nothing is locked
-            self._unsolicited("PtMeas", result)
+            self._transactions.report_unsolicited("PtMeas", result)
         else:
             self._event(f"PtMeas({result})")
             self._note_sent(point)
@@ -238,8 +169,8 @@ class Session:
     def take_loss(self, lost: Lost) -> None:
         """Take the loss of points."""
         error = IppError(511, f"points {lost.from_seq} to {lost.to_seq} are lost", 1)
-        if self._in_session:
-            self._unsolicited("PtMeas", error)
+        if self._transactions.in_session:
+            self._transactions.report_unsolicited("PtMeas", error)
 
     def press(self, source: str) -> None:
         """Take an input that became active."""
@@ -255,31 +186,14 @@ class Session:
         self._new_tool = ""
         self._end_tool_change(error)
 
-    # Transactions
-
-    def _unfinished(self) -> list[Command]:
-        return [*([] if self._current is None else [self._current]), *self._pending]
-
-    def _proceed(self) -> None:
-        while self._current is None and self._pending:
-            self._current = self._pending.popleft()
-            self._execute(self._current)
-
-    def _execute(self, command: Command) -> None:
-        try:
-            data = self._result(command)
-        except IppError as error:
-            self._fail(command, error)
-        else:
-            if data is not WAITS:
-                self._done(command, data or ())
+    # Commands and events
 
     def _result(self, command: Command) -> Lines | None:
         """Return lines of data, if any, or `WAITS`."""
         name = command.name
-        if not self._in_session and name not in WITHOUT_SESSION:
+        if not self._transactions.in_session and name not in WITHOUT_SESSION:
             raise IppError(8, "StartSession comes first")
-        if self._is_locked and name not in WHILE_LOCKED:
+        if self._transactions.is_locked and name not in WHILE_LOCKED:
             raise IppError(514)
         if name not in self._COMMANDS:
             raise IppError(501, f"{name} is no command of an arm")
@@ -295,72 +209,21 @@ class Session:
             )
         return work(self, command)
 
-    def _done(self, command: Command, data: Lines) -> None:
-        for line in data:
-            self._send(f"{command.tag} # {line}")
-        self._close(command)
-
-    def _close(self, command: Command) -> None:
-        self._send(f"{command.tag} %")
-        if command is self._current:
-            self._current = self._target = None
-
-    def _fail(self, command: Command, error: IppError) -> None:
-        """Answer with an error; from severity 2 on pending commands are aborted.
-
-        Older commands of the slow queue are answered first (6.2.3).
-        """
-        aborts = error.severity > 1 and self._in_session
-        if aborts and not command.is_fast and command is not self._current:
-            self._abort()
-        self._error(command.tag, command.name, error)
-        self._close(command)
-        if aborts:
-            self._abort()
-
-    def _abort(self, _: Command | None = None) -> None:
-        self._is_locked = True
-        left = self._unfinished()
-        self._pending.clear()
-        for command in left:
-            self._error(command.tag, command.name, IppError(6))
-            self._close(command)
-
-    def _complete(self, result: IppError | str) -> None:
-        """End the waiting command, and continue with the next."""
-        if self._current is not None:
-            if isinstance(result, IppError):
-                self._fail(self._current, result)
-            else:
-                self._done(self._current, [result] if result else [])
-        self._proceed()
-
-    def _error(self, tag: str, method: str, error: IppError) -> None:
-        self._send(error_line(tag, method, error))
-        if error.why:
-            self._details.append(error)
-            self._report(f"{tag} {method}: {error}")
-
-    def _unsolicited(self, method: str, error: IppError) -> None:
-        self._error(SERVER_TAG, method, error)
-        if error.severity > 1 and self._in_session:
-            self._abort()
-
     def _event(self, data: str, *, always: bool = False) -> bool:
         """Send an event of the server, while the user is enabled; whether it was."""
-        is_sent = self._in_session and (self._user or always)
+        is_sent = self._transactions.in_session and (self._user or always)
         if is_sent:
             self._send(f"{SERVER_TAG} # {data}")
         return is_sent
 
     def _end(self, _: Command | None = None) -> None:
         """Reset the session: nothing is requested, locked or enabled."""
-        self._in_session = self._is_locked = self._user = False
+        self._transactions.begin(in_session=False)
+        self._user = False
         self._reported: tuple[str, ...] = AXES
         self._moves: MoveReport | None = None
         self._tools.found_tool = tools.UNDEFINED
         self._sent_ids.clear()
-        self._details.clear()
 
     def _note_radius(self, radius_mm: float) -> None:
         """Announce a radius that differs from the one sent before."""
@@ -394,23 +257,7 @@ class Session:
         if not self._event(property_text("KeyPress", "Del")):
             # No key may be sent now, and the client holds the point for good.
             why = f"{point_id} was sent, and is taken back"
-            self._unsolicited("Undo", IppError(1001, why))
-
-    def _report_move(self, moves: MoveReport, live: Live) -> None:
-        was_in_doubt, moves.in_doubt = moves.in_doubt, True
-        try:
-            self.machine.require_good(live, "the pose")
-            data = self.machine.values(moves.names, live)
-        except IppError as error:
-            if not was_in_doubt:
-                error.severity = 1
-                self._error(moves.tag, "OnMoveReportE", error)
-            return
-        moves.in_doubt = False
-        place, now_s = np.array(live.xyz_mm), self.machine.live_s
-        if moves.is_wanted(place, now_s):
-            self._send(f"{moves.tag} # {data}")
-            moves.at_s, moves.place_mm, moves.is_due = now_s, place, False
+            self._transactions.report_unsolicited("Undo", IppError(1001, why))
 
     def _activate(self, name: str) -> None:
         self._tools.activate(name)
@@ -421,19 +268,15 @@ class Session:
             self._moves.is_due = True
 
     def _end_tool_change(self, result: IppError | str) -> None:
-        if self._current is not None and self._current.name in (
-            "ChangeTool",
-            "SetTool",
-        ):
-            self._complete(result)
-
-    # Commands
+        command = self._transactions.current
+        if command is not None and command.name in ("ChangeTool", "SetTool"):
+            self._transactions.complete(result)
 
     def _start_session(self, _: Command) -> None:
-        if self._in_session:
+        if self._transactions.in_session:
             raise IppError(8, "a session has been started already")
         self._end()
-        self._in_session = True
+        self._transactions.begin(in_session=True)
 
     def _stop_daemon(self, command: Command) -> None:
         running = None if self._moves is None else Word(self._moves.tag)
@@ -444,13 +287,15 @@ class Session:
         self._moves = None
 
     def _clear_all_errors(self, _: Command) -> None:
-        self._is_locked = False
-        self._details.clear()
+        self._transactions.unlock()
+
+    def _abort(self, _: Command) -> None:
+        self._transactions.abort()
 
     def _says(self, command: Command) -> Lines:
         said = {
             "GetDMEVersion": f'DMEVersion("{VERSION}")',
-            "GetErrStatusE": f"ErrStatus({int(self._is_locked)})",
+            "GetErrStatusE": f"ErrStatus({int(self._transactions.is_locked)})",
             "IsHomed": "IsHomed(1)",
             "IsUserEnabled": f"IsUserEnabled({int(self._user)})",
             "GetMachineClass": f"GetMachineClass({self._options.machine_class})",
@@ -468,7 +313,10 @@ class Session:
 
     def _extended_status(self, _: Command) -> Lines:
         alarms = self._status.alarms if self._status else ()
-        texts = [(f"{e.number:04d}", f"{e.text}: {e.why}") for e in self._details]
+        texts = [
+            (f"{e.number:04d}", f"{e.text}: {e.why}")
+            for e in self._transactions.details
+        ]
         texts += [(alarm.code, alarm.text) for alarm in alarms]
         return (
             "IsHomed(1)",
@@ -485,49 +333,12 @@ class Session:
     def _on_move(self, command: Command) -> None:
         if self._moves is not None:
             raise IppError(515, f"{self._moves.tag}: stop it first")
-        limits: dict[str, float] = {}
-        rest: list[Argument] = []
-        for arg in command.args:
-            if not isinstance(arg, Property) or arg.name not in (
-                "Time",
-                "Dis",
-            ):
-                rest.append(arg)
-            elif len(arg.values) != 1 or arg.name in limits or arg.values[0] < 0.0:
-                raise IppError(509, f"{shown(arg)}: expected one number above 0, once")
-            else:
-                limits[arg.name] = arg.values[0]
-        if not limits:
-            raise IppError(502, "Time or Dis is missing")
-        names = self.machine.enumerated(rest)
-        period_s = limits.get("Time")
-        is_short = period_s is not None and period_s < MIN_REPORT_S
-        self._moves = MoveReport(
-            command.tag,
-            MIN_REPORT_S if is_short else period_s,
-            limits.get("Dis"),
-            names,
-        )
-        if is_short:
-            raise IppError(504, f"Time is {MIN_REPORT_S:g} s at least, which is used")
+        self._moves = requested_report(command, self.machine)
+        self._moves.warn_of_period()
 
     def _pt_meas(self, command: Command) -> Lines:
         """Wait for the operator's touch near the target."""
-        given: dict[str, tuple[float, ...]] = {}
-        for arg in command.args:
-            if (
-                not isinstance(arg, Property)
-                or arg.name in given
-                or len(arg.values) != N_NUMBERS.get(arg.name)
-            ):
-                raise IppError(
-                    509, f"{shown(arg)}: expected X(x), Y(y), Z(z), IJK(i,j,k)"
-                )
-            given[arg.name] = arg.values
-        if given.keys() <= {"IJK"}:
-            raise IppError(509, "X, Y or Z is missing")
-        if not any(given.get("IJK", (1.0,))):
-            raise IppError(1010, "IJK(0,0,0)")
+        given = target_values(command.args)
         self.machine.require_probe()
         pose, systems = self.machine.pose(), self.machine.systems
         place = systems.point(pose.xyz_mm)

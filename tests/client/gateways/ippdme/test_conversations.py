@@ -25,7 +25,8 @@ import pytest
 from tests.client.gateways.ippdme.transcripts import write
 from tests.protocol.message_examples import LIVE, POINT, STATUS
 from traverse.client.gateways.ippdme.grammar import IppError
-from traverse.client.gateways.ippdme.session import Options, Session
+from traverse.client.gateways.ippdme.options import Options
+from traverse.client.gateways.ippdme.session import Session
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages.quality import Quality
 

@@ -13,8 +13,8 @@ from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import LIVE
 from traverse.client import Arm
 from traverse.client.cancel_tasks import cancel_tasks
+from traverse.client.gateways.ippdme.options import Options
 from traverse.client.gateways.ippdme.server import IppServer
-from traverse.client.gateways.ippdme.session import Options
 from traverse.protocol.messages.quality import Quality
 from traverse.testing.waiting import until
 
