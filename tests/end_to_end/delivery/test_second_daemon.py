@@ -53,18 +53,3 @@ async def test_a_daemon_that_may_not_read_its_status_says_so(tmp_path: Path) -> 
             assert await simulator.stop() == 0
     finally:
         broker.stop()
-
-
-@pytest.mark.slow
-async def test_a_daemon_that_is_started_again_is_not_another_one(
-    resting: Workbench,
-) -> None:
-    async with measuring(resting) as (_, _, daemon):
-        daemon.process.kill()
-        await daemon.ended()
-        with resting.daemon() as again:
-            await until(
-                lambda: "broker" in again.log or "arm" in again.log, "its start"
-            )
-            assert await again.stop() == 0
-            assert CODE not in again.log

@@ -35,17 +35,6 @@ async def test_a_point_is_taken_on_command_and_the_answer_names_it(
         assert point.xyz_mm == pytest.approx(arm.pose(point.counts)[0], abs=1e-9)
 
 
-async def test_a_repeated_request_takes_no_second_point(resting: Workbench) -> None:
-    async with measuring(resting) as (listener, _, _):
-        first = await listener.command(PointArgs(), request="the-same")
-        listener.replies.clear()
-        assert await listener.command(PointArgs(), request="the-same") == first
-        other = await listener.command(PointArgs(), request="another")
-        await listener.n_points(2)
-    assert ((first.result or {})["seq"], (other.result or {})["seq"]) == (0, 1)
-    assert len(listener.points) == 2
-
-
 async def test_commands_that_cannot_be_done_say_why_and_what_to_do(
     resting: Workbench,
 ) -> None:
@@ -88,17 +77,3 @@ async def test_mqtt_5_answers_go_to_the_response_topic(resting: Workbench) -> No
     answer = decode(Reply, message.payload)
     assert (answer.request, answer.ok) == ("five", True)
     assert listener.replies == {}  # not there as well
-
-
-async def test_rubbish_as_a_command_is_counted_and_harms_nothing(
-    resting: Workbench,
-) -> None:
-    async with measuring(resting) as (listener, _, _):
-        for payload in (b"", b"\xff" * 100, b"{", b'{"schema": 1}'):
-            topic = topics.command_topic(resting.arm, "point")
-            await listener.client.publish(topic, payload, qos=1)
-        await until(
-            lambda: listener.healths[-1].counters["commands_refused"] == 4,
-            "four refused commands in health",
-        )
-        assert (await listener.command(PointArgs())).ok

@@ -65,13 +65,3 @@ async def test_points_keep_to_the_arm_file_where_the_true_arm_differs(
         for p, e in zip(points, truth, strict=True)
     ]
     assert 1e-3 < max(off_mm) < 1.0
-
-
-async def test_a_switching_probe_gives_its_points_at_contact(bench: Workbench) -> None:
-    bench.change("arm.toml", '"hard"', '"switching"')
-    bench.write_simulator(SPHERE.format(points=6))
-    points, truth = await measured(bench, 6, trigger="switch")
-    assert_one_point_an_edge(bench, points, truth)
-    assert {p.trigger for p in points} == {"switch"}
-    on_ball = np.array([p.xyz_mm for p in points]) - [700.0, 100.0, 120.0]
-    assert np.linalg.norm(on_ball, axis=1) == pytest.approx(53.8, abs=0.02)
