@@ -10,6 +10,7 @@
 #define AS5047 4 /* SPI: AS5047, AS5048A */
 #define AMT22 5  /* SPI */
 #define AS5600 6 /* I2C: one SDA line for each, or one bus behind a TCA9548A */
+#define AMT21 7  /* RS-485: one bus, at 2 Mbit/s */
 
 #ifndef FRONT_END
 #define FRONT_END QUADRATURE
@@ -40,6 +41,11 @@
 /* AS5600: 1 where all are on one bus behind a TCA9548A (its address pins low). */
 #ifndef I2C_MULTIPLEXER
 #define I2C_MULTIPLEXER 0
+#endif
+
+/* AMT21: the address of each encoder, channel 0 first. */
+#ifndef AMT21_ADDRESSES
+#define AMT21_ADDRESSES {0x54, 0x58, 0x5C, 0x60, 0x64, 0x68, 0x6C}
 #endif
 
 /* DS18B20 thermometers, each on a pin of its own: 0 to 4 (Mega), 0 to 3 (Pico). */

@@ -98,10 +98,21 @@ enum health word_biss(const uint8_t *samples, uint8_t channel, uint8_t bits, uin
     return HEALTHY;
 }
 
+uint32_t word_position_14(uint16_t word)
+{
+    return word & POSITION_14;
+}
+
+enum health word_check_amt(uint16_t word)
+{
+    /* Odd bits with K1, even ones with K0: each an odd number of ones. */
+    return parity(word & 0xAAAAU) == 1U && parity(word & 0x5555U) == 1U ? HEALTHY : INVALID;
+}
+
 enum health word_as5047(const uint8_t *samples, uint8_t channel, uint32_t *count)
 {
     const uint16_t word = (uint16_t)word_of(samples, 16U, channel);
-    *count = word & POSITION_14;
+    *count = word_position_14(word);
     if (word == ALL_ONES_16) {
         return SILENT; /* the pull-up */
     }
@@ -112,10 +123,9 @@ enum health word_as5047(const uint8_t *samples, uint8_t channel, uint32_t *count
 enum health word_amt22(const uint8_t *samples, uint8_t channel, uint32_t *count)
 {
     const uint16_t word = (uint16_t)word_of(samples, 16U, channel);
-    *count = word & POSITION_14;
+    *count = word_position_14(word);
     if (word == ALL_ONES_16) {
         return SILENT;
     }
-    /* Odd bits with K1, even ones with K0: each an odd number of ones. */
-    return parity(word & 0xAAAAU) == 1U && parity(word & 0x5555U) == 1U ? HEALTHY : INVALID;
+    return word_check_amt(word);
 }

@@ -26,7 +26,9 @@ enum health word_biss(const uint8_t *samples, uint8_t channel, uint8_t bits, uin
 /* AS5047, AS5048A: even parity, an error flag, 14 bits. */
 enum health word_as5047(const uint8_t *samples, uint8_t channel, uint32_t *count);
 
-/* AMT22: two inverted parities, of odd and of even bits, and 14 bits. */
+/* AMT21 and AMT22: two inverted parities, of odd and of even bits, and 14 bits. */
+uint32_t word_position_14(uint16_t word);
+enum health word_check_amt(uint16_t word);
 enum health word_amt22(const uint8_t *samples, uint8_t channel, uint32_t *count);
 
 #endif

@@ -36,6 +36,10 @@ void board_port_serve(struct lb_board *board)
     uint8_t byte;
     while (lb_can_receive(board) && uart_take(&byte)) {
         lb_receive(board, byte);
+        /* Only a delimiter may be answered: until then room is not asked for again. */
+        while (byte != 0U && uart_take(&byte)) {
+            lb_receive(board, byte);
+        }
     }
     lb_poll(board);
     encoders_watch(board, clock_hold, clock_release);

@@ -96,7 +96,7 @@ class EncoderKind:
 
     @property
     def is_read_in_turn(self) -> bool:
-        return self.model == "as5600-multiplexer"
+        return self.model in ("as5600-multiplexer", "amt21")
 
 
 ENCODER_KINDS = [
@@ -104,6 +104,7 @@ ENCODER_KINDS = [
     EncoderKind("BISS", "biss", 19, (8, 2, 1, 2)),
     EncoderKind("AS5047", "as5047", 14, (8, 2, None, 2)),
     EncoderKind("AMT22", "amt22", 14, (8, None, None, 2)),
+    EncoderKind("AMT21", "amt21", 14, (8, None, None, 2)),
     EncoderKind("AS5600", "as5600", 12, (8, 2, 1, None)),
     EncoderKind("AS5600 I2C_MULTIPLEXER=1", "as5600-multiplexer", 12, (8, 2, 1, None)),
 ]

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+import serial
+from cobs import cobs
 
 from tests.firmware.emulated import (
     COUNTS_PER_TURN,
@@ -57,6 +59,26 @@ class TestMegaContract(DriverContract, StreamContract, KeptEdgeContract, LatchCo
 def test_the_tester_passes_it(tmp_path):
     with MegaBoard(tmp_path / "port", mega_firmware(), *QUADRATURE) as board:
         assert_the_tester_passes(board, tmp_path)
+
+
+def test_a_long_burst_at_the_rate_of_the_line_loses_nothing(tmp_path):
+    """It takes bytes faster than they come: the command after them is answered."""
+    stop = bytes.fromhex("05 04 04 4F 91 00")
+    with (
+        MegaBoard(tmp_path / "port", mega_firmware(), *QUADRATURE) as board,
+        serial.Serial(str(board.link), timeout=20.0) as port,
+    ):
+        port.write(b"\x55" * 3000 + b"\0" + stop)
+        assert stop_is_answered(port)
+
+
+def stop_is_answered(port):
+    """Read frames until the answer to STOP, request 4."""
+    for _ in range(100):
+        frame = port.read_until(b"\0")
+        if frame.endswith(b"\0") and cobs.decode(frame[:-1])[:3] == b"\x82\x04\x04":
+            return True
+    return False
 
 
 async def test_a_press_has_the_counts_of_its_first_contact(tmp_path):

@@ -33,6 +33,9 @@ void as5047_begin(void);
 void amt22_begin(void);
 void shift_restart(void);
 
+void amt21_begin(void);
+void amt21_restart(void);
+
 void as5600_begin(void);
 void multiplexer_begin(void);
 void i2c_restart(void);

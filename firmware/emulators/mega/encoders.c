@@ -20,6 +20,7 @@ static const struct {
     {"biss", biss_begin, shift_restart},
     {"as5047", as5047_begin, shift_restart},
     {"amt22", amt22_begin, shift_restart},
+    {"amt21", amt21_begin, amt21_restart},
     {"as5600", as5600_begin, i2c_restart},
     {"as5600-multiplexer", multiplexer_begin, i2c_restart},
 };

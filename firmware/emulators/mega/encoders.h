@@ -8,7 +8,7 @@
 
 enum fault { NO_FAULT, WEAK, NO_MAGNET, ABSENT, BAD_CHECK };
 
-/* `kind`: quadrature, ssi, biss, as5047, amt22, as5600, as5600-multiplexer. */
+/* `kind`: quadrature, ssi, biss, as5047, amt22, as5600, as5600-multiplexer, amt21. */
 bool encoders_init(const char *kind, unsigned n_channels, unsigned bits, uint32_t counts_per_turn);
 
 /* Continue after the power was off, or after a motion was changed. */

@@ -23,6 +23,7 @@ avr_t *machine;
 static uint16_t high_address; /* of clock_high, the upper half of the counter */
 static uint32_t first_ticks_wanted;
 static avr_irq_t *uart;
+static avr_irq_t *bus; /* USART 1 */
 static bool uart_is_full;
 
 /* libsimavr has pin changes of port B only; these are port K's. */
@@ -144,6 +145,9 @@ bool machine_load(const char *elf, uint32_t first_ticks, uint32_t boot_id)
     uart = avr_io_getirq(machine, AVR_IOCTL_UART_GETIRQ('0'), 0);
     avr_irq_register_notify(&uart[UART_IRQ_OUT_XOFF], full, NULL);
 
+    (void)avr_ioctl(machine, AVR_IOCTL_UART_SET_FLAGS('1'), &no_flags);
+    bus = avr_io_getirq(machine, AVR_IOCTL_UART_GETIRQ('1'), 0);
+
     uint8_t stored[4] = {(uint8_t)boot_id, (uint8_t)(boot_id >> 8), (uint8_t)(boot_id >> 16),
                          (uint8_t)(boot_id >> 24)};
     avr_eeprom_desc_t eeprom = {.ee = stored, .offset = 0U, .size = sizeof stored};
@@ -201,4 +205,14 @@ bool machine_receive(uint8_t byte)
 void machine_on_sent(avr_irq_notify_t sent)
 {
     avr_irq_register_notify(&uart[UART_IRQ_OUTPUT], sent, NULL);
+}
+
+void machine_bus_receive(uint8_t byte)
+{
+    avr_raise_irq(&bus[UART_IRQ_INPUT], byte);
+}
+
+void machine_on_bus_sent(avr_irq_notify_t sent)
+{
+    avr_irq_register_notify(&bus[UART_IRQ_OUTPUT], sent, NULL);
 }

@@ -23,6 +23,10 @@ void machine_set_line(char port, unsigned bit, bool level);
 /* Have `changed` called with the level of an output. */
 void machine_watch_line(char port, unsigned bit, avr_irq_notify_t changed);
 
+/* USART 1: give it a byte, which it has taken a byte's time later. */
+void machine_bus_receive(uint8_t byte);
+void machine_on_bus_sent(avr_irq_notify_t sent);
+
 /* Give a byte to USART 0; false while its buffer is full. What it sends goes to `sent`. */
 bool machine_receive(uint8_t byte);
 void machine_on_sent(avr_irq_notify_t sent);

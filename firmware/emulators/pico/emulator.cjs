@@ -5,7 +5,7 @@
 //   node emulator.cjs --line 3 --image pico.bin --encoders KIND --channels 7 --bits 19
 //       --counts-per-turn 8192
 //
-// Kinds of encoders are quadrature, ssi, biss, as5047, amt22, as5600, as5600-multiplexer.
+// Kinds of encoders are quadrature, ssi, biss, as5047, amt22, amt21, as5600, as5600-multiplexer.
 // It prints `ready`, and obeys the commands of emulators/mega, as far as they are in
 // `commands` below. Emulated time keeps the pace of the computer's clock, or falls behind.
 "use strict";
@@ -16,6 +16,7 @@ const { GPIOPinState, Simulator } = require("rp2040js");
 const { Motion } = require("./motion.cjs");
 const { quadrature } = require("./quadrature.cjs");
 const { ssi, biss, as5047, amt22 } = require("./shift.cjs");
+const { amt21 } = require("./bus.cjs");
 const { as5600, multiplexer } = require("./i2c.cjs");
 const { thermometers } = require("./thermometers.cjs");
 
@@ -50,7 +51,7 @@ const pins = {
   watch: (pin, changed) => chip.gpio[pin].addListener((state) => changed(state !== GPIOPinState.Low)),
   run,
 };
-const kinds = { quadrature, ssi, biss, as5047, amt22, as5600, "as5600-multiplexer": multiplexer };
+const kinds = { quadrature, ssi, biss, as5047, amt22, amt21, as5600, "as5600-multiplexer": multiplexer };
 
 // ---- the line ------------------------------------------------------------------------------
 
@@ -172,7 +173,7 @@ chip.core.SP = chip.readUint32(FLASH_VECTORS);
 chip.core.PC = chip.readUint32(FLASH_VECTORS + 4) & ~1;
 chip.core.VTOR = FLASH_VECTORS;
 for (const pin of [FIRST_INPUT, FIRST_INPUT + 1]) pins.setLine(pin, true);
-const moved = kinds[options.encoders](motions, pins, clock);
+const moved = kinds[options.encoders](motions, pins, clock, chip.uart[1]);
 // Their pins are index lines, too.
 const wires = options.encoders === "quadrature" ? [] : thermometers(pins, clock);
 chip.gpio[MARK].addListener((state) => {

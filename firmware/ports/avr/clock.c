@@ -21,9 +21,10 @@
 
 static volatile uint16_t clock_high; /* upper half of the counter */
 
+volatile bool clock_woken;
+
 static struct {
     struct lb_board *board;
-    volatile bool woken;
     uint8_t holds;   /* how many hold the core's interrupts away */
     uint16_t held;   /* since when they did at last, by the counter's lower half */
     uint16_t freed;  /* and until when */
@@ -140,15 +141,10 @@ void clock_release(void)
     pins_unlock(state);
 }
 
-void clock_wake(void)
-{
-    timer.woken = true;
-}
-
 bool clock_take_woken(void)
 {
-    const bool woken = timer.woken;
-    timer.woken = false;
+    const bool woken = clock_woken;
+    clock_woken = false;
     return woken;
 }
 
@@ -183,7 +179,7 @@ static void begin(void)
 static void end(void)
 {
     cli();
-    timer.woken = true;
+    clock_wake();
     release();
 }
 
@@ -198,7 +194,7 @@ ISR(TIMER5_OVF_vect)
 ISR(TIMER5_COMPB_vect)
 {
     OCR5B = (uint16_t)(OCR5B + WAKE_TICKS);
-    timer.woken = true;
+    clock_wake();
 }
 
 ISR(TIMER5_COMPA_vect)

@@ -4,6 +4,7 @@
  *   clock, SCL                PG0          D41
  *   chip select               PG1          D40
  *   MOSI (constant)           PG2          D39
+ *   RS-485 bus                PD3, PD2     D18 out, D19 in; PG1 (D40) enables the driver
  *   quadrature A and B        PK0 to PK7   A8 to A15: channels 0 to 3, A on the even ones
  *                             PB0 to PB5   D53, D52, D51, D50, D10, D11: channels 4 to 6
  *   quadrature index          PC0 to PC6   D37 down to D31, channel 0 first
@@ -75,6 +76,14 @@ static inline void pins_init_shift(bool clock_rests, bool mosi)
     pins_select(true);
     pins_set(&PORTG, PG2, mosi);
     DDRG |= (uint8_t)(_BV(PG0) | _BV(PG1) | _BV(PG2) | _BV(PG5));
+}
+
+/* RS-485: the driver off; the line in pulled up, so that without a transceiver it rests. */
+static inline void pins_init_bus(void)
+{
+    PORTD |= (uint8_t)_BV(PD2);
+    pins_select(false);
+    DDRG |= (uint8_t)(_BV(PG1) | _BV(PG5));
 }
 
 /* I2C: lines are driven low or released to their pull-up resistors, never driven high:

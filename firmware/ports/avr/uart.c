@@ -27,8 +27,8 @@ static struct ring sending;
 
 void uart_init(void)
 {
+    UCSR0A = _BV(U2X0); /* before the divider, when libsimavr computes its rate */
     UBRR0 = DIVIDER - 1U;
-    UCSR0A = _BV(U2X0);
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);              /* 8 data bits, no parity, 1 stop bit */
     UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);  /* both ways; received bytes interrupt */
 }

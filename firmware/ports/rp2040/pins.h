@@ -4,6 +4,7 @@
  *   data lines, SDA lines     2 to 8, channel 0 first
  *   clock, SCL                9
  *   chip select, MOSI         10, 11
+ *   RS-485 bus                4 (out), 5 (in); 10 enables the driver
  *   quadrature A and B        2 to 15, A of channel 0, B of channel 0, A of channel 1 ...
  *   quadrature index          19 to 22, 26 to 28, channel 0 first
  *   thermometers              26 to 28: not with index lines
@@ -29,6 +30,8 @@
 #define PIN_CLOCK 9U
 #define PIN_SELECT 10U
 #define PIN_MOSI 11U
+#define PIN_BUS_OUT 4U
+#define PIN_BUS_IN 5U
 #define PIN_FIRST_INPUT 16U
 #define PIN_MARK 18U
 #define CYCLES_PER_US 125U
@@ -103,6 +106,17 @@ static inline void pins_init_shift(bool clock_rests, bool mosi)
     pins_select(true);
     pins_set(PIN_MOSI, mosi);
     GPIO_OE_SET = (1U << PIN_CLOCK) | (1U << PIN_SELECT) | (1U << PIN_MOSI);
+}
+
+/* RS-485: the driver off; the line in pulled up, so that without a transceiver it rests. */
+static inline void pins_init_bus(void)
+{
+    PADS(PIN_BUS_IN) = PADS_INPUT_PULLED_UP;
+    IO_CTRL(PIN_BUS_OUT) = FUNCTION_UART;
+    IO_CTRL(PIN_BUS_IN) = FUNCTION_UART;
+    pins_init_pin(PIN_SELECT);
+    pins_select(false);
+    GPIO_OE_SET = 1U << PIN_SELECT;
 }
 
 /* I2C: lines are driven low or released: the output stays 0, the direction switches. */

@@ -18,6 +18,7 @@
 #define RESET_PLL_SYS (1U << 12)
 #define RESET_TIMER (1U << 21)
 #define RESET_UART0 (1U << 22)
+#define RESET_UART1 (1U << 23)
 
 /* Clocks, 2.15; crystal, 2.16; PLL, 2.18; random bit of the ring oscillator, 2.17. */
 #define CLK_REF_CTRL REGISTER(0x40008030U)
@@ -62,15 +63,16 @@
 #define GPIO_OE_SET REGISTER(0xD0000024U)
 #define GPIO_OE_CLR REGISTER(0xD0000028U)
 
-/* UART 0, 4.2. */
-#define UART_DR REGISTER(0x40034000U)
-#define UART_FR REGISTER(0x40034018U)
-#define UART_IBRD REGISTER(0x40034024U)
-#define UART_FBRD REGISTER(0x40034028U)
-#define UART_LCR_H REGISTER(0x4003402CU)
-#define UART_CR REGISTER(0x40034030U)
-#define UART_IMSC 0x40034038U
-#define UART_ICR REGISTER(0x40034044U)
+/* UARTs 0 and 1, 4.2. */
+#define UART_DR(n) REGISTER(0x40034000U + (0x4000U * (n)))
+#define UART_FR(n) REGISTER(0x40034018U + (0x4000U * (n)))
+#define UART_IBRD(n) REGISTER(0x40034024U + (0x4000U * (n)))
+#define UART_FBRD(n) REGISTER(0x40034028U + (0x4000U * (n)))
+#define UART_LCR_H(n) REGISTER(0x4003402CU + (0x4000U * (n)))
+#define UART_CR(n) REGISTER(0x40034030U + (0x4000U * (n)))
+#define UART_IMSC 0x40034038U /* of UART 0 */
+#define UART_ICR(n) REGISTER(0x40034044U + (0x4000U * (n)))
+#define UART_FR_BUSY (1U << 3)
 #define UART_FR_RXFE (1U << 4)
 #define UART_FR_TXFF (1U << 5)
 #define UART_INT_RX (1U << 4)

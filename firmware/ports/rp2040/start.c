@@ -93,7 +93,7 @@ void start_clocks(void)
     CLK_ADC_CTRL = (1U << 11) | (3U << 5); /* from the crystal */
     WATCHDOG_TICK = (1U << 9) | 12U; /* 1 MHz for the timer */
 
-    const uint32_t used = RESET_ADC | RESET_IO_BANK0 | RESET_PADS_BANK0 | RESET_TIMER | RESET_UART0;
+    const uint32_t used = RESET_ADC | RESET_IO_BANK0 | RESET_PADS_BANK0 | RESET_TIMER | RESET_UART0 | RESET_UART1;
     CLEAR(RESETS_RESET) = used;
     while ((RESETS_DONE & used) != used) {
     }

@@ -23,10 +23,10 @@ void uart_init(void)
     PADS(1U) = PADS_INPUT_PULLED_UP;
     IO_CTRL(0U) = FUNCTION_UART;
     IO_CTRL(1U) = FUNCTION_UART;
-    UART_IBRD = DIVIDER / 64U;
-    UART_FBRD = DIVIDER % 64U;
-    UART_LCR_H = (3U << 5) | (1U << 4); /* 8 bits, FIFOs on; also takes over the divider */
-    UART_CR = (1U << 9) | (1U << 8) | 1U; /* both ways, on */
+    UART_IBRD(0U) = DIVIDER / 64U;
+    UART_FBRD(0U) = DIVIDER % 64U;
+    UART_LCR_H(0U) = (3U << 5) | (1U << 4); /* 8 bits, FIFOs on; also takes over the divider */
+    UART_CR(0U) = (1U << 9) | (1U << 8) | 1U; /* both ways, on */
     REGISTER(UART_IMSC) = UART_INT_RX | UART_INT_RX_TIMEOUT;
 }
 
@@ -49,8 +49,8 @@ uint16_t uart_room(void)
 /* Fill the FIFO; its interrupt comes when it is half empty, and not before it was filled. */
 static void fill(void)
 {
-    while (sending.tail != sending.head && (UART_FR & UART_FR_TXFF) == 0U) {
-        UART_DR = sending.bytes[sending.tail % RING_BYTES];
+    while (sending.tail != sending.head && (UART_FR(0U) & UART_FR_TXFF) == 0U) {
+        UART_DR(0U) = sending.bytes[sending.tail % RING_BYTES];
         sending.tail++;
     }
     if (sending.tail == sending.head) {
@@ -73,13 +73,13 @@ void uart_send(const uint8_t *bytes, uint16_t n_bytes)
 
 void uart_due(void)
 {
-    while ((UART_FR & UART_FR_RXFE) == 0U) {
-        const uint8_t byte = (uint8_t)UART_DR;
+    while ((UART_FR(0U) & UART_FR_RXFE) == 0U) {
+        const uint8_t byte = (uint8_t)UART_DR(0U);
         if (received.head - received.tail < RING_BYTES) { /* else the frame's CRC says so */
             received.bytes[received.head % RING_BYTES] = byte;
             received.head++;
         }
     }
-    UART_ICR = UART_INT_RX | UART_INT_RX_TIMEOUT | UART_INT_TX;
+    UART_ICR(0U) = UART_INT_RX | UART_INT_RX_TIMEOUT | UART_INT_TX;
     fill();
 }
