@@ -179,6 +179,35 @@ def test_every_sample_is_at_its_tick_over_wraps(rate_millihz, rate_hz):
         assert tick == (first + offset) % 2**32
 
 
+@pytest.mark.slow
+def test_a_day_of_samples_and_presses_over_forty_wraps():
+    rate_hz, minute_s, minutes = 2_000_000, 60, 24 * 60
+    bench = CoreBench(rate_hz=rate_hz)
+    bench.ask(HELLO)
+    bench.ask("03 03 E8 03 00 00")  # 1 Hz
+    samples, edges, beats = [], [], 0
+    for minute in range(minutes):
+        bench.room(60_000)
+        if minute % 60 == 30:
+            bench.inputs(1 - len(edges) % 2)
+        for body in bench.after(minute_s * rate_hz, poll_every=rate_hz // 10):
+            if body[0] == SAMPLE:
+                samples.append(struct.unpack_from("<II", body, 4))
+            elif body[0] == EDGE:
+                number, tick = struct.unpack_from("<II", body, 4)
+                if number == len(edges):
+                    edges.append(tick)
+                bench.wire(framed(b"\x06" + number.to_bytes(4, "little")))
+            beats += body[0] == HEARTBEAT
+    first = samples[0][1]
+    assert samples == [(n, (first + n * rate_hz) % 2**32) for n in range(len(samples))]
+    assert len(samples) >= minutes * minute_s - 1
+    assert len(edges) == 24
+    hour = 60 * minute_s * rate_hz
+    assert edges == [(edges[0] + n * hour) % 2**32 for n in range(24)]
+    assert beats >= minutes * minute_s
+
+
 def test_start_replaces_a_stream_and_stop_ends_it():
     bench = quiet()
     bench.ask(START_1_KHZ)
