@@ -24,7 +24,7 @@ def page(
     Uses MQTT alone, so it runs on any machine. Listens on this machine
     only; with another --host it requires --token-file, --certificate and --key, and
     refuses to start without. Exit status 2: an option was refused; 3: the broker could
-    not be reached, or no arm was found there.
+    not be reached, no arm was found there, or the port is taken.
 
     Args:
         arm: Name of the arm; without it the only one on the broker.

@@ -1,13 +1,15 @@
 """Options of commands that serve a page to browsers."""
 
+import socket
 import ssl
 from dataclasses import dataclass
 from pathlib import Path
+from socket import SOCK_STREAM
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.common.refusals import refusals
+from traverse.cli.common.refusals import UNREACHABLE, end, refusals
 
 if TYPE_CHECKING:
     from traverse.client.page.serving import Serving
@@ -56,6 +58,7 @@ class PageOptions:
             token = None if token_file is None else read_token(token_file)
             if certificate is not None:
                 _check_pair(certificate, key)
+        _check_port(self.host, self.port)
         return Serving(
             host=self.host,
             port=self.port,
@@ -63,6 +66,21 @@ class PageOptions:
             certificate=certificate,
             key=key,
             show=self.show,
+        )
+
+
+def _check_port(host: str, port: int) -> None:
+    """End the command where nobody can listen there, as another page may do."""
+    try:
+        (family, *_, place), *_ = socket.getaddrinfo(host, port, type=SOCK_STREAM)
+        with socket.socket(family) as listener:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind(place)
+    except OSError as error:
+        end(
+            UNREACHABLE,
+            f"{host}:{port} cannot be listened on: {error.strerror}; end the program "
+            "that does, or choose another --port",
         )
 
 

@@ -155,3 +155,15 @@ def test_a_busy_port_of_the_embedded_broker_is_named(folder: Path) -> None:
         result = run_traverse(folder, *words, "--embedded-port", port, status=3)
     expected = f"cannot listen on 127.0.0.1:{port}: Address already in use"
     assert expected in result.stdout + result.stderr
+
+
+def test_a_busy_port_of_the_page_is_named(folder: Path) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = str(other.getsockname()[1])
+        result = run_traverse(
+            folder, "page", "--arm-name", "a", "--port", port, status=3
+        )
+    assert f"127.0.0.1:{port} cannot be listened on" in result.stderr
+    assert "choose another --port" in result.stderr

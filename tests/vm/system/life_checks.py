@@ -13,6 +13,7 @@ from traverse.protocol.messages import Status
 from traverse.testing.waiting import until
 
 SOON_S = 150.0
+MEASURING = ("ready", "doubt")  # with all devices; the arm is not identified
 
 
 class Life:
@@ -130,12 +131,12 @@ class Life:
         return f"a new process after {new_s:.1f} s, measuring after {ready_s:.1f} s"
 
     async def _ready_since(self, n: int) -> None:
-        """Wait for a status after the first ``n`` that is ready."""
+        """Wait for a status after the first ``n`` with all devices."""
 
         def ready_statuses() -> list[Status]:
-            return [s for s in self._listener.statuses[n:] if s.state == "ready"]
+            return [s for s in self._listener.statuses[n:] if s.state in MEASURING]
 
-        await until(ready_statuses, "a status that is ready", SOON_S)
+        await until(ready_statuses, "a status with all devices", SOON_S)
 
 
 def _is_active() -> bool:
