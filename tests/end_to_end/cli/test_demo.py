@@ -48,7 +48,7 @@ async def measure_one_round(folder: Path, broker: Mosquitto) -> None:
 
 async def measure_some_seconds(folder: Path) -> None:
     """`--for` with a broker of its own."""
-    with Program(folder, "seconds", "demo", "--for", "4", "--no-page") as demo:
+    with Program(folder, "seconds", "demo", "--for", "10", "--no-page") as demo:
         assert await demo.ended(45.0) == 0
         assert " point     0" in demo.output
         assert "measured 0 rounds" in demo.output
