@@ -182,23 +182,3 @@ async def test_an_alignment_gives_part_coordinates_and_outlives_a_reload(
         None,
         "jig",
     )
-
-
-async def test_points_beyond_a_limit_are_marked_or_refused(bench: Workbench) -> None:
-    bench.write_simulator(REST)
-    joint = read_arm(DEMO_ARM).joints[0].name
-    stop = f'{{ joint = "{joint}", low_rad = 100.0, high_rad = 101.0 }}'
-    bench.write_daemon(quality=f"end_stops = [{stop}]")
-    async with measuring(bench) as (listener, _, daemon):
-        assert (await listener.command(PointArgs())).ok
-        bench.write_daemon(quality=f'end_stops = [{stop}]\nrefuse = ["end_stop"]')
-        daemon.process.send_signal(signal.SIGHUP)
-        await listener.event("reload.done")
-        refused = await listener.command(PointArgs())
-        await listener.event("capture.refused")
-    (marked,) = listener.points
-    assert (marked.quality.ok, marked.quality.flags) == (False, ("end_stop",))
-    assert refused.error is not None
-    assert refused.error.code == "capture.refused"
-    assert "end_stop" in refused.error.text
-    assert listener.events_of("limit.end_stop")

@@ -13,8 +13,7 @@ from tests.end_to_end.programs import PATIENCE_S
 from tests.end_to_end.workbench import Workbench
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode, encode
-from traverse.protocol.messages import Command, PointArgs, Reply, UndoArgs
-from traverse.testing.waiting import until
+from traverse.protocol.messages import Command, PointArgs, Reply
 
 pytestmark = pytest.mark.needs("mosquitto")
 
@@ -33,24 +32,6 @@ async def test_a_point_is_taken_on_command_and_the_answer_names_it(
     arm = MatrixArm(resting.arm_file)
     for point in listener.points:
         assert point.xyz_mm == pytest.approx(arm.pose(point.counts)[0], abs=1e-9)
-
-
-async def test_commands_that_cannot_be_done_say_why_and_what_to_do(
-    resting: Workbench,
-) -> None:
-    async with measuring(resting) as (listener, _, _):
-        refused = [
-            await listener.command(UndoArgs()),
-            await listener.command(PointArgs(samples=1_000_000)),
-        ]
-        await until(lambda: listener.healths[-1].counters["commands_refused"] == 2, "")
-    errors = [answer.error for answer in refused if answer.error]
-    assert [e.code for e in errors] == [
-        "capture.refused",
-        "command.bad_args",
-    ]
-    assert all(e.text and e.remedy for e in errors)
-    assert listener.points == []
 
 
 async def test_mqtt_5_answers_go_to_the_response_topic(resting: Workbench) -> None:

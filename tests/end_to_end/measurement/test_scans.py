@@ -9,7 +9,7 @@ from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.listener import Listener, numbers, times_ns
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import REST, SPHERE, SWEEP, Workbench
-from traverse.protocol.messages import PointArgs, Scan, ScanArgs
+from traverse.protocol.messages import Scan, ScanArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 
@@ -73,24 +73,6 @@ async def test_a_slow_scan_keeps_following_fast_joints(bench: Workbench) -> None
     for block in blocks:
         for counts, xyz_mm in zip(block.counts, block.xyz_mm, strict=True):
             assert xyz_mm == pytest.approx(arm.pose(counts.tolist())[0], abs=1e-9)
-
-
-async def test_scans_follow_each_other_and_points_continue_meanwhile(
-    bench: Workbench,
-) -> None:
-    bench.write_simulator(REST)
-    bench.write_daemon()
-    async with measuring(bench) as (listener, _, _):
-        await asyncio.sleep(SETTLED_S)
-        first = await listener.start_scan(500.0)
-        await listener.scan_points(first, 100)
-        blocks = await scanned(listener, 200.0, 50)  # replaces the first one
-        ended = await listener.scan_ended(first)
-        assert (await listener.command(PointArgs())).ok
-        nothing = await listener.command(ScanArgs(action="stop"))
-    assert_complete(ended, 500.0)
-    assert_complete(blocks, 200.0)
-    assert nothing.result == {"scan": None, "total": 0}
 
 
 async def test_a_rate_beyond_the_board_is_refused(bench: Workbench) -> None:
