@@ -64,7 +64,7 @@ def pose_to_bytes(point: Point) -> bytes:
         "frame_id": FRAME,
         "pose": {
             "position": {"x": x, "y": y, "z": z},
-            "orientation": _turn_of_x_onto(point.ijk),
+            "orientation": turn_of_x_onto(point.ijk),
         },
         "message_id": point.id,
     }
@@ -162,8 +162,8 @@ def _time(utc_ns: int) -> dict[str, int]:
     return {"sec": utc_ns // 10**9, "nsec": utc_ns % 10**9}
 
 
-def _turn_of_x_onto(direction: tuple[float, float, float]) -> dict[str, float]:
-    """The shortest turn of the x axis onto a unit vector, as a quaternion."""
+def turn_of_x_onto(direction: tuple[float, float, float]) -> dict[str, float]:
+    """Return the shortest turn of the x axis onto a unit vector, as a quaternion."""
     i, j, k = direction
     if i < -1.0 + 1e-12:  # half a turn, about any axis across
         return {"x": 0.0, "y": 0.0, "z": 1.0, "w": 0.0}

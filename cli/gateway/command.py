@@ -139,6 +139,7 @@ def live(
     listen: str = "8765",
     magnify: Annotated[float, typer.Option(min=1.0, max=1e6)] = 1.0,
     since: Literal["now", "session", "beginning"] = "session",
+    arm_file: Path | None = None,
 ) -> None:
     """Show the arm, its points, scans and state in Foxglove, while it measures.
 
@@ -149,17 +150,22 @@ def live(
         listen: PORT on this machine, or HOST:PORT.
         magnify: Ellipsoids are so many times as large.
         since: From where on points are shown.
+        arm_file: The arm's file: viewers get its robot description and its joints'
+            names.
     """
     from traverse.client.arm import Arm
     from traverse.client.gateways.live import LiveServer
 
     with refusals(ValueError):
         host, port = host_port(listen, "--listen", "127.0.0.1")
+        joints, urdf = _described(arm_file)
     address = broker.address()
 
     async def work() -> None:
         client = Arm(arm, address, since=since)
-        server = LiveServer(client, host, port, magnify, report)
+        server = LiveServer(
+            client, host, port, magnify, report, joints=joints, urdf=urdf
+        )
         await serve(client, server, "open it in Foxglove as a connection")
 
     run(f"ws://{host}:{port}", work())
@@ -334,3 +340,15 @@ def _key(text: str) -> tuple[str, str]:
     if not (source and name.isascii() and name.isalnum()):
         raise ValueError(f"--key {text}: expected INPUT=NAME, such as base/1=Done")
     return source, name
+
+
+def _described(arm_file: Path | None) -> tuple[list[str], str]:
+    """Names of the joints of an arm file, and its robot description."""
+    from traverse.kinematics.arm_file.arm import read_arm
+    from traverse.kinematics.importers.urdf_report import urdf_report
+
+    if arm_file is None:
+        return [], ""
+    values = read_arm(arm_file)
+    _, urdf = urdf_report(values, postures=1, seed=0)
+    return [joint.name for joint in values.joints], urdf

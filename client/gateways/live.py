@@ -2,19 +2,29 @@
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Self
 
 import foxglove
 from foxglove import Channel, Context
-from foxglove.channels import SceneUpdateChannel
+from foxglove.channels import (
+    FrameTransformChannel,
+    JointStatesChannel,
+    SceneUpdateChannel,
+)
 from foxglove.messages import SceneUpdate
 from foxglove.websocket import Client, ServerListener, StatusLevel, WebSocketServer
 
 from traverse.client.arm import Arm
 from traverse.client.cancel_tasks import run_together
-from traverse.client.gateways.live_scene import arm_entity, deletion, point_entity
+from traverse.client.gateways.live_scene import (
+    arm_entity,
+    ball_frame,
+    deletion,
+    joint_states,
+    point_entity,
+)
 from traverse.client.gateways.outlets import Report, url_of
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages import Health, Message, Point, Status
@@ -28,6 +38,7 @@ from traverse.recording.views import (
 )
 
 MAX_POINTS = 1000  # the newest are shown
+ARM_ASSET = "package://traverse/arm.urdf"
 BACKLOG = 128  # messages that wait for one viewer; then the oldest is lost
 LOOK_S = 0.5
 _LEVELS = {
@@ -51,29 +62,44 @@ class LiveServer:
     """Shows one arm to viewers; use with `async with`.
 
     Topics `point`, `pose`, `cloud`, `log` are those of a recording, with its schemas;
-    `arm` and `points` are scenes, `status` and `health` the messages themselves. A
-    viewer that reads too slowly loses the oldest of `BACKLOG` messages.
+    `arm` and `points` are scenes, `joints` the readings, `tf` the ball's frame,
+    `status` and `health` the messages themselves. A viewer that reads too slowly loses
+    the oldest of `BACKLOG` messages.
 
     Args:
         arm: open while this is.
         port: to listen on; 0: any that is free.
         report: called with messages for people.
+        joints: their names, from the base outwards.
+        urdf: the arm's description, which viewers get as `ARM_ASSET`; empty for none.
 
     Attributes:
         port: that is listened on.
     """
 
     def __init__(
-        self, arm: Arm, host: str, port: int, times: float, report: Report
+        self,
+        arm: Arm,
+        host: str,
+        port: int,
+        times: float,
+        report: Report,
+        *,
+        joints: Sequence[str] = (),
+        urdf: str = "",
     ) -> None:
         self._arm = arm
         self._host, self.port = host, port
         self._times = times
         self._report = report
+        self._joints = joints
+        self._assets = {ARM_ASSET: urdf.encode()} if urdf else {}
         context = Context()
         self._context = context
         self._scene_of_arm = SceneUpdateChannel("arm", context=context)
         self._scene_of_points = SceneUpdateChannel("points", context=context)
+        self._joint_states = JointStatesChannel("joints", context=context)
+        self._frames = FrameTransformChannel("tf", context=context)
         self._views = {
             topic: Channel(
                 topic,
@@ -121,6 +147,7 @@ class LiveServer:
                 port=self.port,
                 context=self._context,
                 server_listener=_Listener(on_subscribe),
+                asset_handler=self._assets.get,
                 message_backlog_size=BACKLOG,
             )
         except RuntimeError as error:  # the library has one error for all
@@ -167,6 +194,10 @@ class LiveServer:
             if self._scene_of_arm.has_sinks():
                 entity = arm_entity(live, self._times)
                 self._scene_of_arm.log(SceneUpdate(entities=[entity]))
+            if self._joint_states.has_sinks():
+                self._joint_states.log(joint_states(live, self._joints))
+            if self._frames.has_sinks():
+                self._frames.log(ball_frame(live))
 
     async def _show_scans(self) -> None:
         async for block in await self._arm.scans():

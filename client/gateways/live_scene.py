@@ -13,9 +13,10 @@ from traverse.client.display.figures import COVERAGE_FACTOR, flag_words
 from traverse.kinematics.helmert.transformation import quaternion_of
 from traverse.protocol.messages import Live, Point
 from traverse.protocol.messages.point import Covariance
-from traverse.recording.views import FRAME
+from traverse.recording.views import FRAME, turn_of_x_onto
 
 M = 1e-3  # of a millimetre
+BALL_FRAME = "ball"
 BLUE, FAINT_BLUE = (fox.Color(r=0.1, g=0.45, b=0.9, a=a) for a in (1.0, 0.35))
 ORANGE, FAINT_ORANGE = (fox.Color(r=1.0, g=0.5, b=0.0, a=a) for a in (1.0, 0.35))
 MARK_MM = 1.0  # half a mark's width
@@ -87,6 +88,37 @@ def arm_entity(live: Live, times: float) -> fox.SceneEntity:
         ],
         texts=[] if ok else [_text(live.xyz_mm, flag_words(live), colour)],
         metadata={"ok": str(ok).lower(), "flags": ", ".join(live.quality.flags)},
+    )
+
+
+def joint_states(live: Live, names: Sequence[str]) -> fox.JointStates:
+    """Return the readings of the joints.
+
+    Args:
+        live: a pose.
+        names: of its joints; J1, J2 and so on where they are not known.
+    """
+    angles_rad = live.angles_rad
+    if len(names) != len(angles_rad):
+        names = [f"J{number}" for number, _ in enumerate(angles_rad, start=1)]
+    return fox.JointStates(
+        timestamp=_time(live.time_ns),
+        joints=[
+            fox.JointState(name=name, position=angle_rad)
+            for name, angle_rad in zip(names, angles_rad, strict=True)
+        ],
+    )
+
+
+def ball_frame(live: Live) -> fox.FrameTransform:
+    """Return the frame of the ball; its x axis is the shank, as of a point's pose."""
+    x, y, z = (value * M for value in live.xyz_mm)
+    return fox.FrameTransform(
+        timestamp=_time(live.time_ns),
+        parent_frame_id=FRAME,
+        child_frame_id=BALL_FRAME,
+        translation=fox.Vector3(x=x, y=y, z=z),
+        rotation=fox.Quaternion(**turn_of_x_onto(live.ijk)),
     )
 
 

@@ -19,6 +19,8 @@ from google.protobuf.json_format import MessageToDict
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
+ASSET = 4  # operation of an answer: request, status, length of an error, it, content
+
 
 def reader_of(channel: dict[str, Any]) -> Callable[[bytes], Any]:
     """How a channel's contents are read, by the schema that the server gives."""
@@ -42,6 +44,7 @@ class Viewer:
         channels: by topic, as announced.
         messages: what arrived, by topic.
         statuses: what the server reports of itself, by id.
+        assets: answers to `fetch`, by request; None: refused.
     """
 
     def __init__(self, url: str) -> None:
@@ -49,6 +52,7 @@ class Viewer:
         self.channels: dict[str, dict[str, Any]] = {}
         self.messages: dict[str, list[Any]] = {}
         self.statuses: dict[str, Any] = {}
+        self.assets: dict[int, bytes | None] = {}
         self._readers: dict[int, tuple[str, Callable[[bytes], Any]]] = {}
 
     async def __aenter__(self) -> Self:
@@ -63,7 +67,10 @@ class Viewer:
 
     async def _run(self) -> None:
         async for frame in self.connection:
-            if isinstance(frame, bytes):
+            if isinstance(frame, bytes) and frame[0] == ASSET:
+                request, status, n_error = struct.unpack_from("<IBI", frame, 1)
+                self.assets[request] = None if status else frame[10 + n_error :]
+            elif isinstance(frame, bytes):
                 op, number, _ = struct.unpack_from("<BIQ", frame)
                 assert op == 1
                 topic, read = self._readers[number]
@@ -91,6 +98,11 @@ class Viewer:
             case "removeStatus":
                 for status_id in message["statusIds"]:
                     self.statuses.pop(status_id, None)
+
+    async def fetch(self, request: int, uri: str) -> None:
+        """Ask for an asset."""
+        asked = {"op": "fetchAsset", "uri": uri, "requestId": request}
+        await self.connection.send(json.dumps(asked))
 
     def newest(self, topic: str) -> Any:
         """The last message of a topic; None: there is none yet."""

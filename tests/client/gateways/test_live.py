@@ -54,10 +54,10 @@ class Bench:
 
 @contextlib.asynccontextmanager
 async def bench(
-    virtual: VirtualDaemon, broker: str, times: float = 1.0
+    virtual: VirtualDaemon, broker: str, times: float = 1.0, **described: Any
 ) -> AsyncIterator[Bench]:
     async with virtual.running(), Arm(virtual.arm, broker) as arm:
-        server = LiveServer(arm, "127.0.0.1", 0, times, print)
+        server = LiveServer(arm, "127.0.0.1", 0, times, print, **described)
         async with server:
             task = asyncio.create_task(server.serve())
             try:
@@ -186,6 +186,34 @@ async def test_the_arm_its_scans_its_state_and_its_events_are_shown(
         await b.say(STATUS, alarms=(), online=False, state="offline")
         await until(lambda: set(viewer.statuses) == {"offline"})
         await until(lambda: entities(viewer, "arm") == {})
+
+
+async def test_a_viewer_can_move_the_arms_description_by_its_joints(
+    virtual: VirtualDaemon, broker: str
+) -> None:
+    names = [f"joint {number}" for number in range(len(LIVE.angles_rad))]
+    async with (
+        bench(virtual, broker, joints=names, urdf="<robot/>") as b,
+        Viewer(b.server.address) as viewer,
+    ):
+        while not (viewer.newest("joints") and viewer.newest("tf")):
+            await b.say(LIVE)
+            await asyncio.sleep(0.05)
+        joints = viewer.newest("joints")["joints"]
+        assert [joint["name"] for joint in joints] == names
+        readings = [joint.get("position", 0.0) for joint in joints]
+        assert tuple(readings) == LIVE.angles_rad
+        frame = viewer.newest("tf")
+        assert (frame["parent_frame_id"], frame["child_frame_id"]) == ("arm", "ball")
+        place_mm = np.array(xyz(frame["translation"])) * 1e3
+        np.testing.assert_allclose(place_mm, LIVE.xyz_mm, rtol=0, atol=1e-9)
+        turn = frame["rotation"]
+        axes = rotation_matrix(np.array([turn.get("w", 0.0), *xyz(turn)]))
+        np.testing.assert_allclose(axes[:, 0], LIVE.ijk, atol=1e-12)
+        await viewer.fetch(1, live.ARM_ASSET)
+        await viewer.fetch(2, "package://traverse/other.urdf")
+        await until(lambda: len(viewer.assets) == 2)
+        assert viewer.assets == {1: b"<robot/>", 2: None}
 
 
 async def test_more_points_than_are_shown_let_the_oldest_go(
