@@ -14,6 +14,9 @@ from traverse.lab.measured_points.measurement import Measurement
 from traverse.lab.report.provenance import utc_text
 from traverse.lab.report.quantities import OMITTED
 
+# Part of the touches that may be second presses in one posture.
+_MOST_COPIED = 0.02
+
 
 @dataclass(frozen=True, slots=True)
 class StandardUsed:
@@ -73,6 +76,8 @@ class Administration:
         measuring_range_mm: Diameter of the volume that shares of a length refer to.
         reach_mm: From the shoulder, which shares of zones refer to.
         next_date: Of the next test, where it was agreed on.
+        copied_touches: How many are where another was, to the last digit, if many.
+        is_of_identification: Whether the arm was identified from these very touches.
     """
 
     operator: str | None
@@ -96,6 +101,8 @@ class Administration:
     next_date: str | None
     standards: tuple[StandardUsed, ...]
     tools: tuple[ToolUsed, ...] | None = field(default=None, metadata=OMITTED)
+    copied_touches: int | None = field(default=None, metadata=OMITTED)
+    is_of_identification: bool | None = field(default=None, metadata=OMITTED)
 
 
 def administration_of(
@@ -145,7 +152,24 @@ def administration_of(
         next_date=_day(limits.next_date),
         standards=standards_used(touched),
         tools=tools or None,
+        copied_touches=_copied(measured),
+        is_of_identification=_is_of_identification(arm, occasion.campaign_digest),
     )
+
+
+def _copied(measured: Sequence[Measurement]) -> int | None:
+    """Count touches at exactly the place of another; noise never repeats itself."""
+    touched = [of for each in measured for of in each.touched.values()]
+    if not touched:
+        return None
+    places_mm = np.vstack([of.places_mm for of in touched])
+    n_copied = len(places_mm) - len(np.unique(places_mm, axis=0))
+    return n_copied if n_copied > _MOST_COPIED * len(places_mm) else None
+
+
+def _is_of_identification(arm: Arm, digest: str | None) -> bool | None:
+    known = arm.identification and arm.identification.campaign_digest
+    return True if known and known == digest else None
 
 
 def standards_used(artefacts: Mapping[str, Artefact]) -> tuple[StandardUsed, ...]:

@@ -82,6 +82,16 @@ def _coefficient_alone(stated: Administration) -> Iterator[str]:
             yield standard.name
 
 
+def _copied(stated: Administration) -> Iterator[str]:
+    if stated.copied_touches is not None:
+        yield f"{stated.copied_touches} touches"
+
+
+def _identified(stated: Administration) -> Iterator[str]:
+    if stated.is_of_identification:
+        yield ""
+
+
 _CAMPAIGN = "of campaign.toml"
 _STANDARDS = f"in [[artefacts]] {_CAMPAIGN}"
 _CIRCUMSTANCES = f"in [circumstances] {_CAMPAIGN}"
@@ -105,6 +115,18 @@ STATEMENTS = (
         "date of the measurement",
         f"start_utc {_CAMPAIGN}, or time_ns of exported points",
         _absent("measured_from_utc"),
+    ),
+    Statement(
+        "touches",
+        "place of their own, which copies have not,",
+        "leave the place before each touch, delete copies",
+        _copied,
+    ),
+    Statement(
+        "independence",
+        "measurement that the arm was not identified from",
+        "touch again; [identification] of arm.toml names this campaign",
+        _identified,
     ),
     Statement(
         "temperature",

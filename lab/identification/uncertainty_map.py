@@ -216,30 +216,6 @@ def distance_deviations_mm(
     return deviations_mm
 
 
-def noise_deviations_mm(
-    geometry: Geometry,
-    encoder_rad: Floats,
-    contact_mm: float,
-    first_rad: Floats,
-    second_rad: Floats,
-) -> Floats:
-    """Compute what the noise of readings (n_joints,) and contacts adds to distances.
-
-    Between poses with readings, (n_pairs, n_joints) each; standard deviations,
-    (n_pairs,).
-    """
-    first = probe_derivatives(geometry, first_rad)
-    second = probe_derivatives(geometry, second_rad)
-    apart_mm = first.centres_mm - second.centres_mm
-    units = apart_mm / np.linalg.norm(apart_mm, axis=1, keepdims=True)
-    variances = np.full(len(units), 2.0 * contact_mm**2)
-    for end in (first, second):
-        slopes = np.einsum("ni,nij->nj", units, end.by_angles) * encoder_rad
-        variances += np.einsum("nj,nj->n", slopes, slopes)
-    deviations_mm: Floats = np.sqrt(variances)
-    return deviations_mm
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class UncertaintyMap:
     """Standard deviations by place; NaN where the arm was not, or does not reach.

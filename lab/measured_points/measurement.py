@@ -75,6 +75,7 @@ class Occasion:
         operator: As in the campaign file.
         place: As in the campaign file.
         circumstances: As in the campaign file.
+        campaign_digest: Of what was measured, if it is a campaign.
     """
 
     operator: str | None = None
@@ -82,6 +83,7 @@ class Occasion:
     circumstances: Circumstances = NONE_STATED
     first_utc: datetime | None = None
     last_utc: datetime | None = None
+    campaign_digest: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

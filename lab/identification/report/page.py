@@ -12,15 +12,10 @@ from traverse.lab.identification.results.undetermined import combination
 from traverse.lab.identification.uncertainty_map import (
     UncertaintyMap,
     arm_uncertainty,
-    noise_deviations_mm,
     uncertainty_map,
 )
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.report.templates import Filters, Words, page
-
-_SEED = 4
-_N_PAIRS = 200
-
 
 _FILTERS: Filters = {
     "combination": combination,
@@ -67,7 +62,6 @@ def report_page(
         detectable_mm=_known(result, result.statistics.detectable_mm),
         effects_mm=effects_mm,
         held=_held(result),
-        noise_mm=_noise_mm(result),
         excluded=_excluded(result),
         joint_columns=[f"{name} [degrees]" for name in result.campaign.joint_names],
     )
@@ -110,23 +104,3 @@ def _excluded(result: Identification) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def _noise_mm(result: Identification) -> float:
-    """Typical contribution of noise to the distance of two single poses."""
-    taken = np.flatnonzero(result.included)
-    if len(taken) < 2:
-        return float("nan")
-    rng = np.random.default_rng(_SEED)
-    pairs = rng.choice(len(taken), (_N_PAIRS, 2))
-    pairs = taken[pairs[pairs[:, 0] != pairs[:, 1]]]
-    angles_rad = result.campaign.poses.angles_rad
-    contact_mm = float(np.median([entry.contact_mm for entry in result.artefacts]))
-    deviations_mm = noise_deviations_mm(
-        result.adjustment.state.arm.geometry,
-        result.noise.encoder_rad,
-        contact_mm,
-        angles_rad[pairs[:, 0]],
-        angles_rad[pairs[:, 1]],
-    )
-    return float(np.median(deviations_mm))

@@ -11,7 +11,7 @@ import pytest
 from tests.docs.pages import CHECKOUT
 from tests.lab.acceptance.stated import limits_text, state_all, write_numbered
 from tests.lab.report.pages import Page
-from traverse.kinematics.arm_file.arm import read_arm
+from traverse.kinematics.arm_file.arm import Identification, read_arm
 from traverse.lab.acceptance.administration import administration_of
 from traverse.lab.acceptance.certificate.check import certificate_problems
 from traverse.lab.acceptance.certificate.digests import digest_values
@@ -21,6 +21,7 @@ from traverse.lab.acceptance.certificate.pdf import certificate_pdf
 from traverse.lab.acceptance.certificate.values import SealedCertificate
 from traverse.lab.acceptance.limits import NO_LIMITS, Limits
 from traverse.lab.acceptance.standards import verified
+from traverse.lab.acceptance.statements import absent_statements
 from traverse.lab.measured_points.reading import files_read, read_measured
 from traverse.lab.report.provenance import (
     ReportSource,
@@ -85,6 +86,36 @@ def original(made, tmp_path_factory):
 def written(original, tmp_path):
     """A copy to be changed."""
     return shutil.copytree(original, tmp_path, dirs_exist_ok=True)
+
+
+def test_copied_touches_are_no_basis_of_a_verdict(made, original, tmp_path):
+    shutil.copytree(original / "data", tmp_path, dirs_exist_ok=True)
+    table = tmp_path / "poses.csv"
+    head, *rows = table.read_text().splitlines()
+    later = [f"{float(time_s) + 5e3},{rest}" for time_s, rest in map(once_cut, rows)]
+    table.write_text("\n".join([head, *rows, *later]))
+    measured = read_measured(tmp_path, made.arm)
+    stated = administration_of([measured], made.arm, made.limits)
+    assert stated.copied_touches == len(rows)
+    absent = absent_statements("vdi2617-9", stated)
+    assert [statement.code for statement in absent] == ["touches"]
+
+
+def once_cut(row):
+    return row.split(",", 1)
+
+
+def test_an_arm_is_not_verified_by_what_it_was_identified_from(made, original):
+    measured = read_measured(original / "data", made.arm)
+    known = Identification(
+        sigma0=1.0,
+        redundancy=300,
+        campaign_digest=measured.occasion.campaign_digest,
+    )
+    arm = made.arm.model_copy(update={"identification": known})
+    stated = administration_of([measured], arm, made.limits)
+    absent = absent_statements("vdi2617-9", stated)
+    assert [statement.code for statement in absent] == ["independence"]
 
 
 def test_everything_is_there_and_agrees(made, written):

@@ -37,7 +37,6 @@ from traverse.lab.identification.uncertainty_map import (
     arm_uncertainty,
     distance_deviations_mm,
     nearest_samples,
-    noise_deviations_mm,
     postures_reaching,
     sample_postures,
     uncertainty_map,
@@ -116,20 +115,6 @@ def test_chord_of_a_clock_hand_grows_with_the_hand(turn_rad: float) -> None:
     assert deviations_mm[0] == pytest.approx(
         0.01 * 2.0 * np.sin(turn_rad / 2.0), rel=1e-12
     )
-
-
-def test_noise_of_a_clock_hand_is_that_of_both_ends() -> None:
-    # A quarter turn: the chord's slope by each angle is r cos(45 degrees).
-    deviations_mm = noise_deviations_mm(
-        one_joint(400.0),
-        np.array([1e-5]),
-        0.003,
-        np.zeros((1, 1)),
-        np.array([[np.pi / 2]]),
-    )
-    slope_mm = 400.0 * np.cos(np.pi / 4) * 1e-5
-    expected = np.sqrt(2.0 * slope_mm**2 + 2.0 * 0.003**2)
-    assert deviations_mm[0] == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_distance_of_a_pose_to_itself_has_no_direction_and_no_deviation() -> None:
