@@ -396,9 +396,16 @@ def occasion_of(stated: CampaignFile | Campaign, times_ns: Sequence[int]) -> Occ
         datetime.fromtimestamp(ns // 10**9, UTC)
         for ns in ((min(times_ns), max(times_ns)) if times_ns else ())
     ]
+    first, last = ends or (None, None)
     digest = stated.digest if isinstance(stated, Campaign) else None
-    occasion = Occasion(stated.operator, stated.place, stated.circumstances, *ends)
-    return replace(occasion, campaign_digest=digest or None)
+    return Occasion(
+        stated.operator,
+        stated.place,
+        stated.circumstances,
+        first,
+        last,
+        digest or None,
+    )
 
 
 def _flag_notes(flags: PoseFlags) -> Iterator[str]:
