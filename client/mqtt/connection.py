@@ -166,10 +166,8 @@ class ReconnectingConnection:
             changed: called with True when there is a connection with all its
                 subscriptions, and with False when it is lost.
         """
-        loop, pause = (
-            asyncio.get_running_loop(),
-            GrowingPause(FIRST_WAIT_S, LAST_WAIT_S),
-        )
+        loop = asyncio.get_running_loop()
+        pause = GrowingPause(FIRST_WAIT_S, LAST_WAIT_S)
         while True:
             connected_s, connection = None, None
             try:

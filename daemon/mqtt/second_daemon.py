@@ -11,6 +11,7 @@ broker that has been restarted may once have an old one retained.
 from collections import deque
 from collections.abc import Callable
 
+from traverse.broker.pause import GrowingPause
 from traverse.daemon.clock import HostClock
 from traverse.daemon.monitoring.events import EventLog
 from traverse.protocol.encoding import Encoding, decode
@@ -21,8 +22,7 @@ from traverse.protocol.topics import status_topic
 CODE = "broker.second_daemon"
 UNREAD = "broker.status_unread"
 OVERWRITTEN = "broker.status_overwritten"
-RESTORE_NS = 1_000_000_000
-LAST_RESTORE_NS = 60_000_000_000  # it grows to this: another program may do the same
+RESTORE_S, LAST_RESTORE_S = 1.0, 60.0  # another program may do the same
 UNREAD_NS = 10_000_000_000
 MAX_SESSIONS = 1000
 AWAY_S = 60.0
@@ -48,8 +48,8 @@ class SecondDaemonWatch:
         self._arm = arm
         self._restore = restore
         self._sent_ns: deque[int] = deque(maxlen=MAX_SESSIONS)
-        self._restored_ns: int | None = None
-        self._restore_pause_ns = RESTORE_NS
+        self._pause: GrowingPause | None = None  # while it is overwritten
+        self._restored_ns = self._restore_again_ns = 0
         self._is_overwritten = False
         self._encoding = encoding
         self._clock = clock
@@ -142,15 +142,10 @@ class SecondDaemonWatch:
 
     def _watch_status(self, now_ns: int) -> None:
         """Publish our status again where it was overwritten, more and more seldom."""
-        restored_ns, topic = self._restored_ns, status_topic(self._arm)
-        since_ns = None if restored_ns is None else now_ns - restored_ns
-        if self._is_overwritten:
-            if since_ns is not None:
-                if since_ns < self._restore_pause_ns:
-                    return
-                self._restore_pause_ns = min(
-                    2 * self._restore_pause_ns, LAST_RESTORE_NS
-                )
+        topic = status_topic(self._arm)
+        if self._is_overwritten and now_ns >= self._restore_again_ns:
+            self._pause = self._pause or GrowingPause(RESTORE_S, LAST_RESTORE_S)
+            self._restore_again_ns = now_ns + int(self._pause.after(None) * 1e9)
             self._restored_ns, self._is_overwritten = now_ns, False
             self._events.change(
                 True,
@@ -162,7 +157,7 @@ class SecondDaemonWatch:
                 "broker's access list",
             )
             self._restore()
-        elif since_ns is not None and since_ns > OVER_NS:
-            self._restored_ns, self._restore_pause_ns = None, RESTORE_NS
+        elif self._pause is not None and now_ns - self._restored_ns > OVER_NS:
+            self._pause = None
             text = f"{topic} has not been overwritten for some minutes"
             self._events.change(False, "warning", OVERWRITTEN, text)

@@ -1,5 +1,7 @@
 """A status of a foreign session reveals another daemon of this arm."""
 
+import random
+
 import pytest
 
 from tests.daemon.values import SetClock
@@ -8,7 +10,7 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.second_daemon import (
     AWAY_S,
     CODE,
-    LAST_RESTORE_NS,
+    LAST_RESTORE_S,
     OVERWRITTEN,
     UNREAD,
     SecondDaemonWatch,
@@ -108,11 +110,12 @@ def test_a_status_that_was_cleared_or_overwritten_is_published_again():
         rig.watch.poll()
         rig.watch.poll()
         assert len(rig.restored) == n
-        rig.clock.now_ns += LAST_RESTORE_NS
+        rig.clock.now_ns += int(LAST_RESTORE_S * 1e9)
     assert rig.active() == []
 
 
-def test_who_overwrites_it_for_ever_is_answered_more_and_more_seldom():
+def test_who_overwrites_it_for_ever_is_answered_more_and_more_seldom(monkeypatch):
+    monkeypatch.setattr(random, "uniform", lambda _, longest: longest)  # no jitter
     rig = Rig()
 
     def minutes(n, *, overwritten):
