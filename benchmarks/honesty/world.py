@@ -257,7 +257,8 @@ class World:
         of_device = is_quick[:-QUICK_STEPS, joints]
         enough = of_device.any(axis=1) & (is_quick[:-QUICK_STEPS].sum(axis=1) > 1)
         if fault.kind == "frozen_device":
-            enough = of_device.sum(axis=1) > 1
+            n_others = is_quick[:-QUICK_STEPS].sum(axis=1) - of_device.sum(axis=1)
+            enough &= n_others > 0
         if not enough.any():
             return
         row = int(np.argmax(enough))
@@ -268,7 +269,7 @@ class World:
         mounted.source.freeze = Freeze(
             tuple(channels.tolist()), from_s, fault.at_s + fault.lasts_s
         )
-        seen_s = from_s + self._family.still_s(fault.kind) + SEEN_SLACK_S
+        seen_s = from_s + self._family.still_s + SEEN_SLACK_S
         self.judge.pardon(from_s, seen_s)
         self._note(f"          {mounted.source.freeze}, shown by {seen_s:.3f} s")
 

@@ -82,7 +82,7 @@ CONDITIONS = (
         "no encoder repeats one count while its joint moves",
         "counts that vary with their joints",
         "a joint that stops without braking, or whose noise ends, so that its count is "
-        "exactly constant while other joints move; or all of them at once",
+        "exactly constant while other joints move",
         QualityFlag.STALE,
         "all",
         "condition.channels",

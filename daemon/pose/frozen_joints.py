@@ -3,8 +3,7 @@
 Nothing in a repeated count says that it is old. Two observations do:
 
 - A joint stops between two readings, without braking, and its count is exactly constant
-  from then on: while other joints move on; or for longer, if all stop at once, since an
-  arm that is stopped by what it touches is still held by a hand.
+  from then on, while other joints move on: an arm that touches something stops so, too.
 - A count that has varied in every rest before, by noise, is exactly constant: while
   other joints move, since a joint may be clamped; or all are.
 """
@@ -26,15 +25,13 @@ from traverse.protocol.messages import QualityFlag
 CONDITION = "channels"  # that this feeds
 CHECK_NS = 50_000_000  # interval of checks
 STEP_NS = 1_000_000  # between readings that are looked at, where they are quicker
-KEPT_NS = 1_800_000_000
+KEPT_NS = 1_500_000_000
 GAP_NS = 400_000_000  # longer: what was before says nothing
 SPEED_S = 0.01  # over which a speed is measured, at least
 SPEED_ROWS, STILL_ROWS = 2, 5  # fewest steps with motion, and without
 STILL_S = 0.05
 BRAKING_RAD_S2 = 7.5  # a hand brakes by less while it leads other joints on
 TREMOR_RAD_S = 2e-3  # a joint that a hand holds moves at least so fast
-HELD_RAD_S, HELD_S = 2e-4, 0.5  # the same of an arm that touches something; at least
-LEAST_STOPPED = 2  # joints that stop at one reading, if none goes on
 TREMOR_COUNTS = 3  # of such a motion that a living encoder shows
 MOVED_RAD = 2e-3  # of another joint, meanwhile
 REST_S, REST_ROWS = 1.0, 30
@@ -168,8 +165,8 @@ class FrozenJointMonitor:
         )
         self._conditions.doubt(
             CONDITION,
-            cause=f"the count of {named} is exactly constant, which no joint that is "
-            f"led or held by hand is: {why}",
+            cause=f"the count of {named} is exactly constant while other joints move: "
+            f"{why}",
         )
 
     def _look_for_motion(self, model: ArmModel, counts: Floats) -> None:
@@ -192,33 +189,21 @@ def _thinned(times_ns: Integers, counts: Floats) -> tuple[Integers, Floats]:
 
 
 def _stopped_joints(window: _Window) -> list[int]:
-    """Return joints, from 0, that stopped without braking, alone or all at once."""
+    """Return joints, from 0, that stopped without braking while others moved on."""
     latest = window.counts[-STILL_ROWS - 1 :]
-    is_still = (latest == latest[-1]).all(axis=0)
-    if len(latest) <= STILL_ROWS or not is_still.any():
+    may_be = (latest == latest[-1]).all(axis=0)
+    if len(latest) <= STILL_ROWS or not may_be.any() or may_be.all():
         return []
     has_moved = window.counts[1:] != window.counts[:-1]
-    still_since = {
-        joint: 1 + int(np.flatnonzero(has_moved[:, joint])[-1])
-        for joint in np.flatnonzero(is_still & has_moved.any(axis=0)).tolist()
-    }
-    stopped = [
+    return [
         joint
-        for joint, row in still_since.items()
-        if _has_stopped(window, joint, row, is_held=bool(is_still.all()))
+        for joint in np.flatnonzero(may_be & has_moved.any(axis=0)).tolist()
+        if _has_stopped(window, joint, 1 + int(np.flatnonzero(has_moved[:, joint])[-1]))
     ]
-    if not is_still.all():
-        return stopped
-    rows = [still_since[joint] for joint in stopped]
-    # Encoders that are read one after the other may freeze between two of them.
-    is_common = len(rows) >= LEAST_STOPPED and max(rows) - min(rows) <= 1
-    return stopped if is_common else []
 
 
-def _has_stopped(window: _Window, joint: int, row: int, *, is_held: bool) -> bool:
+def _has_stopped(window: _Window, joint: int, row: int) -> bool:
     """Return whether a joint that is still from a row on has stopped without braking.
-
-    Others go on, unless they are still, too, and the arm may be held.
 
     Strategy: a joint that brakes to rest within the last step with motion had the mean
     speed a (dt + h / 2) over the time h before that step. Quantisation adds a count to
@@ -226,10 +211,7 @@ def _has_stopped(window: _Window, joint: int, row: int, *, is_held: bool) -> boo
     """
     times_s, count_rad = window.times_s, window.count_rad[joint]
     still_s = float(times_s[-1] - times_s[row])
-    slowest_rad_s, least_s = (
-        (HELD_RAD_S, HELD_S) if is_held else (TREMOR_RAD_S, STILL_S)
-    )
-    if still_s < max(least_s, TREMOR_COUNTS * count_rad / slowest_rad_s):
+    if still_s < max(STILL_S, TREMOR_COUNTS * count_rad / TREMOR_RAD_S):
         return False
     moving = row - 1
     begin = int(np.searchsorted(times_s, times_s[moving] - SPEED_S, side="right")) - 1
@@ -242,14 +224,8 @@ def _has_stopped(window: _Window, joint: int, row: int, *, is_held: bool) -> boo
     last_s, span_s = times_s[row] - times_s[moving], times_s[moving] - times_s[begin]
     least_rad_s = BRAKING_RAD_S2 * (last_s + span_s / 2) + 2.0 * count_rad / span_s
     before_rad_s = window.speeds_rad_s(begin, moving)
-    return bool(abs(before_rad_s[joint]) > least_rad_s) and (
-        is_held or _others_go_on(window, row, before_rad_s)
-    )
-
-
-def _others_go_on(window: _Window, row: int, before_rad_s: Floats) -> bool:
-    """Return whether some joint moves on after a row as it did before."""
-    times_s = window.times_s
+    if abs(before_rad_s[joint]) <= least_rad_s:
+        return False
     end = int(np.searchsorted(times_s, times_s[row] + STILL_S))
     after_rad_s = window.speeds_rad_s(row, min(end, len(times_s) - 1))
     passed_rad = np.abs(window.counts[-1] - window.counts[row]) * window.count_rad

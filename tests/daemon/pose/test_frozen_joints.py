@@ -102,22 +102,9 @@ def test_a_joint_that_brakes_beside_others_only_rests(arm, joint, braking_rad_s2
 
 
 def test_an_arm_that_stops_dead_only_rests(arm):
-    angles_rad = arm.steady(1.4)
+    angles_rad = arm.steady(2.0)
     angles_rad[round(arm.rate_hz) :] = angles_rad[round(arm.rate_hz)]
     assert arm.read(angles_rad) is None
-
-
-def test_a_device_whose_counts_all_freeze_in_motion_is_in_doubt_until_they_vary(arm):
-    angles_rad = arm.steady(4.0)
-    stop = round(arm.rate_hz)
-    angles_rad[stop:] = angles_rad[stop]
-    after = arm.read(angles_rad)
-    assert after is not None
-    assert 0.5 < (after - stop) / arm.rate_hz <= 0.8
-    assert "J2 (base/0), J3 (base/1)" in arm.events[-1].text
-
-    arm.read(angles_rad[-1:] + arm.steady(0.3))
-    assert arm.conditions.is_established("channels")
 
 
 def test_an_arm_that_brakes_as_a_whole_only_rests(arm):
