@@ -124,6 +124,7 @@ async def turn_joints(page, board):
     await says(page, "Not turned: J4")
 
 
+@pytest.mark.slow
 @pytest.mark.asyncio(loop_scope="session")
 async def test_an_arm_is_set_up_from_nothing(
     chromium, board, own_broker, node_modules, tmp_path

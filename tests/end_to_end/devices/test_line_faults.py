@@ -29,7 +29,9 @@ async def scan_and_probe(
     Returns:
         The listener, the scan's numbers, and the simulator's summary of the device.
     """
-    bench.write_simulator(SPHERE.format(points=N_POINTS), faults=faults)
+    # Held by hand: without noise it would stand still as no arm does.
+    noise = "noise_rad = 5e-6"
+    bench.write_simulator(SPHERE.format(points=N_POINTS), arm=noise, faults=faults)
     bench.write_daemon()
     async with measuring(bench) as (listener, simulator, _):
         scan = await listener.start_scan(1000.0)

@@ -96,6 +96,7 @@ def test_figures_of_40_parts_lie_within_their_uncertainty(measured):
     assert np.mean(list(inside.values())) >= 0.94
 
 
+@pytest.mark.slow
 def test_uncertainties_are_not_larger_than_the_errors_need(measured):
     """The root mean square of 40 scatters by a ninth: within three of that."""
     ratios, _ = measured
@@ -132,6 +133,7 @@ def half_angle(part):
     return part.truth["cone angle"] / 2.0
 
 
+@pytest.mark.slow
 def test_what_the_holes_share_of_the_arm_does_not_widen_their_distance(measured):
     _, features = measured
     named = figures(features)
