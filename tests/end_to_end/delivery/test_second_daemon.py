@@ -46,10 +46,12 @@ async def test_a_daemon_that_may_not_read_its_status_says_so(tmp_path: Path) -> 
         bench = Workbench(tmp_path, broker.host, broker.port)
         bench.write_simulator(REST)
         bench.write_daemon()
-        with bench.simulator() as simulator, bench.daemon() as daemon:
-            await daemon.says(UNREAD, 40.0)
-            assert f"read and write traverse/{bench.arm}/status" in daemon.log
-            assert await daemon.stop() == 0
+        with bench.simulator() as simulator:
+            await simulator.says("ready base")  # the daemon waits eight seconds for it
+            with bench.daemon() as daemon:
+                await daemon.says(UNREAD, 40.0)
+                assert f"read and write traverse/{bench.arm}/status" in daemon.log
+                assert await daemon.stop() == 0
             assert await simulator.stop() == 0
     finally:
         broker.stop()
