@@ -17,6 +17,7 @@ from traverse.drivers.polling.channel import (
     PolledChannel,
     ReadError,
 )
+from traverse.drivers.polling.exchange import ExchangeTimer
 from traverse.drivers.polling.sampling import (
     BLOCK_NS,
     SampleBlockBuilder,
@@ -218,3 +219,11 @@ def test_a_block_has_the_instants_of_its_readings():
     assert samples.status.tolist() == [[STATUS_WARNING, STATUS_MISSING]]
     assert samples.skew_ns is not None
     assert samples.skew_ns.tolist() == [[300, 900]]
+
+
+def test_a_count_was_taken_between_the_request_and_its_reply():
+    timer = ExchangeTimer(byte_ns=100_000)
+    assert timer.latch(1_000_000, 3_000_000, 8, 7) == (2_050_000, 250_000)
+    # Bytes take no time on a pseudo-terminal, whose exchanges are quicker.
+    assert timer.latch(1_000_000, 1_400_000, 8, 7) == (1_200_000, 200_000)
+    assert timer.latch(1_000_000, 3_000_000, 8, 7) == (2_000_000, 1_000_000)
