@@ -1,8 +1,6 @@
 """Diagnosis: find what the model lacks, name it, add it, show that the gap shrank."""
 
 from dataclasses import replace
-from itertools import pairwise
-from time import perf_counter
 
 import numpy as np
 
@@ -96,11 +94,6 @@ def diagnose(
     """
     options = options or DiagnosisOptions()
     report = progress or no_progress
-    laps = [("start", perf_counter())]
-
-    def lap(done: str) -> None:
-        laps.append((done, perf_counter()))
-
     campaign = with_tools_begun(campaign, arm)
     choosing, held_out = SPLITS[options.holdout_by](campaign, options.seed)
     if options.holdout_by == "artefact" and not np.any(held_out):
@@ -119,7 +112,6 @@ def diagnose(
         campaign = replace(campaign, prior=prior)
     decision = decide(campaign, arm, choosing, options, report)
     search = decision.search
-    lap("decision")
     report("looking at the poses kept aside", 0.7)
     fits = _ledger_fits(decision, options)
     blunders = held_out_blunders(fits[0].adjustment, held_out)
@@ -136,9 +128,7 @@ def diagnose(
 
     gaps = [compared(fit) for fit in fits]
     adapted = adaptation(decision, fits, compared, choosing, options)
-    lap("held-out poses")
     estimates = final_estimates(campaign, search, adapted.accepted, options)
-    lap("final estimates")
     misfit = find_misfit(search.fit.adjustment, held_out, blunders)
     if misfit is not None and not (search.is_finished or misfit.is_gross):
         # The terms say already that something is left.
@@ -158,7 +148,6 @@ def diagnose(
     seen = detectable_of(search) if options.details else ()
     library = search.stage.findings[BankName.LIBRARY].projected
     n_visible = sum(candidate.shows_itself for candidate in library)
-    lap("detectable sizes")
     excluded = choosing & ~search.fit.included
     left_out = _left_out(estimates.adapted, choosing, options)
     return Diagnosis(
@@ -194,7 +183,6 @@ def diagnose(
         detectable=seen,
         seed=options.seed,
         holdout_by=options.holdout_by,
-        seconds={done: end - start for (_, start), (done, end) in pairwise(laps)},
     )
 
 

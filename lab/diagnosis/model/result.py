@@ -1,6 +1,5 @@
 """Options and result of a diagnosis."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -125,7 +124,6 @@ class Diagnosis:
     detectable: tuple[Detectable, ...]
     seed: int
     holdout_by: str
-    seconds: Mapping[str, float]
 
     @property
     def left_out_only(self) -> Booleans:

@@ -29,7 +29,6 @@ from traverse.lab.statistics.distributions import equivalent_normal, normal_quan
 _SEED = 2
 # With fewer poses means over parts of the range say nothing.
 _LEAST_FOR_MEANS = 40
-_SHOWN_W = 4.0
 _N_SECTORS = 36
 _POSE = (BLUE, "o", None)
 
@@ -46,7 +45,7 @@ def pictures_of(
             180.0, 18.0 + 11.0 * n_artefacts, _paint_artefacts, result
         ),
         "joints": picture(180.0, joints_mm, _paint_joints, result),
-        "normal": picture(180.0, 66.0, _paint_normal, result),
+        "normal": picture(100.0, 66.0, _paint_normal, result),
         "map": None,
         "coverage": picture(180.0, coverage_mm, _paint_coverage, result),
     }
@@ -130,35 +129,21 @@ def _paint_joints(figure: Figure, result: Identification) -> None:
 
 
 def _paint_normal(figure: Figure, result: Identification) -> None:
-    [[left, right]] = axes_grid(
-        figure, Margins(13.0, 11.0, between_columns=15.0), n_columns=2
-    )
+    [[axes]] = axes_grid(figure, Margins(13.0, 11.0))
     w = _scaled_w(result)
     if len(w) == 0:
         return
-    top = max(_SHOWN_W, 1.05 * float(w[-1]))
-    n_bins = int(np.clip(1.5 * np.sqrt(len(w)), 8, 60))
-    edges = np.linspace(0.0, top, n_bins + 1)
-    left.hist(w, bins=edges.tolist(), color=BLUE, alpha=0.55, label="poses")
-    x = np.linspace(0.0, top, 300)
-    area = len(w) * (edges[1] - edges[0])
-    density = np.sqrt(2.0 / np.pi) * np.exp(-0.5 * x**2)
-    left.plot(x, area * density, color="black", linewidth=1.0, label="normal")
-    left.set_xlabel("|w| / sigma0 of a pose")
-    left.set_ylabel("poses")
-    left.set_xlim(0.0, top)
-    left.legend()
     shown = thinned(np.arange(len(w)))
     expected = np.array(
         [normal_quantile(0.5 + 0.5 * (at + 0.5) / len(w)) for at in shown]
     )
     end = 1.05 * float(expected[-1])
-    right.plot([0.0, end], [0.0, end], color="black", linewidth=1.0)
-    right.scatter(expected, w[shown], s=6.0, color=BLUE, linewidths=0.0)
-    right.set_xlabel("|w| / sigma0 that a normal leads to expect")
-    right.set_ylabel("|w| / sigma0 of a pose")
-    right.set_xlim(0.0, end)
-    right.set_ylim(0.0, None)
+    axes.plot([0.0, end], [0.0, end], color="black", linewidth=1.0)
+    axes.scatter(expected, w[shown], s=6.0, color=BLUE, linewidths=0.0)
+    axes.set_xlabel("|w| / sigma0 that a normal leads to expect")
+    axes.set_ylabel("|w| / sigma0 of a pose")
+    axes.set_xlim(0.0, end)
+    axes.set_ylim(0.0, None)
 
 
 def _scaled_w(result: Identification) -> Floats:
