@@ -288,7 +288,15 @@ def settings_files() -> set[Path]:
 def run(tree: Path, command: str, folder: str) -> int:
     """Run a command in a tree: with processes, terminals and mounts of its own."""
     script = INSIDE.format(folder=folder, command=command)
-    alone = ["unshare", "--mount", "--pid", "--fork", "--kill-child", "--uts", "--ipc"]
+    isolation = [
+        "unshare",
+        "--mount",
+        "--pid",
+        "--fork",
+        "--kill-child",
+        "--uts",
+        "--ipc",
+    ]
     environment = {
         "HOME": str(Path.home()),
         "PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
@@ -296,7 +304,7 @@ def run(tree: Path, command: str, folder: str) -> int:
         **{n: v for n, v in os.environ.items() if SETTINGS.fullmatch(n)},
     }
     ran = subprocess.run(
-        [*alone, "chroot", tree, "/bin/sh", "-c", script],
+        [*isolation, "chroot", tree, "/bin/sh", "-c", script],
         env=environment,
         stdin=subprocess.DEVNULL,
         check=False,

@@ -86,8 +86,8 @@ def _add_command(
     components[key] = _message(file, about, f"{file}.schema.json", key)
     channels[key] = _channel(f"{ROOT}/{{arm}}/cmd/{command}", about, key)
     answer = f"reply_{command}"
-    told = f"Answers to `{command}` that name no response topic."
-    channels[answer] = _channel(f"{ROOT}/{{arm}}/reply/{command}", told, "reply")
+    purpose = f"Answers to `{command}` that name no response topic."
+    channels[answer] = _channel(f"{ROOT}/{{arm}}/reply/{command}", purpose, "reply")
     operations[f"receive_{command}"] = {
         **_operation("receive", key, about, "cmd", command=key),
         "reply": {

@@ -181,13 +181,13 @@ def _compare(files: dict[Path, str], old: set[Path]) -> int:
     for path in sorted(old):
         sys.stdout.write(f"{path}: no message has this schema\n")
     for path, text in files.items():
-        found = path.read_text(encoding="utf-8") if path.exists() else ""
-        if found == text + "\n":
+        on_disk = path.read_text(encoding="utf-8") if path.exists() else ""
+        if on_disk == text + "\n":
             continue
         n_differing += 1
         sys.stdout.writelines(
             difflib.unified_diff(
-                found.splitlines(keepends=True),
+                on_disk.splitlines(keepends=True),
                 (text + "\n").splitlines(keepends=True),
                 f"{path} (on disk)",
                 f"{path} (from protocol/messages)",

@@ -87,9 +87,9 @@ def _field_rows(path: str, field: Schema, inner: Schema) -> Iterator[str]:
         kind += f" ={json.dumps(field['default'])}"
     text = f"- `{path}` ({kind}): {meaning}"
     yield textwrap.fill(text, WIDTH, subsequent_indent="  ", break_on_hyphens=False)
-    for one in field.get("anyOf", [field]):
-        named = one.get("patternProperties", {}).values()
-        parts = [("", one), ("[]", one.get("items", {}))]
+    for branch in field.get("anyOf", [field]):
+        named = branch.get("patternProperties", {}).values()
+        parts = [("", branch), ("[]", branch.get("items", {}))]
         for mark, part in [*parts, *((".<name>", each) for each in named)]:
             if "$ref" in part:
                 target = inner[part["$ref"].rsplit("/", 1)[-1]]

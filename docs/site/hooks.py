@@ -125,11 +125,11 @@ def with_its_help(section: re.Match[str]) -> str:
     command: Any = typer.main.get_command(app)
     for word in section["words"].split():
         command = command.commands[word]
-    left_out = BROKER if {one.name for one in command.params} >= BROKER else set()
+    left_out = BROKER if {option.name for option in command.params} >= BROKER else set()
     rows = ["| option | meaning |", "|---|---|"]
-    for one in command.params:
-        if one.name not in left_out:
-            name, meaning = one.get_help_record(typer.Context(command))
+    for option in command.params:
+        if option.name not in left_out:
+            name, meaning = option.get_help_record(typer.Context(command))
             rows.append(f"| `{name}` | {html.escape(meaning)} |")
     rows += ["| [broker options](#brokers) | |"] if left_out else []
     does = html.escape(command.help, quote=False)

@@ -240,8 +240,8 @@ def _sets(names: Sequence[str], axes: str) -> Iterator[tuple[str, list[str]]]:
         for at, letter in enumerate(bare):
             if letter == axes[0]:
                 alike = [f"{bare[:at]}{axis}{bare[at + 1 :]}" for axis in axes]
-                if all(one in plain for one in alike):
-                    yield bare[:at], [plain[one] for one in alike]
+                if all(key in plain for key in alike):
+                    yield bare[:at], [plain[key] for key in alike]
 
 
 def _quadruple(names: Sequence[str]) -> list[str]:

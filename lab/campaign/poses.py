@@ -86,7 +86,7 @@ class Poses:
 
 _MOST_LINES = 8
 # What a table may say of a pose beside what was touched, with which tool, and when.
-_OPTIONAL = [one.name for one in fields(Poses)[5:] if one.name != "tools"]
+_OPTIONAL = [field.name for field in fields(Poses)[5:] if field.name != "tools"]
 # Instead of empty cells, which would differ from themselves.
 _EMPTY = 1e300
 

@@ -48,6 +48,8 @@ class HoldoutResult:
     Attributes:
         rms_mm: Of their misclosures.
         chi2: S, their mean square over the predictive covariance.
+        chi2_std: The standard deviation of S by chance, by the equations of these poses
+            and the redundancy of the fit.
         mean_distance_mm: To known points, if any.
         largest_mm: The largest misclosure of a pose; NaN without poses.
         without_blunders: The same without poses that contradict their neighbours;
@@ -60,6 +62,7 @@ class HoldoutResult:
     mean_distance_mm: float | None
     n_poses: int = 0
     largest_mm: float = float("nan")
+    chi2_std: float = float("nan")
     without_blunders: "HoldoutResult | None" = None
 
 
@@ -212,6 +215,7 @@ class Gap:
     """How two models predict poses kept aside.
 
     Attributes:
+        held_out_chi2_std: The standard deviation of the latter by chance.
         closed: Part of the gap that is closed; None: too little to say.
         left_out: Lines that were left out.
         without_blunders: The same without poses that contradict their neighbours.
@@ -220,6 +224,7 @@ class Gap:
 
     held_out_rms_mm: BeforeAfter
     held_out_chi2: BeforeAfter
+    held_out_chi2_std: float
     held_out_largest_mm: BeforeAfter
     closed: float | None
     n: int

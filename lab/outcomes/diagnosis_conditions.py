@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from traverse.lab.outcomes.base import (
     Condition,
     Established,
@@ -59,11 +57,11 @@ _MANY_EXCLUDED = 0.1
 def is_noise(figures: HoldoutResult) -> bool:
     """Return whether noise explains how poses kept aside are predicted."""
     last = figures.without_blunders or figures
-    return last.n == 0 or not _is_beyond(last.chi2, last.n)
+    return last.n == 0 or not _is_beyond(last.chi2, last.chi2_std)
 
 
-def _is_beyond(chi2: float, n: int) -> bool:
-    return chi2 > 1.0 + _OPEN_GAP * float(np.sqrt(2.0 / n))
+def _is_beyond(chi2: float, std: float) -> bool:
+    return chi2 > 1.0 + _OPEN_GAP * std
 
 
 def is_many(n_excluded: int, n_poses: int) -> bool:
@@ -135,7 +133,7 @@ def _within_noise(evidence: DiagnosisEvidence) -> Finding:
             "No pose could be kept aside, so that nothing proves the result.",
             "Measure more poses.",
         )
-    if _is_beyond(chi2, gap.n):
+    if _is_beyond(chi2, gap.held_out_chi2_std):
         return doubt(
             "The poses kept aside still differ from the model by "
             f"{length_mm(rms_mm)} rms, {chi2:.2g} times the mean square "

@@ -71,36 +71,36 @@ def generic_bank(rows: ObservationEquations) -> Bank:
             )
             parts.append(_products(by_tilts[:, 0] * _CURVE_RAD, curves))
 
-    for found in approach_columns(rows):
-        knots = spline_knots(found.values[used])
-        base_moves(found, knots, _curves(rows, found, knots))
-    for found in covariate_columns(rows):
-        knots = spline_knots(found.values[used])
-        curves = _curves(rows, found, knots)
-        if found.name in _OF_BASE:
-            base_moves(found, knots, curves)
-        if found.name == "time_s":
-            for candidate, part in _artefact_curves(rows, found):
+    for column in approach_columns(rows):
+        knots = spline_knots(column.values[used])
+        base_moves(column, knots, _curves(rows, column, knots))
+    for column in covariate_columns(rows):
+        knots = spline_knots(column.values[used])
+        curves = _curves(rows, column, knots)
+        if column.name in _OF_BASE:
+            base_moves(column, knots, curves)
+        if column.name == "time_s":
+            for candidate, part in _artefact_curves(rows, column):
                 candidates.append(candidate)
                 parts.append(part)
         for joint, name in enumerate(joints):
-            if found.joint not in (None, joint) and not found.is_reading:
+            if column.joint not in (None, joint) and not column.is_reading:
                 continue
-            candidates.append(_candidate(found, knots, name, "angle", ()))
+            candidates.append(_candidate(column, knots, name, "angle", ()))
             by_reading = rows.by_readings[:, joint : joint + 1]
             parts.append(_products(by_reading * _CURVE_RAD, curves))
-            is_own = found.is_reading and found.joint == joint
+            is_own = column.is_reading and column.joint == joint
             if is_own and n_fine > N_KNOTS:
-                fine = spline_knots(found.values[used], n_fine)
-                candidates.append(_candidate(found, fine, name, "angle", ()))
+                fine = spline_knots(column.values[used], n_fine)
+                candidates.append(_candidate(column, fine, name, "angle", ()))
                 parts.append(
-                    _products(by_reading * _CURVE_RAD, _curves(rows, found, fine))
+                    _products(by_reading * _CURVE_RAD, _curves(rows, column, fine))
                 )
-            if found.name in _OF_ALL or is_own:
-                candidates.append(_candidate(found, knots, name, "tilt", ("v", "w")))
+            if column.name in _OF_ALL or is_own:
+                candidates.append(_candidate(column, knots, name, "tilt", ("v", "w")))
                 parts.append(_products(by_tilts[:, joint] * _CURVE_RAD, curves))
                 directions = "v", "w", "u"
-                candidates.append(_candidate(found, knots, name, "shift", directions))
+                candidates.append(_candidate(column, knots, name, "shift", directions))
                 parts.append(_products(by_shifts[:, joint] * _CURVE_MM, curves))
     stacked = np.concatenate(parts, axis=1) if parts else np.empty((len(rows.poses), 0))
     return Bank(tuple(candidates), rows.decorrelated(stacked))

@@ -221,11 +221,13 @@ def _summary(
     kinds = np.array([artefact.kind for artefact in campaign.artefacts])
     at_points = kinds[campaign.poses.artefacts[poses]] == "points"
     distances_mm = np.linalg.norm(misclosures_mm[at_points], axis=1)
+    degrees = float(np.sum(statistics.degrees[poses]))
+    # Poses share the errors of the fit: S has the spread of a ratio, not of a sum.
+    redundancy = max(adjustment.redundancy, 1)
     return HoldoutResult(
         rms_mm=float(np.sqrt(np.nanmean(misclosures_mm**2))),
-        chi2=float(
-            np.sum(statistics.statistics[poses]) / np.sum(statistics.degrees[poses])
-        ),
+        chi2=float(np.sum(statistics.statistics[poses]) / degrees),
+        chi2_std=float(np.sqrt(2.0 / degrees + 2.0 / redundancy)),
         n=n,
         mean_distance_mm=float(np.mean(distances_mm)) if np.any(at_points) else None,
         n_poses=int(np.count_nonzero(poses)),

@@ -140,6 +140,7 @@ def _figures(first: HoldoutResult, last: HoldoutResult, **beside: Any) -> Gap:
     return Gap(
         held_out_rms_mm=BeforeAfter(first.rms_mm, last.rms_mm),
         held_out_chi2=BeforeAfter(first.chi2, last.chi2),
+        held_out_chi2_std=last.chi2_std,
         held_out_largest_mm=BeforeAfter(first.largest_mm, last.largest_mm),
         closed=closed(first.chi2, last.chi2, last.n),
         n=last.n,
