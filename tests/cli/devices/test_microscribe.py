@@ -11,6 +11,7 @@ from traverse.cli.devices.microscribe_arm import topic_name
 from traverse.daemon.config.schema import read_configuration
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.simulator.devices.microscribe import box
+from traverse.testing.waiting import until
 
 
 def asked(folder: Path, *options: str, status: int = 0) -> Result:
@@ -25,7 +26,7 @@ def arm(tmp_path):
         yield arm
 
 
-def test_both_files_are_written_and_good(arm, tmp_path):
+async def test_both_files_are_written_and_good(arm, tmp_path):
     arm.rewrite(home=(2000, 0, 0, 0, 0, 0))
     result = asked(tmp_path, "--radius-mm", "1.5")
     assert "MicroScribe 3D 3DX 12345, HCI2 at 115200 baud" in result.output
@@ -43,7 +44,7 @@ def test_both_files_are_written_and_good(arm, tmp_path):
         "microscribe/0",
         "microscribe/1",
     ]
-    assert arm.box.baud_rate is None  # the session is ended
+    await until(lambda: arm.box.baud_rate is None, "the session ends")
 
 
 def test_the_report_says_what_the_arm_says(arm, tmp_path):
