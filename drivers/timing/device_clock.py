@@ -10,9 +10,10 @@ latch was. Where a port holds bytes back until its next frame, the smallest dela
 and falls slowly by a frame, as the two clocks pass each other, which no line tells from
 an error of the rate: what an answer showed is worth less each second.
 
-So a time is bounded from both sides: it is too late by what line, port and answers
-leave open, and too early by as much as the last reading was late, since its latch was
-before its arrival. A counter that stood still before that reading is within the latter.
+So a time is bounded from both sides. It is too late by what the best answer leaves open
+(without answers: line and port, which do not show a smallest delay that lasts). It is
+too early by as much as the last reading was late, since its latch was before its
+arrival. A counter that stood still before that reading is within the latter.
 
 Strategy: a time is in doubt until the line is known, and whenever a reading suggests
 that it may not hold any more. A reading near the line proves it: the counter has lost
@@ -191,10 +192,9 @@ class DeviceClock:
 
     def _most_late_ns(self) -> float:
         """Bound by how much the present times are later than their latches."""
-        bound_ns = self._bound_ns() + self._grain_ns
         if self._best is not None:
-            bound_ns = min(bound_ns, self._late_by_ns(self._best))
-        return bound_ns
+            return self._late_by_ns(self._best)
+        return self._bound_ns() + self._grain_ns
 
     def _late_by_ns(self, exchange: _Exchange) -> float:
         """Bound the same by an exchange, and what the rate leaves open since then."""

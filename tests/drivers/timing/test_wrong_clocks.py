@@ -259,6 +259,19 @@ def test_a_bound_rests_on_the_last_answer_not_on_what_the_port_states():
     assert abs(clock.to_ns(5_990_000) - 5_990_000_000) <= clock.error_bound_ns < 600_000
 
 
+def test_a_bound_contains_a_smallest_delay_that_no_line_shows():
+    """All reads come 25 ms late: their line holds well, and lies high."""
+    clock, draw = DeviceClock(1e6), np.random.default_rng(5)
+    for k in range(250):
+        latched_ns = 10_000_000 * k
+        received_ns = latched_ns + 25_000_000 + int(draw.uniform(0, 10_000_000))
+        sent_ns = latched_ns - 8_000_000 if k % 20 == 19 else None
+        clock.update(10_000 * k, received_ns, sent_ns)
+        if k > 60:
+            error_ns = clock.to_ns(10_000 * k) - latched_ns
+            assert error_ns <= clock.error_bound_ns
+
+
 def test_edges_that_are_sent_again_are_not_newer():
     clock = DeviceClock(1e6)
     assert clock.is_newer(5)
