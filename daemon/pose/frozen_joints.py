@@ -170,7 +170,8 @@ class FrozenJointMonitor:
         )
 
     def _look_for_motion(self, model: ArmModel, counts: Floats) -> None:
-        frozen = {j: c for j, c in self.counts.items() if (counts[:, j] == c).all()}
+        # A block that begins with a frozen count may vary later: it is in doubt whole.
+        frozen = {j: c for j, c in self.counts.items() if counts[0, j] == c}
         if len(frozen) == len(self.counts):
             return
         self.counts = frozen

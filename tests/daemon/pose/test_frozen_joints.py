@@ -101,6 +101,20 @@ def test_a_joint_that_brakes_beside_others_only_rests(arm, joint, braking_rad_s2
     assert arm.read(angles_rad) is None
 
 
+def test_a_block_that_begins_with_a_frozen_count_is_in_doubt_whole(arm):
+    angles_rad = arm.steady(2.0)
+    frozen = len(angles_rad) // 2
+    angles_rad[frozen:, 0] = angles_rad[frozen, 0]
+    arm.read(angles_rad, rows=1)
+    assert not arm.conditions.is_established("channels")
+    varies = angles_rad[-7:].copy()
+    varies[3:, 0] += 0.1
+    arm.read(varies)
+    assert not arm.conditions.is_established("channels")
+    arm.read(varies[3:])
+    assert arm.conditions.is_established("channels")
+
+
 def test_an_arm_that_stops_dead_only_rests(arm):
     angles_rad = arm.steady(2.0)
     angles_rad[round(arm.rate_hz) :] = angles_rad[round(arm.rate_hz)]
