@@ -30,12 +30,12 @@ pack_initial() {
     (cd "$build/initial" && find . | busybox cpio -o -H newc 2>/dev/null | gzip -1) >"$1"
 }
 
-# The emulated computer: emulate SECONDS OPTION...; by KVM where it may be used, else all is emulated.
+# The emulated computer: emulate SECONDS OPTION...; everything is emulated, without KVM.
 emulate() {
     seconds="$1"
     shift
     timeout --foreground "$seconds" qemu-system-x86_64 \
-        -machine q35 -accel kvm -accel tcg,thread=multi -cpu max -smp 2 -m 1024 \
+        -machine q35 -accel tcg,thread=multi -cpu max -smp 2 -m 1024 \
         -nodefaults -no-user-config -display none -serial stdio -no-reboot -nic none \
         -kernel "$kernel"/boot/vmlinuz-* "$@" </dev/null
 }
