@@ -1,4 +1,4 @@
-"""Pings on a silent connection, and its end where nothing comes back."""
+"""Ping a silent connection, and end it if nothing is received."""
 
 import asyncio
 from collections.abc import Callable

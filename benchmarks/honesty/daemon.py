@@ -169,6 +169,7 @@ class DaemonRun:
         self._utc.check()
         self._readers = [self._hub.start(d.driver) for d in self._devices]
         self._tasks = [
+            # The measuring half of a service, which has all that this uses.
             asyncio.create_task(consume(self._service, d))  # type: ignore[arg-type]
             for d in self._devices
         ]

@@ -13,7 +13,7 @@ FAR_S = 1e5
 
 @dataclass(frozen=True, slots=True)
 class ClockFault:
-    """A clock stands still or is slewed for a time, or is set.
+    """A clock is stopped or slewed for a time, or is set.
 
     Attributes:
         stands_s: duration of the standstill.
@@ -27,7 +27,7 @@ class ClockFault:
     rate: float = 0.0
 
     def is_at(self, true_s: float) -> bool:
-        """Return whether the clock stands still or is slewed."""
+        """Return whether the clock is stopped or slewed."""
         return self.at_s <= true_s < self.at_s + self.stands_s
 
 

@@ -63,7 +63,7 @@ class Draft:
         self._set({**self.values, "device": list(tables) or None})
 
     def set_table(self, name: str, changes: Mapping[str, object]) -> None:
-        """Set keys of a table; None removes a key, and an empty table goes."""
+        """Set keys of a table; None removes a key; an empty table is removed."""
         table = {**self.values.get(name, {}), **changes}
         is_empty = all(value is None for value in table.values())
         self._set({**self.values, name: None if is_empty else table})

@@ -101,8 +101,8 @@ class SetupPage:
             store(f"{removed.get('source')} is removed")
 
         def add() -> None:
-            gestures = [form.values() for form in forms]
-            table = {k: v for k, v in gestures[0].items() if v is not None}
+            values = form.values()
+            table = {key: value for key, value in values.items() if value is not None}
             inputs.append(table)
             store(f"{table.get('source')} is added")
 
@@ -114,7 +114,7 @@ class SetupPage:
         first = next((str(device.get("id")) for device in self._draft.devices), NEW_ID)
         with ui.element("div").classes("fields"):
             present = {"source": f"{first}/{len(inputs)}", "trigger": "button"}
-            forms = [Form(settings_of(schema.InputSection), present)]
+            form = Form(settings_of(schema.InputSection), present)
         button("Add", add)
 
     # -- broker and settings ----------------------------------------------------

@@ -112,7 +112,7 @@ class Transactions:
             self._report(f"{tag} {method}: {error}")
 
     def report_unsolicited(self, method: str, error: IppError) -> None:
-        """Report an error that no command has asked for."""
+        """Report an error outside of any command."""
         self.report_error(SERVER_TAG, method, error)
         if error.severity > 1 and self.in_session:
             self.abort()
