@@ -144,7 +144,10 @@ class Measurement(MeasurementContext):
         changed = sinks.status_changed
         self._utc_doubt = "", ""
         self.conditions = ConditionMonitor(clock, events)
-        self._frozen_joints = FrozenJointMonitor(self.conditions)
+        self._frozen_joints = FrozenJointMonitor(
+            self.conditions,
+            lambda since_ns: self.capture.session.since(clock.to_utc_ns(since_ns)),
+        )
         self._use_conditions()
         self.conditions.changed = changed
         self.states = DeviceStateTracker(

@@ -112,17 +112,32 @@ class Judge:
         self._last_std_mm = LEAST_STD_MM
         self._offsets_ns: list[int] = []
         self._pardoned_s = np.inf, np.inf
+        self._unnamed: dict[str, Lie] = {}
 
     def pardon(self, from_s: float, until_s: float) -> None:
-        """Judge no number of a time in which nothing can show yet that it is wrong."""
+        """Judge no number of a time in which nothing can show yet that it is wrong.
+
+        A point of that time has to be named by an event once it shows.
+        """
         self._pardoned_s = from_s, until_s
+
+    def take_names(self, ids: str) -> None:
+        """Note that an event names points, which it puts in doubt afterwards."""
+        for point_id in ids.split():
+            self._unnamed.pop(point_id, None)
+
+    def finish(self) -> None:
+        """Count wrong points that no event has named until the end."""
+        for lie in self._unnamed.values():
+            self._add_lie(lie)
 
     def point(self, point: Point, utc_offset_ns: int) -> None:
         if point.retracts is not None:
             return
         std_mm = self._std_mm(point.covariance_mm2)
         what = "mean" if point.samples > 1 else point.trigger
-        self._judge(Claims.of(what, point), std_mm, utc_offset_ns)
+        for lie in self._judge(Claims.of(what, point), std_mm, utc_offset_ns):
+            self._unnamed[point.id] = lie
 
     def live(self, live: Live, utc_offset_ns: int) -> None:
         std_mm = self._std_mm(live.covariance_mm2)
@@ -148,7 +163,8 @@ class Judge:
         )
         self._judge(claims, std_mm, utc_offset_ns)
 
-    def _judge(self, claims: Claims, std_mm: Floats, utc_offset_ns: int) -> None:
+    def _judge(self, claims: Claims, std_mm: Floats, utc_offset_ns: int) -> list[Lie]:
+        """Count numbers and lies; return what would be lies but for the pardon."""
         what, times_ns, xyz_mm = claims.what, claims.times_ns, claims.xyz_mm
         ok, flags = claims.ok, claims.flags
         offsets = self._offsets_ns
@@ -166,7 +182,8 @@ class Judge:
         back_s, ahead_s = self._utc_tolerance_s()
         wrong = (off_mm > allowed_mm) | (utc_off_s < -back_s) | (utc_off_s > ahead_s)
         from_s, until_s = self._pardoned_s
-        wrong &= (at_s < from_s) | (at_s > until_s)
+        pardoned = wrong & (at_s >= from_s) & (at_s <= until_s)
+        wrong &= ~pardoned
         tally = self.tally
         tally.ok[what] += int(ok.sum())
         tally.doubt[what] += int((~ok).sum())
@@ -176,17 +193,13 @@ class Judge:
             if at_s[row] > SETTLED_S:
                 tally.settled[what] += 1
                 tally.doubts[flags[row]] += 1
+        columns = at_s, off_mm, allowed_mm, utc_off_s
+
+        def lie_of(row: int) -> Lie:
+            return Lie(what, *(float(column[row]) for column in columns))
+
         for row in np.flatnonzero(ok & wrong).tolist():
-            tally.lies[what] += 1
-            lie = Lie(
-                what,
-                float(at_s[row]),
-                float(off_mm[row]),
-                float(allowed_mm[row]),
-                float(utc_off_s[row]),
-            )
-            if len(tally.examples) < MOST_EXAMPLES:
-                tally.examples.append(lie)
+            self._add_lie(lie_of(row))
         if what not in ("live", "scan") or (ok & wrong).any() or (~ok).any():
             worst = int(np.argmax(off_mm * (1 + ok)))
             state = "LIE" if (ok & wrong).any() else "ok" if ok.all() else "doubt"
@@ -195,6 +208,12 @@ class Judge:
                 f"{off_mm[worst]:.4f} mm off, {allowed_mm[worst]:.4f} allowed, "
                 f"UTC {utc_off_s[worst]:.3g} s, {flags[worst] or 'no flags'}"
             )
+        return [lie_of(row) for row in np.flatnonzero(ok & pardoned).tolist()]
+
+    def _add_lie(self, lie: Lie) -> None:
+        self.tally.lies[lie.what] += 1
+        if len(self.tally.examples) < MOST_EXAMPLES:
+            self.tally.examples.append(lie)
 
     def _errors(
         self, times_ns: Integers, xyz_mm: Floats, offset_ns: int | None = None

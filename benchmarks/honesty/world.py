@@ -360,6 +360,7 @@ class World:
                 loop.run_until_complete(self._live())
             finally:
                 loop.close()
+        self.judge.finish()
         self.outcome.cpu_s = time.process_time() - begun_s
         return self.outcome
 
@@ -391,6 +392,7 @@ class World:
 
         def take_event(event: Occurrence) -> None:
             events[event.code] += 1
+            judge.take_names(str(event.data.get("points", "")))
             if "fault in the driver" in event.text:
                 raise RuntimeError(event.text)
             self._note(

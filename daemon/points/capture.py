@@ -48,6 +48,10 @@ class Session:
         """Last point that has not been retracted, if any."""
         return self._standing[-1] if self._standing else None
 
+    def since(self, utc_ns: int) -> list[Point]:
+        """Return its points since an instant that have not been retracted."""
+        return [point for point in self._standing if point.time_ns >= utc_ns]
+
     def add(self, point: Point) -> None:
         """Count a point or retraction that was handed on."""
         self.next_seq += 1

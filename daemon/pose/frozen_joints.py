@@ -9,7 +9,7 @@ Nothing in a repeated count says that it is old. Two observations do:
 """
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import ArmReadings
 from traverse.daemon.pose.trajectory import INVALID_FLAGS
-from traverse.protocol.messages import QualityFlag
+from traverse.protocol.messages import Point, QualityFlag
 
 CONDITION = "channels"  # that this feeds
 CHECK_NS = 50_000_000  # interval of checks
@@ -34,13 +34,14 @@ BRAKING_RAD_S2 = 7.5  # a hand brakes by less while it leads other joints on
 TREMOR_RAD_S = 2e-3  # a joint that a hand holds moves at least so fast
 TREMOR_COUNTS = 3  # of such a motion that a living encoder shows
 MOVED_RAD = 2e-3  # of another joint, meanwhile
-REST_S, REST_ROWS = 1.0, 30
+REST_S, REST_NS, REST_ROWS = 1.0, 1_000_000_000, 30
 REST_COUNTS = 16  # of noise, at most
 NOISE_COUNTS = 3  # of noise at any place between two counts, at least
 REVERSAL_SHARE = 0.125  # of the steps of noise
 NOISY_RESTS = 20
 LED_RAD = 0.05  # of another joint in REST_S
 LEFT_OUT = INVALID_FLAGS | QualityFlag.STALE.value  # readings that are marked
+MOST_NAMED = 20  # points in one event
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +66,19 @@ class _Window:
 class FrozenJointMonitor:
     """Feeds the condition `channels`.
 
+    Args:
+        points_since: Points of the session since a host monotonic time.
+
     Attributes:
         counts: of frozen joints, by joint from 0.
     """
 
-    def __init__(self, conditions: ConditionMonitor) -> None:
-        self._conditions = conditions
+    def __init__(
+        self,
+        conditions: ConditionMonitor,
+        points_since: Callable[[int], Sequence[Point]],
+    ) -> None:
+        self._conditions, self._points_since = conditions, points_since
         self.counts: dict[int, float] = {}
         self._noisy_rests: Integers = np.zeros(0, np.int64)
         self._may_rest: Booleans = np.zeros(0, np.bool_)
@@ -120,9 +128,10 @@ class FrozenJointMonitor:
         )
         times_s = (all_ns - now_ns) * 1e-9
         window = _Window(times_s, all_counts, np.abs(model.per_count_rad))
-        for joint in _stopped_joints(window):
-            self._report(model, joint, counts[-1, joint], "it stopped without braking")
-        if now_ns - self._rested_ns >= REST_S * 1e9:
+        for joint, row in _stopped_joints(window):
+            text, since_ns = "it stopped without braking", int(all_ns[row])
+            self._report(model, joint, counts[-1, joint], text, since_ns)
+        if now_ns - self._rested_ns >= REST_NS:
             self._rested_ns = now_ns
             self._judge_noise(model, window)
 
@@ -148,16 +157,29 @@ class FrozenJointMonitor:
         suspects = is_still & ~self._may_rest & (self._noisy_rests >= NOISY_RESTS)
         if moved_rad.max() >= LED_RAD or suspects.all():
             for joint in np.flatnonzero(suspects).tolist():
-                text = "its noise has ended"
-                self._report(model, joint, counts[-1, joint], text)
+                text, since_ns = "its noise has ended", self._rested_ns - REST_NS
+                self._report(model, joint, counts[-1, joint], text, since_ns)
 
-    def _report(self, model: ArmModel, joint: int, count: float, why: str) -> None:
+    def _report(
+        self, model: ArmModel, joint: int, count: float, why: str, since_ns: int
+    ) -> None:
+        """Put numbers in doubt; name the points that were taken before it showed."""
         if joint in self.counts:
             return
         self.counts[joint] = float(count)
-        self._doubt(model, why)
+        data: dict[str, float | str] = {
+            "constant_s": round((self._checked_ns - since_ns) * 1e-9, 3)
+        }
+        points = self._points_since(since_ns)[-MOST_NAMED:]
+        if points:
+            numbers = ", ".join(str(point.seq) for point in points)
+            why += f"; points that may rest on it already, by seq: {numbers}"
+            data["points"] = " ".join(point.id for point in points)
+        self._doubt(model, why, data)
 
-    def _doubt(self, model: ArmModel, why: str) -> None:
+    def _doubt(
+        self, model: ArmModel, why: str, data: Mapping[str, float | str] | None = None
+    ) -> None:
         named = ", ".join(
             f"{model.effects.joint_names[joint]} ({model.joint_devices[joint]}/"
             f"{model.channels[joint]})"
@@ -167,6 +189,7 @@ class FrozenJointMonitor:
             CONDITION,
             cause=f"the count of {named} is exactly constant while other joints move: "
             f"{why}",
+            data=data,
         )
 
     def _look_for_motion(self, model: ArmModel, counts: Floats) -> None:
@@ -189,18 +212,22 @@ def _thinned(times_ns: Integers, counts: Floats) -> tuple[Integers, Floats]:
     return times_ns[kept], counts[kept]
 
 
-def _stopped_joints(window: _Window) -> list[int]:
-    """Return joints, from 0, that stopped without braking while others moved on."""
+def _stopped_joints(window: _Window) -> list[tuple[int, int]]:
+    """Return joints, from 0, that stopped without braking while others moved on.
+
+    Beside each: the row from which on its count is constant. That the whole arm rests
+    meanwhile changes nothing.
+    """
     latest = window.counts[-STILL_ROWS - 1 :]
     may_be = (latest == latest[-1]).all(axis=0)
-    if len(latest) <= STILL_ROWS or not may_be.any() or may_be.all():
+    if len(latest) <= STILL_ROWS or not may_be.any():
         return []
     has_moved = window.counts[1:] != window.counts[:-1]
-    return [
-        joint
+    rows = {
+        joint: 1 + int(np.flatnonzero(has_moved[:, joint])[-1])
         for joint in np.flatnonzero(may_be & has_moved.any(axis=0)).tolist()
-        if _has_stopped(window, joint, 1 + int(np.flatnonzero(has_moved[:, joint])[-1]))
-    ]
+    }
+    return [it for it in rows.items() if _has_stopped(window, *it)]
 
 
 def _has_stopped(window: _Window, joint: int, row: int) -> bool:

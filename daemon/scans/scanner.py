@@ -239,9 +239,10 @@ class Scanner:
             # stall many points arrive at once: no message grows beyond its bound.
             n = len(points)
             bounds = [*range(0, n, MAX_POINTS), n]
-            if int(points.seq[-1]) - int(points.seq[0]) != n - 1:
-                gaps = np.flatnonzero(np.diff(points.seq) != 1) + 1
-                bounds = sorted({*bounds, *gaps.tolist()})
+            # Nor is a covariance withheld because that of a neighbour is unknown.
+            are_unknown = np.isnan(points.covariance_mm2).any(axis=1)
+            breaks = (np.diff(points.seq) != 1) | np.diff(are_unknown)
+            bounds = sorted({*bounds, *(np.flatnonzero(breaks) + 1).tolist()})
             for start, end in pairwise(bounds):
                 final = last and end == bounds[-1]
                 self._publish(points.rows(slice(start, end)), last=final)

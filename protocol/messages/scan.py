@@ -72,8 +72,8 @@ class Scan(Message):
     part_xyz_mm: Coordinates | None
     """Ball centres in the part's system; null without an alignment."""
     covariance_mm2: Covariances | None
-    """Covariances of xyz_mm, as in a point; null in a block where that of any point is
-    unknown."""
+    """Covariances of xyz_mm, as in a point; null in a block of points where it is not
+    known."""
     quality: Bits
     """Bits of the table of quality flags, point by point; 0: nothing to say."""
     dropped: Count

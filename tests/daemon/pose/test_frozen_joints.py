@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.daemon.values import SetClock, arm_model
+from tests.protocol.message_examples import POINT
 from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.conditions.table import ARM
 from traverse.daemon.monitoring.events import EventLog
@@ -30,8 +31,11 @@ class Arm:
         self.conditions = ConditionMonitor(self.clock, log)
         self.conditions.use({"channels": (ARM,)}, (ARM,))
         self.conditions.establish("channels")
-        self.monitor = FrozenJointMonitor(self.conditions)
-        self.n = 0
+        self.monitor = FrozenJointMonitor(self.conditions, self.points_since)
+        self.n, self.points = 0, []
+
+    def points_since(self, since_ns):
+        return [point for point in self.points if point.time_ns >= since_ns]
 
     def read(self, angles_rad, rows=7):
         """Reads (n, 3) angles in blocks; returns after how many it was in doubt."""
@@ -115,6 +119,36 @@ def test_a_block_that_begins_with_a_frozen_count_is_in_doubt_whole(arm):
     assert arm.conditions.is_established("channels")
 
 
+def test_a_count_that_froze_shows_although_the_arm_rests_soon_after(arm):
+    angles_rad = arm.steady(2.0)
+    stop = round(arm.rate_hz)
+    angles_rad[stop:, 0] = angles_rad[stop, 0]
+    rest = stop + round(0.1 * arm.rate_hz)
+    angles_rad[rest:] = angles_rad[rest]
+    assert arm.read(angles_rad) is not None
+
+
+def test_the_event_names_the_points_that_were_taken_before_it_showed(arm):
+    angles_rad = arm.steady(2.0)
+    stop = round(arm.rate_hz)
+    angles_rad[stop:, 0] = angles_rad[stop, 0]
+    arm.points = [
+        POINT.model_copy(
+            update={
+                "seq": seq,
+                "id": f"p-{seq}",
+                "time_ns": 10**12 + round(1e9 * at_s),
+            }
+        )
+        for seq, at_s in enumerate((0.9, 1.05, 1.1))
+    ]
+    arm.read(angles_rad)
+    event = arm.events[-1]
+    assert event.data["points"] == " ".join(p.id for p in arm.points[1:])
+    assert "by seq: 1, 2" in event.text
+    assert 0.05 <= event.data["constant_s"] <= 0.35
+
+
 def test_an_arm_that_stops_dead_only_rests(arm):
     angles_rad = arm.steady(2.0)
     angles_rad[round(arm.rate_hz) :] = angles_rad[round(arm.rate_hz)]
@@ -181,7 +215,7 @@ def test_its_state_continues_in_a_replay(arm):
     angles_rad = arm.steady(2.0)
     angles_rad[round(arm.rate_hz) :, 2] = angles_rad[round(arm.rate_hz), 2]
     arm.read(angles_rad)
-    other = FrozenJointMonitor(arm.conditions)
+    other = FrozenJointMonitor(arm.conditions, arm.points_since)
     other.resume(arm.monitor.state)
     assert list(other.counts) == [2]
     assert other.state == arm.monitor.state

@@ -110,20 +110,23 @@ def test_points_are_numbered_from_the_start_and_handed_on_in_blocks(model):
     assert bench.scanner.published_points == 20
 
 
-@pytest.mark.parametrize("is_known", [True, False])
-def test_points_state_their_covariances_unless_one_is_unknown(model, is_known):
+@pytest.mark.parametrize("unknown", [[], [2], [0, 1], [0, 1, 2, 3]])
+def test_points_state_their_covariances_beside_others_that_have_none(model, unknown):
     bench = Bench(model, rate_hz=50.0, every=2)
     poses = bench.poses.block(range(8))
     covariances_mm2 = np.arange(48.0).reshape(8, 6)
-    if not is_known:
-        covariances_mm2[4] = np.nan
+    covariances_mm2[2 * np.array(unknown, np.int64)] = np.nan
     bench.scanner.take(model, poses, covariances_mm2)
     bench.scanner.stop()
-    (message,) = bench.messages
-    if is_known:
-        assert (message.covariance_mm2 == covariances_mm2[::2]).all()
-    else:
-        assert message.covariance_mm2 is None
+    stated = {}
+    for message in bench.messages:
+        for row in range(len(message.xyz_mm)):
+            known = message.covariance_mm2
+            stated[message.seq + row] = None if known is None else known[row].tolist()
+    assert stated == {
+        k: None if k in unknown else covariances_mm2[2 * k].tolist() for k in range(4)
+    }
+    assert [message.last for message in bench.messages].count(True) == 1
 
 
 def test_a_slow_scan_takes_every_so_many_th_sample(model):
