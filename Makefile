@@ -34,7 +34,7 @@ KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kern
 # Compiled modules are kept: without them every program that a test starts compiles anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs help venv system node demo test test-slow test-targets test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz fuzz-files soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page bench-zoo screenshots figures honesty wheels
+.PHONY: docs help venv system node demo test test-slow test-targets test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz fuzz-files soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page bench-zoo prove-board-day screenshots figures honesty wheels
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -144,6 +144,9 @@ bench-drivers: venv system node  ## the drivers: rates, losses, share of a core;
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers.deskew
 	$(BIN)/python -m benchmarks.drivers.clock
 	$(BIN)/python -m benchmarks.drivers.boards
+
+prove-board-day: venv system  ## a day of the Mega's firmware in its emulator, across forty wraps of its counter; half an hour
+	$(BIN)/python -m benchmarks.drivers.board_day
 
 bench-capture: venv system  ## filters, and a switching probe's contact; takes two minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.filters

@@ -24,11 +24,13 @@ class Press:
     """A change of an input.
 
     Attributes:
+        contact_cycle: the processor's cycle at it, since power-up.
         mark_cycles: processor cycles from it to the mark of its latch.
         counts: what the encoders were at it.
         latch_cycles: cycles to the latch of each encoder that is latched by a line.
     """
 
+    contact_cycle: int
     mark_cycles: int
     counts: tuple[int, ...]
     latch_cycles: tuple[int, ...]
@@ -42,8 +44,9 @@ class EmulatedProcessor(EmulatedBoard):
         words = self.ask("latency").split()
         end = words.index("channels")
         return Press(
-            mark_cycles=int(words[1]),
-            counts=tuple(int(word) for word in words[3:end]),
+            contact_cycle=int(words[1]),
+            mark_cycles=int(words[3]),
+            counts=tuple(int(word) for word in words[5:end]),
             latch_cycles=tuple(int(word) for word in words[end + 1 :]),
         )
 

@@ -201,7 +201,8 @@ static void bounce(unsigned input, bool active, unsigned n_changes)
 
 static void print_latency(void)
 {
-    printf("mark %" PRId64 " counts", (int64_t)(world.marked_at - world.changed_at));
+    printf("contact %" PRIu64 " mark %" PRId64 " counts", world.changed_at,
+           (int64_t)(world.marked_at - world.changed_at));
     for (unsigned i = 0U; i < MOTIONS; i++) {
         printf(" %" PRIu32, world.counts_then[i]);
     }

@@ -47,8 +47,9 @@ static avr_cycle_count_t step(avr_t *avr, avr_cycle_count_t when, void *param)
         return 0;
     }
     const double position = motion_position(motion, when);
-    const double left = motion->counts_per_s > 0.0 ? floor(position) + 1.0 - position
-                                                   : position - (ceil(position) - 1.0);
+    /* Just at a whole count, one that counts down has it for a cycle more. */
+    const double past = position - floor(position);
+    const double left = motion->counts_per_s > 0.0 ? 1.0 - past : past;
     const double cycles = left * CYCLES_PER_S / fabs(motion->counts_per_s);
     return when + (avr_cycle_count_t)ceil(cycles + 1e-6);
 }

@@ -162,6 +162,7 @@ const commands = {
   input: (n, level) => input(n, level !== 0),
   bounce: (n, level, changes) => input(n, level !== 0, changes),
   latency: () =>
+    `contact ${Math.round(changedAt / NANOS_PER_CYCLE)} ` +
     `mark ${Math.round((markedAt - changedAt) / NANOS_PER_CYCLE)} counts ${countsThen.join(" ")} channels ` +
     motions.filter((motion) => motion.latchedAt).map((motion) => Math.round((motion.latchedAt - changedAt) / NANOS_PER_CYCLE)).join(" "),
   show: () => `lag_ms ${Math.round(lagNanos / 1e6)}`,

@@ -21,7 +21,7 @@ function quadrature(motions, pins, clock) {
     const { count, position, countsPerS } = motions[n];
     show(n, count);
     if (countsPerS === 0) return;
-    const left = countsPerS > 0 ? Math.floor(position) + 1 - position : position - (Math.ceil(position) - 1);
+    const left = countsPerS > 0 ? Math.floor(position) + 1 - position : position - Math.floor(position);
     alarms[n].schedule((left / Math.abs(countsPerS)) * 1e9 + 1);
   }
 
