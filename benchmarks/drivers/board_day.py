@@ -23,9 +23,10 @@ from traverse.drivers.base.values import (
     STATUS_ERROR,
     DeviceAlarm,
     DeviceFault,
+    DeviceUp,
     LatchedCounts,
 )
-from traverse.testing.driver_contract import up
+from traverse.testing.taken import Taken
 from traverse.testing.waiting import until
 
 COUNTS_PER_TURN = 10_000  # divides no power of two: an overflow would show
@@ -91,7 +92,9 @@ async def hour_end(board: MegaBoard) -> Edge:
     rig = ProcessorRig(board, debounce_us=5000)
     board.do(*(f"turn {n} {rate}" for n, rate in enumerate(COUNTS_PER_S)))
     with rig.driver:
-        received = await up(rig, RATE_HZ)
+        received = Taken(rig.delivery_queue)
+        await received.until(lambda: received.of(DeviceUp), "the board is up")
+        rig.driver.request_stream(RATE_HZ)
         await received.until(lambda: len(received.seqs()) > N_SAMPLES, "samples")
         rig.press()
         press = board.last_press()
@@ -99,7 +102,10 @@ async def hour_end(board: MegaBoard) -> Edge:
         latches = received.of(LatchedCounts)
         rig.driver.acknowledge(latches[-1].token)
         await until(lambda: not rig.unacknowledged(), "the acknowledgement")
-    reports = [*received.of(DeviceAlarm), *received.of(DeviceFault)]
+    reports: list[DeviceAlarm | DeviceFault] = [
+        *received.of(DeviceAlarm),
+        *received.of(DeviceFault),
+    ]
     return Edge(latches, reports, received.seqs(), press)
 
 
