@@ -11,9 +11,11 @@ import contextlib
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
+from datetime import datetime
 from ssl import SSLContext
 from typing import Self, cast
 
+from traverse.broker.certificates import end_of_peer
 from traverse.broker.decoder import PacketDecoder, PacketError
 from traverse.broker.errors import (
     ClosedBeforeAnswerError,
@@ -224,6 +226,13 @@ class MqttClient(asyncio.BufferedProtocol):
         return self._transport is not None and (
             self._transport.get_write_buffer_size() > 0
         )
+
+    @property
+    def certificate_end(self) -> datetime | None:
+        """When the broker's certificate ends; None without TLS."""
+        if self._transport is None:
+            return None
+        return end_of_peer(self._transport.get_extra_info("ssl_object"))
 
     def next_number(self) -> int:
         """Packet identifier that no `publish` or `subscribe` waits for."""

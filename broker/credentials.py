@@ -12,12 +12,15 @@ import ssl
 import stat
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from traverse.broker.address import BrokerAddress
+from traverse.broker.certificates import ends_of_pem
 from traverse.plurals import counted
 from traverse.strict_toml.files import bytes_of, open_regular
+from traverse.strict_toml.ownership import reason_of_owner
 
 CREDENTIAL = "credential:"
 _NAME = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,255}")
@@ -45,12 +48,14 @@ class Credentials:
     Attributes:
         tls: context of an encrypted connection, or None.
         digest: of all files, to detect changes.
+        ends: of certificates, by the key that names their file.
     """
 
     password: str | None = field(repr=False)
     tls: ssl.SSLContext | None
     digest: bytes = field(repr=False)
     warnings: tuple[str, ...]
+    ends: Mapping[str, datetime]
 
 
 def credential_file(name: str, folder: Path = Path()) -> Path:
@@ -120,6 +125,7 @@ def read_credentials(address: BrokerAddress) -> Credentials:
         _context(files) if address.tls else None,
         digest.digest(),
         tuple(_warnings(address, files)),
+        dict(_ends(contents)),
     )
 
 
@@ -128,9 +134,8 @@ def _content(key: str, path: Path) -> bytes:
         with open_regular(path) as file:
             content = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
-        raise CredentialsError(
-            key, f"{path} cannot be read: {error.strerror or error}"
-        ) from error
+        why = reason_of_owner(error) or error.strerror or error
+        raise CredentialsError(key, f"{path} cannot be read: {why}") from error
     if len(content) > MAX_FILE_BYTES:
         raise CredentialsError(key, f"{path} has more than {MAX_FILE_BYTES} bytes")
     return content
@@ -185,6 +190,13 @@ def _context(files: Mapping[str, Path]) -> ssl.SSLContext:
 
 def _why(error: OSError) -> str:
     return getattr(error, "reason", None) or error.strerror or type(error).__name__
+
+
+def _ends(contents: Mapping[str, bytes]) -> Iterator[tuple[str, datetime]]:
+    """Yield when files of certificates end: a chain with its first, others at last."""
+    for key, end_of in (("certificate_file", min), ("ca_file", max)):
+        if ends := ends_of_pem(contents.get(key, b"")):
+            yield key, end_of(ends)
 
 
 def _warnings(address: BrokerAddress, files: Mapping[str, Path]) -> Iterator[str]:

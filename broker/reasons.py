@@ -218,9 +218,15 @@ def _of_certificate(
             "is in the certificate, or renew the certificate"
         )
     if code == _EXPIRED:
-        return "its certificate has expired, or this computer's clock is wrong"
+        return (
+            "its certificate has expired, or this computer's clock is wrong; renew the "
+            "broker's certificate, or set the clock"
+        )
     if code == _NOT_YET_VALID:
-        return "its certificate is not valid yet, or this computer's clock is wrong"
+        return (
+            "its certificate is not valid yet, or this computer's clock is wrong; set "
+            "the clock"
+        )
     if code in _UNKNOWN_ISSUER:
         file = f"ca_file{wording.where}"
         signers = "the system's authorities" if address.ca_file is None else file

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Callable, Coroutine, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal, Self, Unpack
 
@@ -12,7 +13,7 @@ from traverse.client.commands import ArmCommands, ScanOptions
 from traverse.client.errors import Counters
 from traverse.client.feeds import Feed, Feeds, ScanBlocks
 from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
-from traverse.client.points.cursor import read_cursor, write_cursor
+from traverse.client.points.cursor import held_cursor, read_cursor, write_cursor
 from traverse.client.points.reorder_buffer import ReorderBuffer
 from traverse.client.points.stream import PointIterator, PointStream
 from traverse.client.requests import CommandClient
@@ -109,14 +110,24 @@ class Arm(ArmCommands):
         }
         self._undecodable = 0
         self._tasks: set[asyncio.Task[None]] = set()
+        self._held = ExitStack()
 
     async def __aenter__(self) -> Self:
+        """Connect.
+
+        Raises:
+            BrokerUnreachableError: there is no connection in time.
+            OSError: another program uses the cursor's file.
+        """
+        if self._cursor_file is not None:
+            self._held.enter_context(held_cursor(self._cursor_file))
         self._run(self._link.run(self._take, self._link_changed))
         self._run(self._stream.follow())
         try:
             await self._link.wait_first(self._connect_timeout_s)
         except BaseException:
-            await self._end()
+            with self._held:
+                await self._end()
             raise
         if self._cursor_file is not None:
             self._run(self._save_cursor_periodically(self._cursor_file))
@@ -130,11 +141,12 @@ class Arm(ArmCommands):
         return self
 
     async def __aexit__(self, kind: object, error: object, trace: object) -> None:
-        if error is None:
-            self._stream.commit_current()
-        await self._end()
-        if self._cursor_file is not None:
-            write_cursor(self._cursor_file, self.name, self._stream.cursor)
+        with self._held:
+            if error is None:
+                self._stream.commit_current()
+            await self._end()
+            if self._cursor_file is not None:
+                write_cursor(self._cursor_file, self.name, self._stream.cursor)
 
     @property
     def is_connected(self) -> bool:

@@ -17,6 +17,7 @@ from traverse.daemon.inputs import StartupError
 from traverse.daemon.measurement import Measurement
 from traverse.daemon.monitoring.latencies import timed_collections
 from traverse.daemon.monitoring.metrics_endpoint import metrics_endpoint
+from traverse.daemon.mqtt.certificate_watch import CertificateWatch
 from traverse.daemon.mqtt.connection import run_until_first
 from traverse.daemon.pose.arm_model import log_model
 from traverse.daemon.service import Service
@@ -186,6 +187,7 @@ async def process_timeouts(measurement: Measurement) -> None:
 async def _poll_periodically(service: Service) -> None:
     """Continue deferred work a few times a second, and publish health."""
     due_s = clock_due_s = 0.0
+    certificates = CertificateWatch(service.events, service.clock)
     loop = asyncio.get_running_loop()
     while True:
         period_s = service.measurement.configuration.health.period_s
@@ -200,6 +202,7 @@ async def _poll_periodically(service: Service) -> None:
         service.update_status_line()
         service.commands.check_flood_end()
         service.others.poll()
+        certificates.check(service.connection.certificate_ends)
         if loop.time() >= clock_due_s:
             clock_due_s = loop.time() + PERIOD_S
             service.publish_clock()

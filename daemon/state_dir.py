@@ -3,6 +3,8 @@
 import os
 from pathlib import Path
 
+from traverse.strict_toml.ownership import reason_of_owner
+
 OUTBOX = "outbox.db"
 SCANS = "scans.db"
 RECORDINGS = "recordings"
@@ -34,7 +36,9 @@ def state_folder(configuration_path: Path) -> Path:
 
 
 def unusable(error: OSError) -> str:
-    """Return why a state folder cannot be used, and what to do."""
+    """Return why a state folder, or a file in it, cannot be used, and what to do."""
+    if owner := reason_of_owner(error):
+        return f"the state folder cannot be used: {owner}"
     why = error.strerror
     if isinstance(error, FileExistsError | NotADirectoryError):
         why = "it, or a folder above it, is no folder, or a link to nothing"

@@ -23,7 +23,7 @@ from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.runs.diagnosis import diagnosed, write_diagnosed
 from traverse.lab.runs.identification import identified, write_identified
 from traverse.lab.runs.inputs import BreakdownError, read_inputs
-from traverse.strict_toml.files import bytes_of
+from traverse.strict_toml.files import bytes_of, locked_folder
 from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.writing import replacing
 
@@ -117,7 +117,7 @@ def run_campaigns(
 
     Raises:
         WorkersError: The cluster cannot be used, or went away.
-        OSError: A result cannot be written.
+        OSError: A result cannot be written, or another program writes into the folder.
     """
     date, unread = request.date or datetime.now(UTC), deque[Outcome]()
 
@@ -129,20 +129,21 @@ def run_campaigns(
             except (OSError, FileError) as error:
                 unread.append(Outcome(name, str(error), failed=True))
 
-    for task, outcome in workers.each(run_task, tasks()):
+    request.out.mkdir(parents=True, exist_ok=True)
+    with locked_folder(request.out, "writes its results into it"):
+        for task, outcome in workers.each(run_task, tasks()):
+            yield from drained(unread)
+            if isinstance(outcome, WorkerDiedError):
+                yield Outcome(task.name, str(outcome), failed=True)
+                continue
+            if outcome.files:
+                _write(outcome, request.out)
+            yield outcome
         yield from drained(unread)
-        if isinstance(outcome, WorkerDiedError):
-            yield Outcome(task.name, str(outcome), failed=True)
-            continue
-        if outcome.files:
-            _write(outcome, request.out)
-        yield outcome
-    yield from drained(unread)
 
 
 def _write(outcome: Outcome, out: Path) -> None:
     """Write a folder of results, which is there whole or not at all."""
-    out.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=f".{outcome.name}.", dir=out) as folder:
         fresh = Path(folder) / outcome.name
         fresh.mkdir()

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
+from traverse.strict_toml.ownership import refused_owner
+
 _PATIENCE_S = 30.0
 Values = Sequence[Any]
 Run = Callable[..., list[tuple[Any, ...]]]
@@ -73,9 +75,8 @@ class SqliteDatabase:
             self._connection.execute("PRAGMA synchronous = FULL")
             self._use_log()
         except sqlite3.Error as error:
-            raise StoreRefusedError(
-                f"{path}: {error}; name a file that can be written"
-            ) from error
+            remedy = refused_owner(path) or "name a file that can be written"
+            raise StoreRefusedError(f"{path}: {error}; {remedy}") from error
 
     def _use_log(self) -> None:
         """Readers do not wait for a writer; SQLite itself does not wait for this."""

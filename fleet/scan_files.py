@@ -17,6 +17,7 @@ from pyarrow import fs
 
 from traverse.fleet.database import StoreAwayError, StoreRefusedError
 from traverse.protocol.messages import Scan
+from traverse.strict_toml.ownership import reason_of_owner
 
 _AXES = "xyz"
 
@@ -40,9 +41,10 @@ class ScanFiles:
                 root = str(Path(root).resolve())
             self._files, self._root = fs.FileSystem.from_uri(root)
         except (OSError, ValueError, pa.ArrowException) as error:
-            raise StoreRefusedError(
-                f"{root}: {error}; expected a folder or a URI such as s3://bucket/scans"
-            ) from error
+            remedy = reason_of_owner(error) or (
+                "expected a folder or a URI such as s3://bucket/scans"
+            )
+            raise StoreRefusedError(f"{root}: {error}; {remedy}") from error
         self._member = quote(member, safe="")
         self._numbers = itertools.count(time.time_ns())
 

@@ -5,6 +5,7 @@ cannot be read leaves as OSError with a reason, as the system's own refusals do.
 """
 
 import errno
+import fcntl
 import io
 import json
 import os
@@ -34,6 +35,42 @@ def open_regular(path: Path) -> BinaryIO:
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         raise OSError(errno.EINVAL, "is not a regular file", str(path))
     return os.fdopen(descriptor, "rb")
+
+
+def lock_alone(descriptor: int, path: Path, use: str) -> None:
+    """Lock an open file or folder for one program; the lock ends when it is closed.
+
+    A file system without locks lets all use it.
+
+    Args:
+        descriptor: Of the open file or folder.
+        path: Its name, for people.
+        use: What the other program does with it, for people ("appends to it").
+
+    Raises:
+        OSError: Another program has it locked.
+    """
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise OSError(errno.EBUSY, f"another program {use}", str(path)) from error
+    except OSError:
+        return
+
+
+@contextmanager
+def locked_folder(path: Path, use: str) -> Iterator[None]:
+    """Hold a folder within the block; as `lock_alone`.
+
+    Raises:
+        OSError: Another program holds it, or it cannot be opened.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        lock_alone(descriptor, path, use)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def bytes_of(path: Path, most_bytes: int = MOST_BYTES) -> bytes:

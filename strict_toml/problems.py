@@ -17,6 +17,7 @@ from typing import Any
 
 from traverse.plurals import counted
 from traverse.strict_toml.files import MOST_TOML_BYTES, bytes_of
+from traverse.strict_toml.ownership import reason_of_owner
 
 _SHOWN_LENGTH = 60
 MOST_SHOWN = 100  # problems of a file
@@ -35,6 +36,7 @@ _REMEDIES = {
     errno.ENOSPC: "make room on that disk",
     errno.EINVAL: "expected a file",
     errno.EFBIG: "expected another file",
+    errno.EBUSY: "end that program, or name another place",
 }
 
 _WORDING: Mapping[str, str] = {
@@ -148,6 +150,8 @@ def odd_characters(text: str) -> str:
 
 def system_reason(error: OSError) -> str:
     """Return why the system did not read or write a file, and what to do."""
+    if owner := reason_of_owner(error):
+        return f"{error.strerror}: {owner}"
     remedy = _REMEDIES.get(error.errno or 0, "check the path")
     return f"{error.strerror or error}; {remedy}"
 

@@ -9,7 +9,7 @@ import typer
 from traverse.cli.common.broker_options import BrokerOptions
 from traverse.cli.common.options import Json
 from traverse.cli.common.refusals import FAILED, refusals, refuse
-from traverse.strict_toml.files import text_of
+from traverse.strict_toml.files import locked_folder, text_of
 
 
 def collect(
@@ -70,9 +70,10 @@ def collect(
                     "no point has; make the table of its poses otherwise"
                 )
         model = read_arm(arm)
-        collection = collection_of(file, campaign.parent, model, each)
-        collection.resume()
-        run_collection(collection, model.name, address, flags, quiet=as_json)
+        with locked_folder(campaign.parent, "collects in it"):
+            collection = collection_of(file, campaign.parent, model, each)
+            collection.resume()
+            run_collection(collection, model.name, address, flags, quiet=as_json)
     if as_json:
         typer.echo(json.dumps(collection_report(collection), indent=1))
     if collection.unfinished():

@@ -139,10 +139,9 @@ def _described(
     parameter = parameter.replace(kind=parameter.KEYWORD_ONLY)
     if get_origin(kind) is Annotated:
         kind, info = get_args(kind)
-        if info.help is not None:
-            return parameter
         info = copy.copy(info)
-        info.help = entries.get(name)
+        info.help = info.help or entries.get(name)
+        info.readable = False
         return parameter.replace(annotation=Annotated[kind, info])
     of_typer = typer.Option if is_option else typer.Argument
     flag = [f"--{name.replace('_', '-')}"] if kind is bool and not default else []
@@ -151,4 +150,6 @@ def _described(
     elif is_option and name == "arm" and str in (kind, *get_args(kind)):
         flag = ["--arm-name"]  # at a broker; --arm is a file
     given = ... if default is parameter.empty else default
-    return parameter.replace(default=of_typer(given, *flag, help=entries.get(name)))
+    # Who reads a file refuses it, with its owner.
+    info = of_typer(given, *flag, help=entries.get(name), readable=False)
+    return parameter.replace(default=info)

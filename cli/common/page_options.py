@@ -50,7 +50,7 @@ class PageOptions:
                 "--certificate and --key, or listen on 127.0.0.1",
                 param_hint="--host",
             )
-        with refusals(OSError, ValueError):
+        with refusals(ValueError):
             token_file, certificate, key = (
                 None if file is None else credential_file(str(file))
                 for file in (self.token_file, self.certificate, self.key)
@@ -85,13 +85,13 @@ def _check_port(host: str, port: int) -> None:
 
 
 def _check_pair(certificate: Path, key: Path | None) -> None:
-    """Try a certificate; OSError where it is none, or the key another one's."""
+    """Try a certificate; ValueError where it is none, or the key another one's."""
     from traverse.broker.credentials import load_pair
 
     try:
         load_pair(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), certificate, key)
     except ssl.SSLError as error:
-        raise OSError(
+        raise ValueError(
             f"{certificate} and {key or certificate}: {error.reason or 'no PEM'}; "
             "expected a certificate and its key without a passphrase, PEM"
         ) from error

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.common.options import Json
-from traverse.cli.common.refusals import FAILED, refuse
+from traverse.cli.common.refusals import FAILED, refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.cli.joints.devices import TurningDevices
@@ -44,14 +44,16 @@ def joints(
     from traverse.daemon.config.schema import read_configuration
     from traverse.kinematics.arm_file.arm import read_arm, write_arm
 
-    configuration = read_configuration(config)
-    arm_file = config.parent / configuration.arm.file
-    arm = read_arm(arm_file)
+    with refusals():
+        configuration = read_configuration(config)
+        arm_file = config.parent / configuration.arm.file
+        arm = read_arm(arm_file)
     search = asyncio.run(_converse(configuration.device, arm, angle, as_json))
     with_encoders = search.arm_with_encoders()
     written = with_encoders != arm and not dry_run
     if written:
-        write_arm(arm_file, with_encoders)
+        with refusals():
+            write_arm(arm_file, with_encoders)
     _print(
         {"event": "end", "written": str(arm_file) if written else None},
         f"written: {arm_file}" if written else f"{arm_file} stays as it is",

@@ -20,6 +20,7 @@ from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Point
 from traverse.protocol.printable import printable
+from traverse.strict_toml.ownership import refused_owner
 
 FORMATS = {"csv": Csv, "jsonl": JsonLines}
 
@@ -38,9 +39,8 @@ def opened_outbox(path: Path) -> Iterator[sqlite3.Connection]:
         raise ValueError(str(error)) from error
     except (sqlite3.Error, UnicodeDecodeError) as error:  # its message may be damaged
         text = printable(str(error))
-        raise ValueError(
-            f"{path}: cannot be read: {text}; check file and rights"
-        ) from error
+        remedy = refused_owner(path) or "check file and rights"
+        raise ValueError(f"{path}: cannot be read: {text}; {remedy}") from error
 
 
 def session_line(

@@ -5,6 +5,7 @@ retries without limit: other lines stay with the arm.
 """
 
 import asyncio
+import errno
 import fcntl
 import os
 import struct
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from traverse.plurals import counted
+from traverse.strict_toml.files import lock_alone
 
 if TYPE_CHECKING:
     from serial import Serial
@@ -92,7 +94,32 @@ class Outlet(ABC):
         """Send once; raises OSError on failure."""
 
 
-class FileOutlet(Outlet):
+class LockedOutlet(Outlet):
+    """A destination for one program alone: mixed lines of two are of no use."""
+
+    async def __aenter__(self) -> Self:
+        """Open and lock it; one that is missing is opened when there is a line.
+
+        Raises:
+            OSError: another program uses it.
+        """
+        try:
+            await asyncio.to_thread(self._opened)
+        except OSError as error:
+            if error.errno == errno.EBUSY:
+                raise
+        return self
+
+    @abstractmethod
+    def _opened(self) -> object:
+        """Return what is written to, opened if it is not; for another thread.
+
+        Raises:
+            OSError: it cannot be opened; EBUSY: another program uses it.
+        """
+
+
+class FileOutlet(LockedOutlet):
     """Appends to a file, which may be moved away at any time."""
 
     promise = "a line is on the disk before the next point is requested"
@@ -101,30 +128,50 @@ class FileOutlet(Outlet):
         super().__init__(report)
         self.name = str(path)
         self._path = path
+        self._descriptor: int | None = None
 
     def close(self) -> None:
-        """Do nothing: the file is open only while it is written."""
+        descriptor, self._descriptor = self._descriptor, None
+        if descriptor is not None:
+            os.close(descriptor)
 
     async def _send(self, data: bytes) -> None:
         await asyncio.to_thread(self._append, data)
 
-    def _append(self, data: bytes) -> None:
-        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT
-        file = os.open(self._path, flags, 0o644)
+    def _opened(self) -> int:
+        if self._descriptor is not None:
+            if self._is_in_place(self._descriptor):
+                return self._descriptor
+            self.close()
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
+        self._descriptor = os.open(self._path, flags, 0o644)
         try:
-            size = os.fstat(file).st_size
-            try:
-                if os.write(file, data) != len(data):
-                    raise OSError("the disk took a part of a line only")
-                os.fsync(file)
-            except OSError:
-                os.ftruncate(file, size)  # no line is there in part, or twice
-                raise
-        finally:
-            os.close(file)
+            lock_alone(self._descriptor, self._path, "appends to it")
+        except OSError:
+            self.close()
+            raise
+        return self._descriptor
+
+    def _is_in_place(self, descriptor: int) -> bool:
+        """Return whether an open file is still the one of that name."""
+        try:
+            return os.path.samestat(os.fstat(descriptor), self._path.stat())
+        except OSError:
+            return False
+
+    def _append(self, data: bytes) -> None:
+        file = self._opened()
+        size = os.fstat(file).st_size
+        try:
+            if os.write(file, data) != len(data):
+                raise OSError("the disk took a part of a line only")
+            os.fsync(file)
+        except OSError:
+            os.ftruncate(file, size)  # no line is there in part, or twice
+            raise
 
 
-class SerialOutlet(Outlet):
+class SerialOutlet(LockedOutlet):
     """Writes to a serial port, which is reopened after a loss.
 
     Args:
@@ -151,13 +198,26 @@ class SerialOutlet(Outlet):
             self.close()
             raise
 
-    def _write(self, data: bytes) -> None:
+    def _opened(self) -> "Serial":
         from serial import Serial  # noqa: PLC0415 - of an extra
 
-        if self._serial is None:
-            self._serial = Serial(self.name, self._baud_rate, write_timeout=WRITE_S)
-        self._serial.write(data)
-        self._serial.flush()
+        if self._serial is not None:
+            return self._serial
+        try:
+            self._serial = Serial(
+                self.name, self._baud_rate, write_timeout=WRITE_S, exclusive=True
+            )
+        except OSError as error:
+            if error.errno != errno.EAGAIN:
+                raise
+            reason = "another program uses it"
+            raise OSError(errno.EBUSY, reason, self.name) from error
+        return self._serial
+
+    def _write(self, data: bytes) -> None:
+        port = self._opened()
+        port.write(data)
+        port.flush()
 
 
 class UdpOutlet(Outlet, asyncio.DatagramProtocol):

@@ -1,11 +1,13 @@
 """A consumer's place in a file, for restarts."""
 
+import contextlib
 import json
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 from traverse.protocol.message_error import MessageError
-from traverse.strict_toml.files import json_of
+from traverse.strict_toml.files import json_of, lock_alone
 
 SCHEMA = "traverse/place/1"
 
@@ -48,3 +50,27 @@ def write_cursor(path: Path, arm: str, place: dict[str, int]) -> None:
         file.flush()
         os.fsync(file.fileno())
     beside.replace(path)
+
+
+@contextlib.contextmanager
+def held_cursor(path: Path) -> Iterator[None]:
+    """Hold a cursor's file for one consumer within the block.
+
+    The place of another one would leave out what this one still lacks. The file is
+    replaced at each change, so that a file beside it is locked, which is there only
+    meanwhile.
+
+    Raises:
+        OSError: another program holds it, or no file can be made there.
+    """
+    beside = path.with_name(f"{path.name}.lock")
+    with contextlib.ExitStack() as stack:
+        while True:
+            descriptor = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            stack.callback(os.close, descriptor)
+            lock_alone(descriptor, path, "keeps its place in it")
+            with contextlib.suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(descriptor), beside.stat()):
+                    break  # else its holder has just ended and taken it away
+        stack.callback(beside.unlink, missing_ok=True)
+        yield

@@ -8,8 +8,9 @@ import asyncio
 import contextlib
 import logging
 import os
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -103,6 +104,7 @@ class BrokerConnection:
 
     Attributes:
         state_known: set as soon as the connection is up, or has failed.
+        certificate_ends: of the connection, by what each is the certificate of.
     """
 
     address: BrokerAddress
@@ -123,6 +125,7 @@ class BrokerConnection:
         self._warned: set[str] = set()
         self.state: Literal["connecting", "connected", "lost"] = "connecting"
         self.state_known = asyncio.Event()
+        self.certificate_ends: Mapping[str, datetime] = {}
         self.reconnects = 0
 
     def health(self) -> BrokerHealth:
@@ -178,6 +181,7 @@ class BrokerConnection:
                 )
                 async with self._connection(handlers) as client:
                     connected_s = loop.time()
+                    self.certificate_ends = self._ends(client)
                     self.reconnects += connected_before
                     connected_before, last_reason = True, ""
                     await subscriber.subscribe(client)
@@ -223,6 +227,12 @@ class BrokerConnection:
             if self._access is None or now.digest != self._access.digest:
                 log.info("password or certificates have changed; connecting anew")
                 return
+
+    def _ends(self, client: MqttClient) -> dict[str, datetime]:
+        ends = {} if self._access is None else dict(self._access.ends)
+        if client.certificate_end is not None:
+            ends["the broker's certificate"] = client.certificate_end
+        return ends
 
     def _properties(self, message: OutgoingMessage) -> bytes:
         """Packed properties of a message (MQTT 5)."""

@@ -15,6 +15,7 @@ from traverse.daemon.config.schema import RecordingSection
 from traverse.daemon.recorder.file import check_room
 from traverse.recording.run_reader import RunReader
 from traverse.recording.run_writer import Entry, RunHead, RunWriter
+from traverse.strict_toml.ownership import reason_of_owner
 
 SEGMENT_NS = 10_000_000_000
 FOLDER = "flight"
@@ -25,6 +26,8 @@ RETRY_S = 30.0
 
 def reason_of(error: Exception) -> str:
     """Describe an error for people."""
+    if owner := reason_of_owner(error):
+        return owner
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     return str(error) or repr(error)

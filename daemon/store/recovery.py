@@ -28,6 +28,7 @@ from traverse.daemon.store.records import (
     StoreStatus,
 )
 from traverse.plurals import counted
+from traverse.strict_toml.ownership import refused_owner
 
 log = logging.getLogger("traverse.daemon.outbox")
 T = TypeVar("T")
@@ -58,6 +59,8 @@ def storage_error_of(error: BaseException, path: Path) -> StorageError:
         text, remedy = "the disk is full", f"make room on the disk of {folder}"
     elif (code in REOPENED or number == errno.EROFS) and (why := _of_disk(folder)):
         text, remedy = why
+    elif (code in REOPENED or number == errno.EACCES) and (owner := _owner_of(path)):
+        text, _, remedy = owner.partition("; ")
     elif code == sqlite3.SQLITE_READONLY or number == errno.EROFS:
         text = "the file cannot be written"
         remedy = f"make {folder} and its files writable for the daemon's user"
@@ -91,6 +94,12 @@ def _of_disk(folder: Path) -> tuple[str, str] | None:
             f"remove files from the disk of {folder}",
         )
     return None
+
+
+def _owner_of(path: Path) -> str:
+    """Return whose the file of a database is that may not be used; empty for none."""
+    files = (Path(f"{path}{suffix}") for suffix in DATABASE_SUFFIXES)
+    return next(filter(None, map(refused_owner, files)), "")
 
 
 def move_aside(path: Path) -> Path:

@@ -14,6 +14,7 @@ from typing import get_args
 from traverse.lab.daily_check.figures import DailyCheckFigures
 from traverse.protocol.printable import printable
 from traverse.strict_toml.files import text_of
+from traverse.strict_toml.ownership import refused_owner
 from traverse.strict_toml.problems import shown
 
 VERSION = 2
@@ -77,7 +78,12 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
             f"{path}: is not a file; expected the SQLite file of a history, or the "
             "name of a new one"
         )
-    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
+    try:
+        connected = sqlite3.connect(path, isolation_level=None)
+    except sqlite3.OperationalError as error:
+        remedy = refused_owner(path) or "name another file"
+        raise HistoryRefusedError(f"{path}: {error}; {remedy}") from error
+    with contextlib.closing(connected) as connection:
         execute = connection.execute
         try:
             (version,) = execute("PRAGMA user_version").fetchone()

@@ -1,5 +1,6 @@
 """What is often typed wrong is named, with what was expected and what to do."""
 
+import os
 import shutil
 import socket
 import sys
@@ -9,6 +10,7 @@ import pytest
 
 import traverse.cli
 from tests.running import invoke, run_program, run_traverse
+from traverse.strict_toml.files import lock_alone
 
 ARM = Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml"
 DAEMON = """\
@@ -108,6 +110,29 @@ def test_a_mistake_is_named(
     assert {(folder / f"there.{kind}").read_text() for kind in ("csv", "mcap")} == {
         "mine"
     }
+
+
+@pytest.mark.parametrize(
+    ("words", "locked", "expected"),
+    [
+        ("gateway lines --arm-name a --file there.csv", "there.csv", "appends to it"),
+        ("collect campaign --arm arm.toml", "campaign", "collects in it"),
+    ],
+)
+def test_what_another_program_uses_is_refused(
+    folder: Path,
+    words: str,
+    locked: str,
+    expected: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(folder)
+    descriptor = os.open(locked, os.O_RDONLY)
+    lock_alone(descriptor, Path(locked), "")
+    result = invoke(*words.split(), status=2)
+    os.close(descriptor)
+    problem = f"{locked}: another program {expected}; end that program, or name another"
+    assert problem in result.stderr
 
 
 @pytest.mark.parametrize(

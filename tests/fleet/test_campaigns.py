@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from traverse.fleet.workers import WorkerDiedError, Workers, WorkersError
 from traverse.kinematics.arm_file.arm import write_arm
 from traverse.lab.identification.identify import Options
 from traverse.simulator.campaigns import write_campaign
+from traverse.strict_toml.files import locked_folder
 
 PATIENCE_S = 60.0
 WHEN = datetime(2026, 11, 24, 12, tzinfo=UTC)
@@ -61,6 +63,16 @@ def test_a_scheduler_that_is_not_there_is_refused(monkeypatch):
         port = taken.getsockname()[1]
     with pytest.raises(WorkersError, match="no Dask scheduler there"):
         list(Workers(scheduler=f"tcp://127.0.0.1:{port}").each(squared, [1]))
+
+
+def test_a_folder_of_results_belongs_to_one_program(tmp_path):
+    request = Request(tmp_path, None, (), Options(), tmp_path / "out", None)
+    with (
+        locked_folder(tmp_path, ""),
+        pytest.raises(OSError, match="another program writes its results into it"),
+    ):
+        list(run_campaigns([], replace(request, out=tmp_path), Workers(processes=1)))
+    assert list(run_campaigns([], request, Workers(processes=1))) == []
 
 
 class Cluster:

@@ -41,10 +41,9 @@ class Sending:
 
     async def send(self, points: list[Point], lines: LineForm) -> LineGateway:
         """Publish points, and wait until all of them are dealt with."""
-        gateway = LineGateway(
-            lines, FileOutlet(self._path, self.reports.append), self.reports.append
-        )
-        async with self._virtual.running(), self._arm:
+        outlet = FileOutlet(self._path, self.reports.append)
+        gateway = LineGateway(lines, outlet, self.reports.append)
+        async with self._virtual.running(), outlet, self._arm:
             task = asyncio.create_task(gateway.send_points(self._arm))
             for point in points:
                 await self._virtual.publish(self._numbered(point))
@@ -161,15 +160,14 @@ async def test_a_scan_is_a_line_a_point_and_gaps_are_reported(
 ) -> None:
     reports: list[str] = []
     path = tmp_path / "lines.txt"
-    gateway = LineGateway(
-        form("{seq} {x:.2f}\\n"), FileOutlet(path, reports.append), reports.append
-    )
+    outlet = FileOutlet(path, reports.append)
+    gateway = LineGateway(form("{seq} {x:.2f}\\n"), outlet, reports.append)
     block = SCAN.model_copy(update={"arm": virtual.arm, "last": False, "total": None})
     late = block.model_copy(update={"seq": 1004, "quality": np.zeros(2, np.uint32)})
-    async with virtual.running(), Arm(virtual.arm, broker) as arm:
+    async with virtual.running(), outlet, Arm(virtual.arm, broker) as arm:
         task = asyncio.create_task(gateway.send_scans(arm))
         # Scans have quality of service 0: the first may be before the subscription.
-        while not path.exists():
+        while not path.stat().st_size:
             await virtual.publish(block)
             await asyncio.sleep(0.05)
         await virtual.publish(late)

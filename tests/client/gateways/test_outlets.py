@@ -129,12 +129,41 @@ async def test_more_receivers_than_allowed_are_refused() -> None:
 async def test_lines_continue_into_a_file_that_was_moved_away(tmp_path: Path) -> None:
     path = tmp_path / "lines.txt"
     path.write_bytes(b"of somebody else\n")
-    outlet = FileOutlet(path, print)
-    await sent(outlet, b"1\n")
-    path.rename(tmp_path / "old.txt")
-    await sent(outlet, b"2\n3\n")
+    async with FileOutlet(path, print) as outlet:
+        await sent(outlet, b"1\n")
+        path.rename(tmp_path / "old.txt")
+        await sent(outlet, b"2\n3\n")
     assert (tmp_path / "old.txt").read_bytes() == b"of somebody else\n1\n"
     assert path.read_bytes() == b"2\n3\n"
+
+
+async def test_a_file_belongs_to_one_gateway(tmp_path: Path) -> None:
+    path = tmp_path / "lines.txt"
+    reports: list[str] = []
+    async with FileOutlet(path, print) as first:
+        with pytest.raises(OSError, match="another program appends to it"):
+            async with FileOutlet(path, print):
+                pass
+        path.rename(tmp_path / "old.txt")
+        async with FileOutlet(path, print) as second:
+            await sent(second, b"2\n")
+            first._report = reports.append
+            waiting = asyncio.create_task(first.send(b"1\n"))
+            await until(lambda: bool(reports))
+        async with asyncio.timeout(PATIENCE_S):
+            await waiting
+    assert "appends to it; tried again every 1 s, points wait" in reports[0]
+    assert path.read_bytes() == b"2\n1\n"
+
+
+async def test_a_serial_port_belongs_to_one_gateway() -> None:
+    ours, theirs = pty.openpty()
+    async with SerialOutlet(os.ttyname(theirs), 19200, print):
+        with pytest.raises(OSError, match="another program uses it"):
+            async with SerialOutlet(os.ttyname(theirs), 19200, print):
+                pass
+    os.close(theirs)
+    os.close(ours)
 
 
 def full_disk_then_file(folder: Path) -> tuple[Path, Callable[[], None]]:
@@ -160,13 +189,13 @@ async def test_a_file_that_takes_nothing_is_tried_again(
 ) -> None:
     reports: list[str] = []
     path, mend = broken(tmp_path)
-    outlet = FileOutlet(path, reports.append)
-    sending = asyncio.create_task(outlet.send(b"1\n"))
-    await until(lambda: bool(reports))
-    assert "tried again every 1 s, points wait at the arm" in reports[0]
-    mend()
-    async with asyncio.timeout(PATIENCE_S):
-        await sending
+    async with FileOutlet(path, reports.append) as outlet:
+        sending = asyncio.create_task(outlet.send(b"1\n"))
+        await until(lambda: bool(reports))
+        assert "tried again every 1 s, points wait at the arm" in reports[0]
+        mend()
+        async with asyncio.timeout(PATIENCE_S):
+            await sending
     assert path.read_bytes() == b"1\n"
     assert reports[1:] == [f"{path}: takes lines again"]
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -140,6 +141,9 @@ async def test_a_place_file_continues_where_the_reader_stopped(
         async with Arm(virtual.arm, broker, cursor_file=file) as arm:
             await virtual.take(4)
             await read(arm, 2)
+            with pytest.raises(OSError, match="another program keeps its place in it"):
+                await Arm(virtual.arm, broker, cursor_file=file).__aenter__()
+        assert os.listdir(tmp_path) == ["place.json"]  # and no lock
         await virtual.take(1)
         async with Arm(virtual.arm, broker, cursor_file=file) as arm:
             assert await read(arm, 3) == virtual.points[5:]

@@ -2,6 +2,7 @@
 
 import asyncio
 import ssl
+from datetime import UTC, datetime, timedelta
 
 import pytest
 
@@ -130,7 +131,9 @@ async def test_a_broker_that_cannot_be_trusted_is_told_why(
     assert "not for '127.0.0.1'" in await reason(address(other, house, "127.0.0.1"))
     expired = house.sign("expired", "DNS:localhost", days=0)
     late = make_mosquitto(lines=tls_lines(house, expired))
-    assert "certificate has expired" in await reason(address(late, house))
+    text = await reason(address(late, house))
+    assert "certificate has expired" in text
+    assert "renew the broker's certificate, or set the clock" in text
 
 
 async def test_a_line_encrypted_on_one_side_only_is_reported(
@@ -190,6 +193,10 @@ async def test_certificates_can_be_renewed_while_it_runs(
         bench.point("1")
         await bench.all_sent()
         assert bench.publisher.reconnects == 1
+        ends = bench.publisher.certificate_ends
+        assert set(ends) == {"certificate_file", "ca_file", "the broker's certificate"}
+        in_two_days = datetime.now(UTC) + timedelta(days=2)
+        assert all(abs(end - in_two_days) < timedelta(hours=1) for end in ends.values())
         mine["arm.key"].write_text("rubbish")
         bench.publisher.renew()  # does not end what works
         bench.point("2")
