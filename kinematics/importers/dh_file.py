@@ -21,7 +21,7 @@ from traverse.kinematics.importers.arm_values import (
     rounded,
 )
 from traverse.kinematics.importers.dh import Convention, DHTable
-from traverse.kinematics.importers.unit_doubts import angle_doubt
+from traverse.kinematics.importers.unit_doubts import angle_doubt, degrees_doubt
 from traverse.kinematics.importers.urdf import roll_pitch_yaw
 from traverse.strict_toml.problems import (
     Problem,
@@ -73,7 +73,8 @@ class DHRow:
 
     Attributes:
         base_rad: Its reading in the base posture.
-        in_radians: Angles that the file gives in radians, with their keys.
+        angles: Keys of all angles that the file gives, each with its value in rad
+            and whether it was given in degrees.
     """
 
     a_mm: float
@@ -85,7 +86,7 @@ class DHRow:
     counts_per_turn: int | None = None
     sign: int | None = None
     source: str | None = None
-    in_radians: tuple[tuple[str, float], ...] = ()
+    angles: tuple[tuple[str, float, bool], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,11 +146,10 @@ def row_of(
             wrong.append((key, str(error)))
     if wrong or any(field not in fields for field in _FILLED):
         return None, wrong
-    fields["in_radians"] = tuple(
-        (key, fields[column.field])
+    fields["angles"] = tuple(
+        (key, fields[column.field], column.factor != 1.0)
         for key, column in columns.items()
-        if (column.field.endswith("_rad"), column.factor) == (True, 1.0)
-        and column.field in fields
+        if column.field.endswith("_rad") and column.field in fields
     )
     return DHRow(**fields), wrong  # type: ignore[arg-type]  # checked field by field
 
@@ -220,9 +220,10 @@ class DHFile:
     def doubts(self) -> Iterator[str]:
         """Ask about angles that can hardly be meant."""
         for number, row in enumerate(self.rows, 1):
-            for key, angle_rad in row.in_radians:
-                yield from angle_doubt(
-                    f"{key} of {row.name or f'J{number}'}", angle_rad
+            for key, angle_rad, in_degrees in row.angles:
+                what = f"{key} of {row.name or f'J{number}'}"
+                yield from (degrees_doubt if in_degrees else angle_doubt)(
+                    what, angle_rad
                 )
 
 

@@ -11,6 +11,9 @@ from traverse.kinematics.model.origins import length_mm, near_origins
 _LONGEST_MM = 20_000.0
 _SHORTEST_MM = 10.0
 _FULL_TURN_RAD = 2.0 * math.pi * (1.0 + 1e-3)
+_EIGHTHS = 8  # of a turn
+_EIGHTH_RAD = 2.0 * math.pi / _EIGHTHS
+_PRINTED_RAD = 5e-4  # by as much as three decimals round
 
 
 def angle_doubt(what: str, angle_rad: float) -> Iterator[str]:
@@ -19,6 +22,21 @@ def angle_doubt(what: str, angle_rad: float) -> Iterator[str]:
         yield (
             f"{what} is {angle_rad:g}, more than a turn in radians: degrees? "
             f"{angle_rad:g} degrees are {math.radians(angle_rad):.10g}"
+        )
+
+
+def degrees_doubt(what: str, angle_rad: float) -> Iterator[str]:
+    """Ask whether an angle that was given in degrees was meant in radians.
+
+    Nobody sets 1.5708 degrees, and many a table has pi/2.
+    """
+    degrees = math.degrees(angle_rad)
+    eighths = round(degrees / _EIGHTH_RAD)
+    is_part_of_pi = abs(degrees - eighths * _EIGHTH_RAD) < _PRINTED_RAD
+    if 0 < abs(eighths) <= _EIGHTHS and is_part_of_pi:
+        yield (
+            f"{what} is {degrees:.10g} degrees, a part of pi: radians? "
+            f"{degrees:.6g} rad are {math.degrees(degrees):.4g} degrees"
         )
 
 

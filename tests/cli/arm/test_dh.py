@@ -199,7 +199,10 @@ def test_units_that_cannot_be_meant_are_asked_about(tmp_path):
     assert "reach 855.8 m: were millimetres taken for metres?" in traverse(*made).output
     table.write_text("d_mm,a_mm,alpha_deg\n0.4,0.025,-90\n0,0.455,0\n")
     assert "reach 0.856 mm: were metres taken" in traverse(*made).output
-    table.write_text("d_mm,a_mm,alpha_deg\n400,25,-900\n0,455,0\n")
+    table.write_text("d_mm,a_mm,alpha_deg\n400,25,-1.571\n0,455,0\n")
+    printed = traverse(*made).output
+    assert "alpha_deg of J1 is -1.571 degrees, a part of pi: radians?" in printed
+    table.write_text("d_mm,a_mm,alpha_deg\n400,25,-900\n0,455,0\n0,90,1.57\n")
     assert "?" not in traverse(*made).output
 
 
