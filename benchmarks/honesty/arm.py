@@ -1,12 +1,12 @@
 """The arm of a world: its file, its truth, its motion.
 
 The truth differs from the arm file by the covariance beside the file, or by millimetres
-if the arm was never identified.
+if the arm was never identified; so it does from the probe library.
 """
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,9 @@ LINKS_MM = np.array(
     [[0, 0, 200], [300, 0, 0], [20, 0, 30], [250, 0, 0], [0, 15, 0], [40, 0, 0.0]]
 )
 TIP_MM = np.array([60.0, 0.0, -20.0])
+PROBES_MM = {"short": np.array([50.0, 0, 0]), "long": np.array([140.0, 20.0, -30.0])}
+PROBE_STD_MM = 0.005
+LIBRARY = "probes.toml"
 LINK_STD_MM, AXIS_STD_RAD = 0.004, 4e-6  # of an arm that was identified
 UNKNOWN_LINK_MM, UNKNOWN_AXIS_RAD = 1.0, 2e-3  # of one that never was
 REACH_RAD = 0.9  # of every joint to both sides
@@ -97,10 +100,22 @@ def write_arm(
     text = f"{_arm_text(tables)}[home]\nangles_rad = {{ {home} }}\n"
     (folder / "arm.toml").write_text(text + provenance)
     (folder / "true.toml").write_text(_arm_text(true))
+    library = 'schema = "traverse/probes/1"\n'
+    six = [PROBE_STD_MM**2 * part for part in (1, 0, 0, 1, 0, 1)]
+    probe_rng = np.random.default_rng(round(1e6 * float(np.abs(zeros_rad).sum())))
+    for name, vector_mm in PROBES_MM.items():
+        library += (
+            f'[[probes]]\nname = "{name}"\nkind = "hard"\nradius_mm = 3.0\n'
+            f"vector_mm = {vector_mm.tolist()}\nvector_covariance_mm2 = {six}\n"
+        )
+        really_mm = vector_mm + PROBE_STD_MM * probe_rng.standard_normal(3)
+        (folder / f"true-{name}.toml").write_text(_arm_text(true, really_mm))
+    (folder / LIBRARY).write_text(library)
 
 
 def _arm_text(
     joints: Sequence[tuple[str, Floats, Floats, float, ArmSource]],
+    tip_mm: Floats = TIP_MM,
 ) -> str:
     text = 'schema = "traverse/arm/1"\nname = "honest"\norigin_mm = [0.0, 0.0, 0.0]\n'
     for name, axis, link_mm, zero_rad, source in joints:
@@ -114,7 +129,7 @@ def _arm_text(
             text += f"absolute = {str(source.absolute).lower()}\n"
     return (
         f'{text}[probe]\nradius_mm = 3.0\nkind = "hard"\n'
-        f"vector_mm = {TIP_MM.tolist()}\n"
+        f"vector_mm = {tip_mm.tolist()}\n"
         "[reference]\ntemperature_c = 20.0\ngravity_m_s2 = [0.0, 0.0, -9.80665]\n"
     )
 
@@ -198,20 +213,39 @@ class ArmTruth:
 
     Attributes:
         nominal: What the arm file says, for the wiring of encoders alone.
+        course: with the arm's own probe.
+        others: with those of the library, by name.
+        changes: when another probe was put on, and the course with it.
     """
 
     nominal: Arm
     course: Course
+    others: Mapping[str, Course]
+    changes: list[tuple[float, Course]] = field(default_factory=list)
 
     def centres_mm(self, true_s: Floats) -> Floats:
         """Return ball centres (n, 3) at true times (n,)."""
-        return self.course.probe(np.maximum(true_s, 0.0))[0]
+        true_s = np.maximum(true_s, 0.0)
+        centres_mm = self.course.probe(true_s)[0]
+        for from_s, course in self.changes:
+            if (true_s >= from_s).any():
+                later = (true_s >= from_s)[:, np.newaxis]
+                centres_mm = np.where(later, course.probe(true_s)[0], centres_mm)
+        return centres_mm
+
+    def put_on(self, name: str, true_s: float) -> None:
+        """Put on a probe of the library."""
+        self.changes.append((true_s, self.others[name]))
 
 
 def arm_truth(folder: Path, script: Script, utc_s: float, seed: int) -> ArmTruth:
     """Read the true arm and let it follow a script that begins at the true time 0."""
-    really = read_arm(folder / "true.toml")
-    truth = true_arm(really, Deviations(), seed)
-    arm = faulty_arm(really, truth.mechanism, truth.zeros_rad, ())
-    course = Course(script, arm, ClimateTable(), utc_s)
-    return ArmTruth(read_arm(folder / "arm.toml"), course)
+
+    def course(file: str) -> Course:
+        really = read_arm(folder / file)
+        truth = true_arm(really, Deviations(), seed)
+        arm = faulty_arm(really, truth.mechanism, truth.zeros_rad, ())
+        return Course(script, arm, ClimateTable(), utc_s)
+
+    others = {name: course(f"true-{name}.toml") for name in PROBES_MM}
+    return ArmTruth(read_arm(folder / "arm.toml"), course("true.toml"), others)

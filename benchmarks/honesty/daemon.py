@@ -13,6 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from benchmarks.honesty.arm import LIBRARY
 from benchmarks.honesty.cable import HostEnd, open_host_end
 from benchmarks.honesty.hub import Hub, Reader
 from traverse.daemon.acquisition.device import Device
@@ -21,12 +22,15 @@ from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.commands.scans import ScanCommands
 from traverse.daemon.config.schema import Configuration
 from traverse.daemon.executor import JudgeUtc
+from traverse.daemon.inputs import _probe_in_use
 from traverse.daemon.lifecycle import consume, process_timeouts
 from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog, Occurrence
 from traverse.daemon.pose.arm_model import read_model
+from traverse.daemon.pose.probe_library import read_probe_in_use, read_probes
 from traverse.daemon.pose.reference_file import ReferenceFile
 from traverse.daemon.startup_check import check_devices
+from traverse.daemon.state_dir import PROBE
 from traverse.daemon.store.records import PendingPoint
 from traverse.daemon.utc_watch import UtcWatch
 from traverse.drivers.base.delivery_queue import DeliveryQueue
@@ -50,6 +54,15 @@ class AtOnce(Executor):
         done: Future[Any] = Future()
         done.set_result(work(*arguments))
         return done
+
+
+async def to_thread_at_once(
+    work: Callable[..., Any],
+    /,
+    *arguments: object,
+) -> Any:  # noqa: ANN401 - what the work returns
+    """Do what `asyncio.to_thread` does; reading and writing take no virtual time."""
+    return work(*arguments)
 
 
 class WorldClock(HostClock):
@@ -123,7 +136,12 @@ class DaemonRun:
             step_clock,
             devices=self._devices,
         )
-        self.points = PointCommands(self.measurement)
+        self._take_probe(folder)
+        self.points = PointCommands(
+            self.measurement,
+            folder / LIBRARY,
+            probe_in_use=folder / PROBE,
+        )
         self.scans = ScanCommands(self.measurement)
         self._service = SimpleNamespace(
             clock=clock,
@@ -135,6 +153,15 @@ class DaemonRun:
         self._tasks: list[asyncio.Task[Any]] = []
         self._utc = UtcWatch(clock, folder / "utc.json", self._judge_utc)
         self._utc._judge._synchronised = is_synchronised
+
+    def _take_probe(self, folder: Path) -> None:
+        """Measure with the probe that was chosen before; needs the library then."""
+        if read_probe_in_use(folder / PROBE) is None:
+            return
+        library, model = read_probes(folder / LIBRARY), self.measurement.model
+        probe = _probe_in_use(folder / PROBE, library, model)
+        if probe is not None:
+            self.measurement.set_probe(probe)
 
     def _judge_utc(self, doubt: str, remedy: str) -> None:
         JudgeUtc(doubt, remedy).execute(self.measurement)

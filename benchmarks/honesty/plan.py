@@ -7,6 +7,7 @@ import numpy as np
 from benchmarks.honesty.families import FAMILIES, Family
 
 FAULTLESS_SHARE = 0.25
+ANSWER_S = 4.0  # that the operator waits
 EDGE_S = 7.0  # faults begin so long after the start, and end so long before the end
 
 
@@ -46,6 +47,7 @@ class Plan:
         drifts_ppm_s: change of that in a second.
         delays_s: least, usual and bunch of each device's cable.
         pace: how the arm is led, see `PACES`.
+        in_scan: its faults fall into a scan.
         is_identified: the arm file has a covariance.
         is_confirmed: the operator confirms the references in the beginning.
     """
@@ -60,6 +62,7 @@ class Plan:
     is_identified: bool = True
     is_confirmed: bool = True
     is_incremental: bool = False
+    in_scan: bool = False
     faults: tuple[PlannedFault, ...] = ()
     actions: tuple[Action, ...] = field(default=(), repr=False)
 
@@ -74,7 +77,8 @@ class Plan:
     @property
     def kinds(self) -> tuple[str, ...]:
         """The kinds of its faults, each once; ("none",) without any."""
-        return tuple(sorted({fault.kind for fault in self.faults})) or ("none",)
+        before = "scan+" if self.in_scan else ""
+        return tuple(sorted({before + f.kind for f in self.faults})) or ("none",)
 
 
 FAULT_KINDS = (
@@ -114,6 +118,16 @@ LONE_KINDS = (
 )
 """Drawn without others."""
 LONE_SHARE, MOST_LONE_S, SLEW_PPM = 0.08, 6.0, 500.0
+SCAN_KINDS = (
+    "usb_reset",  # ports of one device, or of all, are away for a moment
+    "board_restart",
+    "swap",
+    "utc_step",  # to a wrong time
+    "utc_set",  # from a wrong time to the right one, which is kept from then on
+    "probe_table",  # the library vanishes while probes are changed
+)
+"""Drawn alone, too, within a scan."""
+SCAN_SHARE, ALL_DEVICES = 0.06, -1
 SIZES = {
     "clock_rate": (200.0, 2e4),
     "clock_drift": (0.1, 50.0),
@@ -128,6 +142,7 @@ SIZES = {
     "cut": (3e-3, 0.5),
     "garbage": (3e-3, 0.5),
     "utc_step": (0.1, 1e4),
+    "utc_set": (0.1, 1e4),
     "utc_ahead": (1e3, 3e8),
 }
 """Least and greatest sizes of faults: ppm, ppm/s, seconds, or shares of frames."""
@@ -139,11 +154,13 @@ LASTING_S = {
     "corrupted": (0.5, 8.0),
     "cut": (0.5, 8.0),
     "garbage": (0.5, 8.0),
+    "usb_reset": (0.02, 2.0),
+    "probe_table": (3.0, 8.0),
     "daemon_restart": (0.5, 5.0),
     "computer_restart": (0.5, 5.0),
 }
 STALLS = ("device_stall", "timer_loss", "host_freeze", "process_stall", "loop_stall")
-SIGNED = ("clock_rate", "clock_drift", "utc_step")
+SIGNED = ("clock_rate", "clock_drift", "utc_step", "utc_set")
 FROM_START = (
     "unidentified",
     "unconfirmed",
@@ -187,7 +204,7 @@ def draw_plan(seed: int) -> Plan:
         n_faults = int(rng.choice([1, 2, 3], p=[0.5, 0.3, 0.2]))
         for kind in rng.choice(kinds, min(n_faults, len(kinds)), replace=False):
             plan = _with_fault(plan, str(kind), rng)
-        plan = _perhaps_lone(plan)
+        plan = _perhaps_in_scan(_perhaps_lone(plan))
     return replace(plan, actions=_actions(plan, rng))
 
 
@@ -241,11 +258,19 @@ def _perhaps_lone(plan: Plan) -> Plan:
     lasts_s = float(rng.uniform(3.0, MOST_LONE_S))
     kind = str(rng.choice(kinds))
     size = SLEW_PPM * float(rng.choice([-1, 1]))
-    n = len(plan.rates_ppm)
+    plan = _without_faults(plan, rng)
     return replace(
         plan,
         pace=str(rng.choice(SEEN_PACES)) if kind in FROZEN_KINDS else plan.pace,
         faults=(PlannedFault(kind, at_s, lasts_s, size),),
+    )
+
+
+def _without_faults(plan: Plan, rng: np.random.Generator) -> Plan:
+    n = len(plan.rates_ppm)
+    return replace(
+        plan,
+        faults=(),
         rates_ppm=tuple(rng.uniform(-60.0, 60.0, n).tolist()),
         drifts_ppm_s=(0.0,) * n,
         delays_s=tuple(_delay(rng) for _ in range(n)),
@@ -253,6 +278,23 @@ def _perhaps_lone(plan: Plan) -> Plan:
         is_confirmed=True,
         is_incremental=False,
     )
+
+
+def _perhaps_in_scan(plan: Plan) -> Plan:
+    """Draw a world with one of `SCAN_KINDS`; it has random numbers of its own."""
+    rng = np.random.default_rng([plan.seed, 0x5363616E])
+    if rng.random() > SCAN_SHARE:
+        return plan
+    kinds = [kind for kind in SCAN_KINDS if _suits(kind, FAMILIES[plan.family])]
+    kind = str(rng.choice(kinds))
+    plan = _with_fault(replace(_without_faults(plan, rng), in_scan=True), kind, rng)
+    if kind == "probe_table" and rng.random() < 0.5:
+        restart = PlannedFault("daemon_restart", plan.faults[0].at_s + 1.5, 0.5)
+        plan = replace(plan, faults=(*plan.faults, restart))
+    if kind == "usb_reset" and rng.random() < 0.5:
+        fault = replace(plan.faults[0], device=ALL_DEVICES)
+        plan = replace(plan, faults=(fault,))
+    return plan
 
 
 def least_delay_s(plan: Plan, fault: PlannedFault) -> float:
@@ -302,4 +344,30 @@ def _actions(plan: Plan, rng: np.random.Generator) -> tuple[Action, ...]:
         if kind != "confirm" or (plan.is_confirmed and not plan.is_incremental):
             actions.append(Action(at_s, kind, size))
         at_s += size + float(rng.exponential(1.5)) + 0.3
+    if plan.in_scan:
+        actions = _with_scan(plan, actions, rng)
     return tuple(sorted(actions, key=lambda action: action.at_s))
+
+
+def _with_scan(
+    plan: Plan, actions: list[Action], rng: np.random.Generator
+) -> list[Action]:
+    """Add a scan from before a fault until after it; then the operator confirms."""
+    fault = plan.faults[0]
+    begin_s = fault.at_s - float(rng.uniform(0.2, 1.0))
+    end_s = fault.at_s + min(fault.lasts_s, 2.0) + float(rng.uniform(0.5, 2.0))
+    before_s = begin_s - ANSWER_S
+    actions = [
+        action
+        for action in actions
+        if action.kind in ("home", "confirm")
+        or action.at_s + action.size < before_s
+        or action.at_s > end_s + 1.0
+    ]
+    actions.append(Action(begin_s, "scan", end_s - begin_s))
+    if plan.is_confirmed and not plan.is_incremental:
+        actions.append(Action(end_s + 0.5, "confirm"))
+    if fault.kind == "probe_table":
+        at_s = np.arange(4.0, plan.duration_s - 3.0, 2.7).tolist()
+        actions += [Action(t, "probe", float(rng.integers(2))) for t in at_s]
+    return actions

@@ -14,16 +14,23 @@ from unittest.mock import patch
 
 import numpy as np
 
-from benchmarks.honesty.arm import PACES, arm_truth, play, write_arm
+from benchmarks.honesty.arm import LIBRARY, PACES, arm_truth, play, write_arm
 from benchmarks.honesty.cable import Cable, Delay, DeviceEnd, open_host_end
 from benchmarks.honesty.can import HostBus, MemoryLine
-from benchmarks.honesty.daemon import AtOnce, DaemonRun, WorldClock
+from benchmarks.honesty.daemon import (
+    AtOnce,
+    DaemonRun,
+    WorldClock,
+    to_thread_at_once,
+)
 from benchmarks.honesty.devices import Freeze, MountedDevice, mount
 from benchmarks.honesty.families import FAMILIES
 from benchmarks.honesty.hub import Housed, Hub
 from benchmarks.honesty.judge import Judge, Tally
 from benchmarks.honesty.loop import VirtualLoop
 from benchmarks.honesty.plan import (
+    ALL_DEVICES,
+    ANSWER_S,
     FROZEN_KINDS,
     OF_LINE,
     OF_POWER,
@@ -44,7 +51,14 @@ from traverse.daemon.config.schema import (
 )
 from traverse.daemon.errors import CaptureRefusedError, RequestRefusedError
 from traverse.daemon.monitoring.events import Occurrence
-from traverse.protocol.messages import HomeArgs, PointArgs, ReferenceArgs, ScanArgs
+from traverse.daemon.state_dir import PROBE
+from traverse.protocol.messages import (
+    HomeArgs,
+    PointArgs,
+    ProbeArgs,
+    ReferenceArgs,
+    ScanArgs,
+)
 from traverse.simulator.devices.table import DeviceTable
 from traverse.simulator.scenario.faults import Fault
 from traverse.simulator.scenario.wiring import ScriptClock
@@ -54,9 +68,9 @@ SERIAL_DRIVERS = ("latch_board", "text_line", "microscribe")
 DAY_S = 86_400.0
 # How far an unmarked UTC may be back and ahead: as the daemon states it.
 SYNCHRONISED_S, ALONE_S = (1.0, 1.0), (60.0 + DAY_S + 60.0, 400.0 * DAY_S)
-ANSWER_S = 4.0  # that the operator waits
 STEP_S, QUICK_STEPS = 0.01, 15  # of joints that are seen to freeze
 SEEN_SLACK_S = 0.25  # of blocks and checks
+CHANGE_S, RETRY_S = 0.1, 0.5  # of a probe that is changed; of a start that is refused
 
 
 @dataclass(eq=False)
@@ -117,7 +131,7 @@ class World:
             inputs=(InputSection(source=self._family.button, trigger="button"),)
         )
         return Configuration(
-            arm=ArmSection(file="arm.toml"),
+            arm=ArmSection(file="arm.toml", probes=LIBRARY),
             device=tuple(
                 DeviceSection.from_table({"id": spec.id, **spec.section})
                 for spec in self._family.devices
@@ -159,6 +173,7 @@ class World:
                     AtOnce,
                 ),
                 ("traverse.daemon.utc.ThreadPoolExecutor", AtOnce),
+                ("asyncio.to_thread", to_thread_at_once),
                 ("time.sleep", hub.sleep),
             ):
                 stack.enter_context(patch(place, stand_in))
@@ -226,6 +241,8 @@ class World:
     def _schedule(self, fault: PlannedFault) -> None:
         hub, end_s = self.hub, fault.at_s + fault.lasts_s
         cables = hub.devices[fault.device].cables
+        if fault.device == ALL_DEVICES:
+            cables = hub.cables
         if fault.kind == "delays" and fault.lasts_s:
             hub.at(fault.at_s, lambda: self._delay(fault, cables))
             hub.at(end_s, lambda: self._delay(None, cables))
@@ -237,9 +254,13 @@ class World:
             hub.at(fault.at_s, lambda: self._stall(end_s, readers=True))
         elif fault.kind in OF_POWER:
             self._look_at_power(fault)
-        elif fault.kind == "unplug":
+        elif fault.kind in ("unplug", "usb_reset"):
             hub.at(fault.at_s, lambda: _each(cables, Cable.unplug))
             hub.at(end_s, lambda: _each(cables, Cable.plug))
+        elif fault.kind == "probe_table":
+            library = self._folder / LIBRARY
+            hub.at(fault.at_s, lambda: library.rename(self._folder / "elsewhere"))
+            hub.at(end_s, lambda: (self._folder / "elsewhere").rename(library))
         elif fault.kind == "swap":
             self._schedule_swap(fault)
         elif fault.kind in FROZEN_KINDS:
@@ -327,8 +348,10 @@ class World:
         now_s = self.hub.now_s
         believed_s = UTC_S + now_s
         for fault in self.plan.faults:
-            if (fault.kind == "utc_step" and now_s >= fault.at_s) or (
-                fault.kind == "utc_ahead" and now_s < fault.lasts_s
+            if (
+                (fault.kind == "utc_step" and now_s >= fault.at_s)
+                or (fault.kind == "utc_ahead" and now_s < fault.lasts_s)
+                or (fault.kind == "utc_set" and now_s < fault.at_s)
             ):
                 believed_s += fault.size
             elif fault.kind == "utc_1970" and now_s < fault.lasts_s:
@@ -340,6 +363,7 @@ class World:
         now_s = self.hub.now_s
         return not any(
             (fault.kind == "utc_step" and now_s >= fault.at_s)
+            or (fault.kind == "utc_set" and now_s < fault.at_s)
             or (fault.kind in ("utc_ahead", "utc_1970") and now_s < fault.lasts_s)
             for fault in self.plan.faults
         )
@@ -377,12 +401,20 @@ class World:
             await self._run_daemon(begin_s, end_s)
             begin_s = next_s
             if next_s < plan.duration_s:
-                await self._until(next_s)
+                await self._until(begin_s)
+                while self._lacks_probe():
+                    begin_s += RETRY_S
+                    await self._until(begin_s)
                 if any(
                     f.kind == "computer_restart" and f.at_s == end_s
                     for f in plan.faults
                 ):
                     self.hub.booted_s = self.hub.loop_s - 5.0
+
+    def _lacks_probe(self) -> bool:
+        """Whether the daemon refuses to start: a probe is in use, its library away."""
+        is_chosen = (self._folder / PROBE).exists()
+        return is_chosen and not (self._folder / LIBRARY).exists()
 
     async def _run_daemon(self, begin_s: float, end_s: float) -> None:
         judge, events = self.judge, self.outcome.events
@@ -462,11 +494,20 @@ class World:
             await daemon.scans.change_scan(ScanArgs(action="start", rate_hz=rate_hz))
             await asyncio.sleep(action.size)
             await daemon.scans.change_scan(ScanArgs(action="stop"))
+        elif action.kind == "probe":
+            await self._change_probe(daemon, "long" if action.size else "short")
         elif action.kind == "home":
             if not self._swapped:
                 await daemon.points.home(HomeArgs())
         elif self._may_confirm():
             await daemon.points.confirm_reference(ReferenceArgs(action="confirm"))
+
+    async def _change_probe(self, daemon: DaemonRun, name: str) -> None:
+        """Put on another probe as soon as the daemon agrees; meanwhile all is void."""
+        begun_s = self.hub.now_s
+        await daemon.points.change_probe(ProbeArgs(name=name))
+        self.truth.put_on(name, self.hub.now_s)
+        self.judge.pardon(begun_s - CHANGE_S, self.hub.now_s + CHANGE_S)
 
     def _may_confirm(self) -> bool:
         """Whether the arm's positions are right: only then the operator confirms."""

@@ -116,14 +116,14 @@ class MicroscribeDriver(Driver):
                 self._listen(session, rate_hz)
             else:
                 self._poll(session, rate_hz)
-            self._block.deliver(self._stream)
+            self._block.finish(self._stream)
 
     def _disconnect(self) -> None:
         if self._session is not None and self._stopping:
             with contextlib.suppress(DeviceError):
                 self._session.line.end()
         self._session = None
-        self._block.deliver(self._stream)
+        self._block.finish(self._stream)
         if self._port is not None:
             self._port.close()
             self._port = None
@@ -133,12 +133,14 @@ class MicroscribeDriver(Driver):
         if not rate_hz:
             return 0.0
         self._next_seq = 0
-        return self._start_stream(
+        rate_hz = self._start_stream(
             rate_hz,
             session.reached_hz,
             "lower the rate, raise the baud rate, or set the adapter's latency timer "
             "to 1 ms",
         )
+        self._block.begin(rate_hz, is_checked=False)
+        return rate_hz
 
     def _goes_on(self, session: MicroscribeSession) -> bool:
         """Send pending reports; return whether the same stream is still requested."""
@@ -262,4 +264,4 @@ class MicroscribeDriver(Driver):
             self._lost_samples += max(0, seq - self._next_seq)
             self._next_seq = seq + 1
             self._counters["samples_received"] += 1
-            self._block.add(seq, sample)
+            self._block.add(seq, sample, session.doubts(heard.received_ns))

@@ -235,7 +235,7 @@ class MicroscribeSession:
             if miss is IMPLAUSIBLE:
                 implausible.append(number)
             status.append(STATUS_MISSING if miss else uncertain)
-        if doubts := max(c.status(heard.received_ns) for c in self.channels):
+        if doubts := self.doubts(heard.received_ns):
             status = [bits | doubts for bits in status]  # one packet has them all
         sample = PolledSample(
             time_ns,
@@ -247,6 +247,10 @@ class MicroscribeSession:
             time_bound_ns=self.clock.bound_ns,
         )
         return sample, implausible
+
+    def doubts(self, now_ns: int) -> int:
+        """Return what marks all readings now, bits ``STATUS_*``."""
+        return max(channel.status(now_ns) for channel in self.channels)
 
     def _n_spoilt_bytes(self) -> int:
         """How often bytes had changed; a packet that lacks some always shows it."""

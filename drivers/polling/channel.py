@@ -72,10 +72,8 @@ UNCONFIRMED = ReadError("unconfirmed", "answers again", "")
 class PolledChannel:
     """State of one encoder.
 
-    Args:
-        is_checked: a check sum protects its readings.
-
     Attributes:
+        is_checked: a check sum protects its readings.
         count: the last good one; 0 before the first.
         time_ns: of that; None before the first, and after it was missing.
         away_ns: since the good one before it, if it was missing meanwhile; else 0.
@@ -103,7 +101,7 @@ class PolledChannel:
         self._counts_per_ns3 = START_RAD_S3 * counts_per_rad * 1e-27
         self._unconfirmed: EncoderReading | None = None
         self._ask_again_ns = 0
-        self._is_checked = is_checked
+        self.is_checked = is_checked
         self._earlier: EncoderReading | None = None  # the good one before the last
         self._resting: EncoderReading | None = None  # since when it has stayed there
         self._left_motion = False
@@ -140,7 +138,7 @@ class PolledChannel:
             self.doubt(now_ns)
             return self._failed(IMPLAUSIBLE, now_ns)
         left, self._left_motion = self._left_motion, False
-        if not self._is_checked:
+        if not self.is_checked:
             follows = self._follows(before, answer)
             if not follows and not left:
                 self._left_motion = True
@@ -165,7 +163,7 @@ class PolledChannel:
 
     def doubt(self, now_ns: int) -> None:
         """Put readings in doubt for a while: bytes were spoilt, and others may be."""
-        if not self._is_checked:
+        if not self.is_checked:
             self._doubted_until_ns = now_ns + DAMAGE_NS
 
     def status(self, now_ns: int) -> int:

@@ -181,7 +181,7 @@ class PolledDriver(Driver, Generic[LineT]):
                 self._read_errors.report(self._channels, self._now_ns())
                 self._report_counters()
         finally:
-            self._block.deliver(self._stream)
+            self._block.finish(self._stream, self._doubts())
 
     def _raise_if_another(self) -> None:
         """Raise DeviceError if an encoder is back that may be another one."""
@@ -195,7 +195,7 @@ class PolledDriver(Driver, Generic[LineT]):
                 )
 
     def _begin_stream(self, rate_hz: float) -> None:
-        self._block.deliver(self._stream)
+        self._block.finish(self._stream, self._doubts())
         self._schedule = None
         if not rate_hz:
             return
@@ -204,6 +204,8 @@ class PolledDriver(Driver, Generic[LineT]):
             self._reached_hz,
             "lower the rate, or set the adapter's latency timer to 1 ms",
         )
+        is_checked = all(channel.is_checked for channel in self._channels)
+        self._block.begin(rate_hz, is_checked=is_checked)
         self._schedule = SampleSchedule(rate_hz, self._now_ns())
 
     def _serve_stream(self, schedule: SampleSchedule) -> None:
@@ -224,7 +226,8 @@ class PolledDriver(Driver, Generic[LineT]):
         self._counters["samples_received"] += 1
         now_ns = self._now_ns()
         counts = [channel.count for channel in self._channels]
-        self._block.add(seq, sample_of_readings(instant_ns, readings, counts, now_ns))
+        sample = sample_of_readings(instant_ns, readings, counts, now_ns)
+        self._block.add(seq, sample, self._doubts())
         if self._block.is_due(now_ns):
             self._block.deliver(self._stream)
 
@@ -241,6 +244,11 @@ class PolledDriver(Driver, Generic[LineT]):
             self._judged(number, answer if sound or answer is None else DISTURBED)
             for number, answer in enumerate(answers)
         ]
+
+    def _doubts(self) -> int:
+        """Return what marks readings now, bits ``STATUS_*``."""
+        now_ns = self._now_ns()
+        return max((channel.status(now_ns) for channel in self._channels), default=0)
 
     def _asked(self, number: int) -> EncoderReading | ReadError:
         self.heartbeat.beat(ASK_S)

@@ -1,6 +1,7 @@
 """Samples of a polled stream: schedule, and blocks."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,6 +9,7 @@ from traverse.drivers.base.values import STATUS_MISSING, CountSamples, PolledSam
 from traverse.drivers.polling.channel import EncoderReading
 
 BLOCK_NS = 10_000_000
+MOST_HELD_NS = 15_000_000  # far below what a sample waits for those of other devices
 MAX_SKEW_NS = 2**31 - 1
 
 
@@ -57,18 +59,50 @@ def sample_of_readings(
 
 
 class SampleBlockBuilder:
-    """Samples that wait to be delivered together."""
+    """Samples that wait to be delivered together.
+
+    Where no check sum protects bytes, the next ones often show first that a line is
+    disturbed. There a sample of a quick stream waits for the next one, and takes over
+    what marks it.
+    """
 
     def __init__(self, device: str, put: Callable[[CountSamples], bool]) -> None:
         self._device, self._put = device, put
         self._waiting: list[tuple[int, PolledSample]] = []
+        self._held: tuple[int, PolledSample] | None = None
+        self._holds = False
 
-    def add(self, seq: int, sample: PolledSample) -> None:
-        self._waiting.append((seq, sample))
+    def begin(self, rate_hz: float, *, is_checked: bool) -> None:
+        """Begin a stream; ``is_checked``: a check sum protects its readings."""
+        self._holds = not is_checked and rate_hz * MOST_HELD_NS >= 1e9
+
+    def add(self, seq: int, sample: PolledSample, doubts: int = 0) -> None:
+        """Add a sample; ``doubts`` are bits ``STATUS_*`` for the one before it."""
+        self._release(doubts)
+        if self._holds:
+            self._held = seq, sample
+        else:
+            self._waiting.append((seq, sample))
 
     def is_due(self, now_ns: int) -> bool:
         """Return whether the oldest sample has waited long enough."""
+        if self._held and now_ns - self._held[1].time_ns >= MOST_HELD_NS:
+            self._release()
         return bool(self._waiting) and now_ns - self._waiting[0][1].time_ns >= BLOCK_NS
+
+    def _release(self, doubts: int = 0) -> None:
+        if self._held is None:
+            return
+        (seq, sample), self._held = self._held, None
+        if doubts:
+            status = tuple(bits | doubts for bits in sample.status)
+            sample = replace(sample, status=status)
+        self._waiting.append((seq, sample))
+
+    def finish(self, stream: int, doubts: int = 0) -> None:
+        """Deliver all, since no next sample will come."""
+        self._release(doubts)
+        self.deliver(stream)
 
     def deliver(self, stream: int) -> None:
         if not self._waiting:

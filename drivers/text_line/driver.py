@@ -180,7 +180,7 @@ class TextLineDriver(Driver):
     def _disconnect(self) -> None:
         self._held.clear()
         self._report_losses()
-        self._block.deliver(self._stream)
+        self._block.finish(self._stream)
         if self._port is not None:
             self._port.close()
             self._port = None
@@ -287,7 +287,7 @@ class TextLineDriver(Driver):
         return WRAP if self.options.time_unit != "s" else 1 << 62
 
     def _begin_stream(self, rate_hz: float) -> None:
-        self._block.deliver(self._stream)
+        self._block.finish(self._stream)
         self._every = 0
         if not rate_hz:
             return
@@ -295,12 +295,13 @@ class TextLineDriver(Driver):
         reached_hz = 1e9 / self._period_ns
         self._every = max(1, round(reached_hz / rate_hz))
         self._next_seq = 0
-        self._start_stream(
+        rate_hz = self._start_stream(
             rate_hz,
             reached_hz,
             "lower the rate, or have the board print more often",
             possible_hz=reached_hz / self._every,
         )
+        self._block.begin(rate_hz, is_checked=self.options.checksum != "none")
 
     def _take(self, read: tuple[list[tuple[Line, int]], int]) -> None:
         """Take lines that arrived together.
@@ -361,7 +362,8 @@ class TextLineDriver(Driver):
                     self._edges.add(edge.number, edge.down, edge.first)
             if self._every and (self._next_seq - 1) % self._every == 0:
                 self._counters["samples_received"] += 1
-                self._block.add((self._next_seq - 1) // self._every, sample)
+                doubts = max(c.status(sample.time_ns) for c in self._channels)
+                self._block.add((self._next_seq - 1) // self._every, sample, doubts)
 
     def _step(self, line: Line, received_ns: int, bad: int) -> int:
         """Return the step from the last line, 1 without a loss; 0: not to be taken.

@@ -221,6 +221,48 @@ def test_a_block_has_the_instants_of_its_readings():
     assert samples.skew_ns.tolist() == [[300, 900]]
 
 
+def held_back(rate_hz, is_checked):
+    """A block with one sample of 1 ms, and where its blocks go."""
+    blocks: list[CountSamples] = []
+    block = SampleBlockBuilder("arm", blocks.append)
+    block.begin(rate_hz, is_checked=is_checked)
+    readings = [EncoderReading(7, MS), EncoderReading(8, MS)]
+    block.add(0, sample_of_readings(MS, readings, [7, 8], MS))
+    return block, blocks, readings
+
+
+def test_a_sample_without_a_check_sum_takes_over_what_marks_the_next():
+    block, blocks, readings = held_back(100.0, is_checked=False)
+    assert not block.is_due(12 * MS)
+    block.add(1, sample_of_readings(11 * MS, readings, [7, 8], MS), STATUS_WARNING)
+    assert block.is_due(12 * MS)
+    block.deliver(1)
+    block.finish(1)
+    assert [samples.seq.tolist() for samples in blocks] == [[0], [1]]
+    assert [samples.status.tolist() for samples in blocks] == [
+        [[STATUS_WARNING, STATUS_WARNING]],
+        [[0, 0]],
+    ]
+
+
+@pytest.mark.parametrize(("rate_hz", "is_checked"), [(100.0, True), (30.0, False)])
+def test_no_sample_waits_whose_bytes_are_checked_or_whose_next_is_far(
+    rate_hz, is_checked
+):
+    block, blocks, _ = held_back(rate_hz, is_checked)
+    assert block.is_due(11 * MS)
+    block.deliver(1)
+    assert blocks[0].seq.tolist() == [0]
+
+
+def test_a_sample_whose_next_does_not_come_waits_no_longer_than_a_while():
+    block, blocks, _ = held_back(100.0, is_checked=False)
+    assert not block.is_due(15 * MS)
+    assert block.is_due(16 * MS)
+    block.deliver(1)
+    assert blocks[0].seq.tolist() == [0]
+
+
 def test_a_count_was_taken_between_the_request_and_its_reply():
     timer = ExchangeTimer(byte_ns=100_000)
     assert timer.latch(1_000_000, 3_000_000, 8, 7) == (2_050_000, 250_000)
