@@ -45,6 +45,7 @@ class Family:
         can_swap: Two devices, or two lines of one, can change places.
         can_count: Its encoders may be incremental ones.
         quick_rad_s: Of a joint that is seen to stop between two readings.
+        scans_hz: Rates of its scans.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Family:
     can_swap: bool = False
     can_count: bool = True
     quick_rad_s: float = 0.5
+    scans_hz: tuple[float, ...] = (50.0, 100.0)
 
     @property
     def n_devices(self) -> int:
@@ -240,7 +242,13 @@ _MAKERS: tuple[Callable[[], Family], ...] = (
     lambda: Family("text+handle", (_text(N_JOINTS), _handle()), "handle/0"),
     lambda: Family("amt21", (_amt21(), _handle()), "handle/0"),
     lambda: Family("rls", (_rls(), _handle()), "handle/0", can_swap=True),
-    lambda: Family("modbus", (_modbus(), _handle()), "handle/0", quick_rad_s=1.0),
+    lambda: Family(
+        "modbus",
+        (_modbus(), _handle()),
+        "handle/0",
+        quick_rad_s=1.0,
+        scans_hz=(10.0, 20.0),
+    ),
     lambda: Family("canopen", (_canopen(), _handle()), "handle/0"),
     lambda: Family("microscribe", (_microscribe(),), "scribe/0", latches=True),
 )

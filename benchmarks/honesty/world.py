@@ -490,7 +490,7 @@ class World:
         elif action.kind == "mean":
             await daemon.points.take_point(PointArgs(dwell_s=0.3))
         elif action.kind == "scan":
-            rate_hz = float(self._rng.choice([50.0, 100.0]))
+            rate_hz = float(self._rng.choice(self._family.scans_hz))
             await daemon.scans.change_scan(ScanArgs(action="start", rate_hz=rate_hz))
             await asyncio.sleep(action.size)
             await daemon.scans.change_scan(ScanArgs(action="stop"))

@@ -10,6 +10,7 @@ from benchmarks.honesty.families import FAMILIES
 from benchmarks.honesty.plan import (
     FAULT_KINDS,
     LONE_KINDS,
+    SCAN_KINDS,
     SLEW_PPM,
     Action,
     PlannedFault,
@@ -99,9 +100,10 @@ def test_a_clock_drifts():
 
 
 def test_every_fault_is_drawn_and_some_worlds_have_none():
-    plans = [draw_plan(seed) for seed in range(600)]
+    plans = [draw_plan(seed) for seed in (*range(600), 821)]
     kinds = {kind for plan in plans for kind in plan.kinds}
-    assert kinds == {*FAULT_KINDS, *LONE_KINDS, "none"}
+    in_scan = {f"scan+{kind}" for kind in (*SCAN_KINDS, "daemon_restart")}
+    assert kinds == {*FAULT_KINDS, *LONE_KINDS, *in_scan, "none"}
     assert {plan.family for plan in plans} == set(FAMILIES)
 
 
@@ -121,6 +123,19 @@ def test_what_is_drawn_alone_is_marked(tmp_path, family, kind, flag):
     assert tally.ok["live"]
     assert not tally.lies, tally.examples
     assert not flag or any(flag in flags for flags in tally.doubts)
+
+
+def test_a_probe_whose_library_vanishes_stays_on_and_a_change_is_refused(tmp_path):
+    actions = [Action(2.5, "confirm")]
+    actions += [Action(at_s, "probe", at_s % 2) for at_s in (3.0, 4.0, 5.0, 7.0)]
+    fault = PlannedFault("probe_table", 4.5, 2.0)
+    changes = {"actions": tuple(actions), "duration_s": 8.0, "pace": "slow"}
+    world = World(quiet_plan("latch", faults=(fault,), **changes), tmp_path)
+    outcome = world.run()
+    assert outcome.refused == {"capture.probe_refused": 1}
+    assert [round(at_s, 1) for at_s, _ in world.truth.changes] == [3.0, 4.0, 7.0]
+    assert outcome.tally.ok["live"] > 50
+    assert not outcome.tally.lies, outcome.tally.examples
 
 
 def test_a_line_of_a_world_is_judged():
