@@ -10,6 +10,7 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.acceptance.limits import Limits
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.artefact import ExpandingArtefact
+from traverse.lab.artefacts.plane import Plane
 from traverse.lab.measured_points.measurement import Measurement
 from traverse.lab.report.provenance import utc_text
 from traverse.lab.report.quantities import OMITTED
@@ -76,6 +77,7 @@ class Administration:
         measuring_range_mm: Diameter of the volume that shares of a length refer to.
         reach_mm: From the shoulder, which shares of zones refer to.
         next_date: Of the next test, where it was agreed on.
+        agreement: Where both parties agreed on a standard that is not of arms.
         copied_touches: How many are where another was, to the last digit, if many.
         is_of_identification: Whether the arm was identified from these very touches.
     """
@@ -101,6 +103,7 @@ class Administration:
     next_date: str | None
     standards: tuple[StandardUsed, ...]
     tools: tuple[ToolUsed, ...] | None = field(default=None, metadata=OMITTED)
+    agreement: str | None = field(default=None, metadata=OMITTED)
     copied_touches: int | None = field(default=None, metadata=OMITTED)
     is_of_identification: bool | None = field(default=None, metadata=OMITTED)
 
@@ -152,6 +155,7 @@ def administration_of(
         next_date=_day(limits.next_date),
         standards=standards_used(touched),
         tools=tools or None,
+        agreement=limits.agreement,
         copied_touches=_copied(measured),
         is_of_identification=_is_of_identification(arm, occasion.campaign_digest),
     )
@@ -176,7 +180,10 @@ def standards_used(artefacts: Mapping[str, Artefact]) -> tuple[StandardUsed, ...
     """Name each calibrated standard once."""
     standards: dict[StandardUsed, list[str]] = {}
     for name, artefact in artefacts.items():
-        if not isinstance(artefact, ExpandingArtefact):
+        material = None
+        if isinstance(artefact, ExpandingArtefact):
+            material = artefact.material
+        elif not (isinstance(artefact, Plane) and artefact.form_mm is not None):
             continue  # not calibrated
         expansion = artefact.stated_expansion
         used = StandardUsed(
@@ -187,7 +194,7 @@ def standards_used(artefacts: Mapping[str, Artefact]) -> tuple[StandardUsed, ...
             artefact.certificate_number,
             artefact.calibrated_by,
             _day(artefact.valid_until),
-            artefact.material,
+            material,
             expansion.per_c,
             expansion.std_per_c,
         )

@@ -280,11 +280,22 @@ def fixture_line(standards: Standards) -> Contribution:
 
 def form_budget(standards: Standards) -> Budget:
     """Draw up the budget of what the form of a test sphere disturbs."""
-    form_mm = standards.form_mm
-    form = Contribution("form of the ball", f"{form_mm:g} mm / 2", form_mm / 2.0)
-    uncertain = Contribution("its uncertainty", "as stated", standards.form_std_mm)
-    form = required(form, f"form_mm {IN_LIMITS}")
-    return Budget((form, uncertain, fixture_line(standards)))
+    form = standards.form_mm, standards.form_std_mm
+    return _form_budget("form of the ball", *form, f"form_mm {IN_LIMITS}", standards)
+
+
+def flat_budget(form_mm: float, form_std_mm: float, standards: Standards) -> Budget:
+    """Draw up the budget of what the form of a flat disturbs, by its certificate."""
+    where = "form_mm of the plane in campaign.toml"
+    return _form_budget("form of the flat", form_mm, form_std_mm, where, standards)
+
+
+def _form_budget(
+    name: str, form_mm: float, form_std_mm: float, where: str, standards: Standards
+) -> Budget:
+    form = Contribution(name, f"{form_mm:g} mm / 2", form_mm / 2.0)
+    uncertain = Contribution("its uncertainty", "as stated", form_std_mm)
+    return Budget((required(form, where), uncertain, fixture_line(standards)))
 
 
 def fixture_budget(standards: Standards) -> Budget:

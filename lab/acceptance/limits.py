@@ -56,6 +56,12 @@ class Mpe(StrictModel):
     volumetric_max_mm: Limit = None
     volumetric_2rms_mm: Limit = None
     interim_length_mm: Length = None
+    scan_form_25_mm: Limit = None
+    scan_form_95_mm: Limit = None
+    scan_size_25_mm: Limit = None
+    scan_size_all_mm: Limit = None
+    scan_l_dia_mm: Limit = None
+    scan_flat_95_mm: Limit = None
 
     def of(self, key: str) -> LengthLimit | None:
         value = getattr(self, f"{key}_mm")
@@ -93,6 +99,8 @@ class Limits(StrictModel):
         coverage_probability: Of the expanded uncertainties that are reported.
         measuring_range_mm: Diameter of the volume; else twice the reach of the arm.
         next_date: Of the next test, where it was agreed on.
+        agreement: Where both parties agreed to apply a standard that is not written
+            for arms.
         l_dia_radius: Whether the spheres of L_DIA are fitted with their radius free.
     """
 
@@ -102,6 +110,7 @@ class Limits(StrictModel):
     coverage_probability: float = Field(default=COVERAGE_PROBABILITY, ge=0.5, le=0.9999)
     measuring_range_mm: float | None = Field(default=None, gt=0.0)
     next_date: date | None = None
+    agreement: str | None = None
     l_dia_radius: Literal["free", "calibrated"] = "free"
     mpe: Mpe = Mpe()
     standards: Standards = Standards()

@@ -15,6 +15,9 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.acceptance.procedures.b89 import N_BARS, ZONES
 from traverse.lab.acceptance.procedures.length_tests import LENGTHS, POSITIONS
 from traverse.lab.acceptance.procedures.lengths import SET
+from traverse.lab.acceptance.procedures.scanning import FLAT
+from traverse.lab.acceptance.procedures.scanning import LOCATION as SCANNED_LOCATION
+from traverse.lab.acceptance.procedures.scanning import SPHERE as SCANNED_SPHERE
 from traverse.lab.acceptance.standards import (
     BIDIRECTIONAL,
     DIAMETER,
@@ -25,7 +28,7 @@ from traverse.lab.acceptance.standards import (
 from traverse.lab.artefacts.materials import MATERIALS
 from traverse.lab.campaign.campaign_file import EXAMPLE, read_campaign_file
 from traverse.lab.collection.plan import PLAN, PlanFile
-from traverse.lab.measured_points.measurement import reach_of
+from traverse.lab.measured_points.measurement import SCANNED, reach_of
 from traverse.plurals import counted
 from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.reader import read_strict
@@ -34,6 +37,9 @@ from traverse.strict_toml.writing import write_atomically
 SPHERE = {"kind": "sphere", "radius_mm": 12.7, "radius_std_mm": 0.0003}
 PER_BALL = 5
 PER_FACE = 4
+SCANNED_FLAT = {"kind": "plane", "form_mm": 0.0005, "form_std_mm": 0.0001}
+# Somewhat more than the least that a figure needs.
+PER_SCAN, PER_SCANNED_GROUP = 250, 50
 LONGEST_SHARE = 0.70  # of the measuring range; at least 66 % is required
 _DIRECTIONS = ("down", "left", "right", "towards", "away")
 _PATTERN_25 = "1 on the pole, 4 at 22.5, 8 at 45, 4 at 67.5, 8 at 90 degrees from it"
@@ -47,6 +53,10 @@ _WAYS = (
     "on the space diagonal + - +",
     "on the space diagonal + - -",
 )
+# Of the middles of bars, as seen from the shoulder: Traverse's own choice of twenty
+# positions that are spread over octants, ways and distances.
+_OCTANTS = ("+ + +", "+ + -", "+ - +", "+ - -", "- + +", "- + -", "- - +", "- - -")
+_SHORT_AT, _LONG_AT = (0.3, 0.6), 0.2  # parts of the reach, so that all fits in
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +105,8 @@ def _tests(standard: str, reach_mm: float, bidirectional: bool) -> Iterator[_Tes
             yield from _lengths(reach_mm, BIDIRECTIONAL)
     elif standard == "asme-b89.4.22":
         yield from _b89(reach_mm)
+    elif standard == "iso10360-8":
+        yield from _scans(reach_mm)
     else:
         yield from _checks(reach_mm)
 
@@ -175,14 +187,63 @@ def _b89(reach_mm: float) -> Iterator[_Test]:
             ],
         )
     for number in range(1, N_BARS + 1):
-        share = 0.6 if number <= N_BARS // 2 else 1.3
+        is_short = number <= N_BARS // 2
+        share = 0.6 if is_short else 1.3
         length_mm = float(np.ceil(share * reach_mm / 10.0) * 10.0)
         name = f"volumetric-{number:02d}"
         say = (
-            f"bar of {length_mm:.0f} mm, position {number} of {N_BARS} (another octant "
-            f"or another way), {PER_BALL} points on sphere"
+            f"bar of {length_mm:.0f} mm, position {number} of {N_BARS}: "
+            f"{_position(number - 1, reach_mm, is_short=is_short)}, {PER_BALL} points "
+            "on sphere"
         )
         yield name, _bar(length_mm), _repeated(name, ("1", "2"), PER_BALL, say, 1)
+
+
+def _position(row: int, reach_mm: float, *, is_short: bool) -> str:
+    """Say which way a bar lies, and where its middle is.
+
+    The long bar goes through the octants in other ways than the short one.
+    """
+    at = _SHORT_AT[row % 2] if is_short else _LONG_AT
+    way = _WAYS[row % len(_WAYS)]
+    octant = _OCTANTS[(row if is_short else row + 3) % len(_OCTANTS)]
+    return (
+        f"{way}, its middle {at * reach_mm:.0f} mm from the shoulder in the octant "
+        f"{octant} of x y z"
+    )
+
+
+def _scans(reach_mm: float) -> Iterator[_Test]:
+    yield (
+        SCANNED_SPHERE,
+        SPHERE,
+        [
+            Step(
+                SCANNED_SPHERE,
+                "",
+                PER_SCAN,
+                f"sphere at half reach ({0.5 * reach_mm:.0f} mm), not the one that the "
+                f"probe was found with: scan the half sphere, {PER_SCAN} points or "
+                "more, the probe pointing one way",
+            )
+        ],
+    )
+    yield (
+        SCANNED_LOCATION,
+        SPHERE,
+        [
+            Step(
+                SCANNED_LOCATION,
+                way,
+                PER_SCANNED_GROUP,
+                f"sphere at half reach, scan {PER_SCANNED_GROUP} points with the probe "
+                f"pointing {way}: turn the wrist, and leave the sphere where it is",
+            )
+            for way in _DIRECTIONS
+        ],
+    )
+    say = f"flat at half reach, tilted by 45 degrees: scan all of it, {PER_SCAN} points"
+    yield FLAT, SCANNED_FLAT, [Step(FLAT, "", PER_SCAN, say)]
 
 
 def _checks(reach_mm: float) -> Iterator[_Test]:
@@ -286,7 +347,7 @@ def _borrowed(standards: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     for standard in standards:
         sizes.setdefault(standard["kind"], []).append(f"{standard['size_mm']:g}")
     for kind, of_kind in sizes.items():
-        what = "radius" if kind == "sphere" else "length"
+        what = {"sphere": "radius", "flat": "form error"}.get(kind, "length")
         yield f"{kind} of {what} {', '.join(of_kind)} mm"
 
 
@@ -313,6 +374,8 @@ def _standard_of(table: Mapping[str, Any]) -> tuple[str, float] | None:
     if "distance_mm" in table:
         word = "block" if table["kind"] == "parallel_planes" else "bar"
         return word, table["distance_mm"]
+    if "form_mm" in table:
+        return "flat", table["form_mm"]
     return ("sphere", table["radius_mm"]) if "radius_mm" in table else None
 
 
@@ -324,13 +387,16 @@ def _standards(
     return list(dict.fromkeys(each for each in all_standards if each is not None))
 
 
-# General knowledge: a touch by hand, another place for a standard, and warming up.
-_TOUCH_S, _PLACE_S, _WARM_UP_S = 8.0, 150.0, 3600.0
+# General knowledge: a touch by hand, a point of a scan, another place for a standard,
+# and warming up.
+_TOUCH_S, _SCANNED_S, _PLACE_S, _WARM_UP_S = 8.0, 0.2, 150.0, 3600.0
 
 
 def _hours(plan: Plan) -> float:
-    touches = sum(step.touches for step in plan.steps)
-    seconds = _WARM_UP_S + _PLACE_S * len(plan.artefacts) + _TOUCH_S * touches
+    seconds = _WARM_UP_S + _PLACE_S * len(plan.artefacts)
+    for step in plan.steps:
+        is_scan = step.artefact.startswith(SCANNED)
+        seconds += step.touches * (_SCANNED_S if is_scan else _TOUCH_S)
     return seconds / 3600.0
 
 

@@ -24,6 +24,7 @@ from traverse.lab.acceptance.procedures.probing import (
     location,
     size_and_form,
 )
+from traverse.lab.acceptance.procedures.scanning import scanning
 from traverse.lab.measured_points.measurement import Measurement
 
 Tests = Callable[[Measurement, Limits], Iterator[Part]]
@@ -36,10 +37,15 @@ UNIDIRECTIONAL, BIDIRECTIONAL = "uni", "bi"
 
 @dataclass(frozen=True, slots=True)
 class Standard:
-    """A standard with its tests."""
+    """A standard with its tests.
+
+    Attributes:
+        remarks: What every certificate by it says.
+    """
 
     title: str
     tests: Tests
+    remarks: tuple[str, ...] = ()
 
 
 def _iso10360(measured: Measurement, limits: Limits) -> Iterator[Part]:
@@ -61,6 +67,14 @@ STANDARDS: Mapping[str, Standard] = {
     "iso10360-12": Standard("ISO 10360-12:2016", _iso10360),
     "asme-b89.4.22": Standard("ASME B89.4.22", _b89),
     "vdi2617-9": Standard("VDI/VDE 2617-9, interim check", interim_test),
+    "iso10360-8": Standard(
+        "ISO 10360-8:2013",
+        scanning,
+        (
+            "ISO 10360-8 is written for Cartesian machines; to an arm it applies by "
+            "mutual agreement of both parties",
+        ),
+    ),
 }
 
 
@@ -92,7 +106,7 @@ def verified(
         tuple(part for part in parts if isinstance(part, Missing)),
         lengths,
         tuple(part for part in parts if isinstance(part, Scatter)),
-        (*notes, *_not_stated(parts)),
+        (*chosen.remarks, *notes, *_not_stated(parts)),
         # With several tools no touch has a stated uncertainty.
         predicted_lengths(measured[0], lengths),
     )

@@ -20,6 +20,10 @@ from traverse.lab.measured_points.measurement import Measurement, reach_of
 from traverse.lab.measured_points.reading import occasion_of
 from traverse.lab.outcomes.acceptance import AbsentStatement
 
+# Standards whose test is an interim check, which certifies nothing.
+INTERIM = ("vdi2617-9",)
+SCANNING = ("iso10360-8",)
+
 Lacking = Callable[[Administration], Iterable[str]]
 
 
@@ -32,14 +36,14 @@ class Statement:
         text: What is to be stated, without an article.
         where: Key and file.
         lacking: Of what it is absent: names of standards, or "" for the measurement.
-        interim: Whether an interim check requires it, too.
+        without: Standards that do not require it.
     """
 
     code: str
     text: str
     where: str
     lacking: Lacking
-    interim: bool = True
+    without: tuple[str, ...] = ()
 
 
 def _absent(key: str) -> Lacking:
@@ -55,6 +59,16 @@ def _of_standards(key: str) -> Lacking:
         for standard in stated.standards:
             if getattr(standard, key) in (None, ""):
                 yield standard.name
+
+    return lacking
+
+
+def _expanding(key: str) -> Lacking:
+    """As `_of_standards`, without flats: their form does not depend on the warmth."""
+
+    def lacking(stated: Administration) -> Iterator[str]:
+        standards = tuple(each for each in stated.standards if each.kind != "plane")
+        yield from _of_standards(key)(replace(stated, standards=standards))
 
     return lacking
 
@@ -139,21 +153,28 @@ STATEMENTS = (
         "humidity of the air",
         f"humidity_percent {_CIRCUMSTANCES}",
         _absent("humidity_percent"),
-        interim=False,
+        without=INTERIM,
     ),
     Statement(
         "warm_up",
         "time of warming up",
         f"warm_up_min {_CIRCUMSTANCES}",
         _absent("warm_up_min"),
-        interim=False,
+        without=INTERIM,
     ),
     Statement(
         "measuring_range",
         "measuring range",
         "measuring_range_mm of limits.toml",
         _absent("measuring_range_mm"),
-        interim=False,
+        without=(*INTERIM, *SCANNING),
+    ),
+    Statement(
+        "agreement",
+        "agreement to apply the standard to an arm",
+        "agreement of limits.toml",
+        _absent("agreement"),
+        without=("iso10360-12", "asme-b89.4.22", *INTERIM),
     ),
     Statement(
         "standard_serial_number",
@@ -195,7 +216,7 @@ STATEMENTS = (
         "expansion",
         "coefficient of expansion",
         f"material, or expansion_per_c, {_STANDARDS}",
-        _of_standards("expansion_per_c"),
+        _expanding("expansion_per_c"),
     ),
     Statement(
         "expansion_std",
@@ -204,8 +225,6 @@ STATEMENTS = (
         _coefficient_alone,
     ),
 )
-# Standards whose test is an interim check, which certifies nothing.
-INTERIM = ("vdi2617-9",)
 
 
 def required_statements(standard: str) -> tuple[Statement, ...]:
@@ -213,7 +232,7 @@ def required_statements(standard: str) -> tuple[Statement, ...]:
     return tuple(
         statement
         for statement in STATEMENTS
-        if statement.interim or standard not in INTERIM
+        if standard not in statement.without
     )
 
 

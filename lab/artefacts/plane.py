@@ -11,6 +11,7 @@ The attitude that turns, and its start, serve parallel planes too.
 from typing import Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from traverse.arrays import Floats
 from traverse.kinematics.model.geometry import across
@@ -60,9 +61,16 @@ def start_normal(centres_mm: Floats, groups: Floats) -> Floats:
 
 
 class Plane(Artefact):
-    """A flat surface; without directions all balls are taken to be on one side."""
+    """A flat surface; without directions all balls are taken to be on one side.
+
+    Attributes:
+        form_mm: Flatness by its certificate, of a calibrated flat only.
+        form_std_mm: Standard uncertainty of that.
+    """
 
     kind: Literal["plane"]
+    form_mm: float | None = Field(default=None, ge=0.0)
+    form_std_mm: float = Field(default=0.0, ge=0.0)
 
     def unknown_scales(self, touches: Touches) -> Floats:
         return np.array([ATTITUDE_SCALE_RAD] * 2 + [HEIGHT_SCALE_MM])

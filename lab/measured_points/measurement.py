@@ -26,6 +26,9 @@ from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.campaign.campaign_file import NONE_STATED, Circumstances, Tool
 from traverse.plurals import counted
 
+# Beginning of the id of an artefact whose points are a scan: each counts by itself.
+SCANNED = "scan-"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArtefactTouches:

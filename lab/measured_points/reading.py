@@ -47,6 +47,7 @@ from traverse.lab.campaign.campaign_file import (
     read_campaign_file,
 )
 from traverse.lab.measured_points.measurement import (
+    SCANNED,
     Measurement,
     Occasion,
     measurement_of_touches,
@@ -353,8 +354,11 @@ def measured_campaign(
     tip_mm = np.full(len(poses), arm.probe.radius_mm)
     middles = np.arange(len(poses))
     if campaign.is_stream:
-        # Samples that follow one another on the same feature are one touch.
-        starts = np.flatnonzero(np.diff(touching_stretches(campaign))) + 1
+        # Samples that follow one another on the same feature are one touch, but of a
+        # scan each is a point.
+        scanned = np.array([name.startswith(SCANNED) for name in touched])
+        changes = np.diff(touching_stretches(campaign)) != 0
+        starts = np.flatnonzero(changes | scanned[1:]) + 1
         rows = np.split(np.arange(len(poses)), starts)
         touched = [touched[row[0]] for row in rows]
         features = [features[row[0]] for row in rows]

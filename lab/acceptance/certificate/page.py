@@ -127,7 +127,7 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [
         ("Arm", administration["arm_name"]),
         ("Serial number of the arm", administration["arm_serial_number"] or NOT_STATED),
-        *_known("Arm calibrated", administration["arm_calibration_date"]),
+        *_known("Arm calibrated", _date(administration["arm_calibration_date"])),
         ("Probe", _joined(administration, "{probe:s}", *_BALL)),
         ("Range", _joined(administration, *_RANGE)),
         ("Measured", f"{times}; {_repeats(values)}"),
@@ -135,6 +135,7 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("Operator", administration["operator"] or NOT_STATED),
         ("Temperature", _joined(administration, _WARM)),
         ("Air, warming up", _joined(administration, *_AROUND)),
+        *_known("Agreement", administration.get("agreement")),
         *_known("Next test", administration["next_date"]),
         *(
             (
@@ -153,10 +154,10 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def _known(label: str, time: str | None) -> Iterator[tuple[str, str]]:
-    """Write a row only where its time is stated."""
-    if time is not None:
-        yield label, _time(time)
+def _known(label: str, text: str | None) -> Iterator[tuple[str, str]]:
+    """Write a row only where its text is stated."""
+    if text is not None:
+        yield label, text
 
 
 def _joined(values: Mapping[str, Any], *parts: str) -> str:
@@ -203,6 +204,8 @@ STANDARD_COLUMNS = (
 
 def _expansion(standard: Mapping[str, Any]) -> str:
     """Write the coefficient with its standard uncertainty, and the material."""
+    if standard["kind"] == "plane":
+        return "no length"
     per_c, std_per_c = standard["expansion_per_c"], standard["expansion_std_per_c"]
     if per_c is None:
         return NOT_STATED
@@ -218,6 +221,10 @@ def _places(names: list[str]) -> str:
 
 def _time(text: str | None) -> str:
     return (text or NOT_STATED).replace("T", " ").replace("Z", " UTC")
+
+
+def _date(text: str | None) -> str | None:
+    return None if text is None else _time(text)
 
 
 def certificate_page(certificate: SealedCertificate) -> str:

@@ -4,7 +4,8 @@ The measured points are ball centres: they lie on a sphere of the test sphere's
 radius plus that of the tip, at the temperature of the measurement.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -50,6 +51,8 @@ LOCATION = (
     "a least-squares sphere each; L_DIA is the diameter of the smallest sphere that "
     "encloses the five centres"
 )
+# Of test spheres of ISO 10360-12 (published), and of ISO 10360-8 (general knowledge).
+DIAMETERS_MM = (10.0, 51.0)
 DIAMETER = (
     "9 points on a calibrated sphere (4 on the equator, 4 at 45 degrees, 1 on the "
     "pole), least-squares sphere, three times: max|D - D_cal|"
@@ -74,7 +77,7 @@ def refuse_another_count(touched: ArtefactTouches, wanted: int, what: str) -> No
         )
 
 
-def _diameter_budget(
+def diameter_budget(
     sphere: Sphere, touched: ArtefactTouches, fit: FittedSphere, limits: Limits
 ) -> Budget:
     """Draw up the budget of a diameter, of the arm's scatter about the sphere too."""
@@ -120,7 +123,8 @@ def size_and_form(
             problems.append(str(error))
             continue
         sizes_mm[name], forms_mm[name] = fit.size_mm, fit.form_mm
-        budgets[name] = _diameter_budget(sphere, touched, fit, limits)
+        budgets[name] = diameter_budget(sphere, touched, fit, limits)
+        remarks += diameter_remarks(sphere, name)
         remarks += half_sphere_remarks(touched, fit.centre_mm, name)
         yield Scatter(name, tuple(fit.off_mm.tolist()))
     if problems:
@@ -152,6 +156,17 @@ def size_and_form(
     )
 
 
+def diameter_remarks(sphere: Sphere, name: str) -> Iterator[str]:
+    """Return where a test sphere is smaller or larger than the standards allow."""
+    least_mm, most_mm = DIAMETERS_MM
+    diameter_mm = 2.0 * float(sphere.radius_mm or 0.0)
+    if not least_mm <= diameter_mm <= most_mm:
+        yield (
+            f"{name}: the diameter is {diameter_mm:g} mm, expected {least_mm:g} to "
+            f"{most_mm:g} mm"
+        )
+
+
 def _location_remarks(measured: Measurement, names: Sequence[str]) -> Iterator[str]:
     """Return where the two locations are one and the same."""
     centres = [measured.of(name).places_mm.mean(axis=0) for name in names]
@@ -177,8 +192,32 @@ def _parts_of(touched: ArtefactTouches, name: str, n: int, what: str) -> list[st
     return features
 
 
-def location(measured: Measurement, name: str, limits: Limits) -> Iterator[Part]:
-    """L_DIA of ISO 10360-12; features name the five groups."""
+@dataclass(frozen=True, slots=True)
+class LocationTest:
+    """A test of location by articulation.
+
+    Attributes:
+        check: Refuses a group whose points are too few, or too many.
+    """
+
+    key: str
+    title: str
+    definition: str
+    check: Callable[[ArtefactTouches, str], None]
+
+
+TOUCHED = LocationTest(
+    "l_dia",
+    "L_DIA (5x5)",
+    LOCATION,
+    lambda group, what: refuse_another_count(group, 5, what),
+)
+
+
+def location(
+    measured: Measurement, name: str, limits: Limits, test: LocationTest = TOUCHED
+) -> Iterator[Part]:
+    """L_DIA of ISO 10360-12, or of a scan; features name the five groups."""
     touched = measured.of(name)
     try:
         sphere = certified_sphere(measured.artefacts.get(name), name)
@@ -186,7 +225,7 @@ def location(measured: Measurement, name: str, limits: Limits) -> Iterator[Part]
         centres_mm = []
         for group in groups:
             part = touched.of(group)
-            refuse_another_count(part, 5, f"{name} group {group}")
+            test.check(part, f"{name} group {group}")
             radius_mm = None
             if limits.l_dia_radius == "calibrated":
                 radius_mm = float(sphere.radius_mm or 0.0) * growth(sphere, part)
@@ -195,16 +234,16 @@ def location(measured: Measurement, name: str, limits: Limits) -> Iterator[Part]
                 fitted(part, f"{name} group {group}", radius_mm).centre_mm
             )
     except IncompleteError as error:
-        yield Missing("L_DIA", (str(error),))
+        yield Missing(test.title, (str(error),))
         return
     around = enclosing_sphere(np.array(centres_mm))
     away_mm = np.linalg.norm(np.array(centres_mm) - around.centre_mm, axis=1)
     held = ", ".join(groups[index] for index in around.supports)
     yield judged_figure(
         limits,
-        "l_dia",
-        "L_DIA (5x5)",
-        f"{LOCATION}. Radius of the five spheres: {limits.l_dia_radius}. Groups that "
+        test.key,
+        test.title,
+        f"{test.definition}. Radius of the five spheres: {limits.l_dia_radius}. Groups that "
         f"hold the sphere: {held}",
         2.0 * around.radius_mm,
         budget=form_budget(limits.standards),
@@ -230,7 +269,7 @@ def effective_diameter(
             refuse_another_count(part, 9, f"{name} repeat {repeat}")
             fit = fitted_sphere(sphere, part, f"{name} repeat {repeat}")
             errors_mm[repeat] = fit.size_mm
-            budgets[repeat] = _diameter_budget(sphere, part, fit, limits)
+            budgets[repeat] = diameter_budget(sphere, part, fit, limits)
     except IncompleteError as error:
         yield Missing("effective diameter", (str(error),))
         return

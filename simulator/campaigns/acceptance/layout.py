@@ -14,6 +14,7 @@ from traverse.simulator.campaigns.artefacts import (
     Artefact,
     BallBar,
     Cone,
+    Plane,
     Points,
     Sphere,
 )
@@ -30,6 +31,16 @@ class CalibratedSphere(Sphere):
     @property
     def features(self) -> tuple[str, ...]:
         return self.groups
+
+
+class CalibratedFlat(Plane):
+    """Perfect flat, whose certificate states a form error all the same."""
+
+    kind: Literal["plane"] = "plane"
+    form_mm: float = 0.0005
+
+    def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
+        return {"form_mm": self.form_mm}
 
 
 class SidedCone(Cone):
@@ -75,6 +86,8 @@ class SeatBar(Points):
 
 
 RADIUS_MM = 12.7
+FLAT_MM = 100.0
+N_SCANNED, N_SCANNED_GROUP = 250, 50
 PER_BALL = 5
 N_LENGTHS, N_REPEATS = 5, 3
 DIRECTIONS = np.array(
@@ -129,13 +142,15 @@ def layout_of(
 ) -> Iterator[PlacedStandard]:
     """Place the standards of a test.
 
-    ``standard`` is `iso10360-12`, `asme-b89.4.22` or `vdi2617-9`. ``reach_mm`` is from
-    the second joint, ``ball_mm`` a radius; certificates state ``std_mm``.
+    ``standard`` is one of `traverse verify --plan`. ``reach_mm`` is from the second
+    joint, ``ball_mm`` a radius; certificates state ``std_mm``.
     """
     if standard == "iso10360-12":
         yield from _iso(reach_mm, ball_mm, std_mm)
     elif standard == "asme-b89.4.22":
         yield from _b89(reach_mm, ball_mm, std_mm)
+    elif standard == "iso10360-8":
+        yield from _scans(ball_mm, std_mm)
     elif standard == "vdi2617-9":
         for number, way in enumerate(DIRECTIONS, 1):
             bar = _ball_bar(f"check-{number}", 0.6 * reach_mm, std_mm)
@@ -209,6 +224,36 @@ def _b89(reach_mm: float, ball_mm: float, std_mm: float) -> Iterator[PlacedStand
         yield _bar(bar, way, 1, ball_mm)
 
 
+def spiral(n: int, opening_deg: float) -> Floats:
+    """Unit vectors (n, 3), evenly on a spiral about the third axis as a scan goes."""
+    heights = np.linspace(1.0, np.cos(np.deg2rad(opening_deg)), n)
+    turns = np.arange(n) * np.pi * (3.0 - np.sqrt(5.0))
+    aside = np.sqrt(1.0 - heights**2)
+    return np.column_stack([aside * np.cos(turns), aside * np.sin(turns), heights])
+
+
+def _scans(ball_mm: float, std_mm: float) -> Iterator[PlacedStandard]:
+    half = {"": spiral(N_SCANNED, 90.0)}
+    yield _sphere("scan-sphere", half, (0.4, 0.6), ball_mm, std_mm)
+    groups = dict.fromkeys(SHANKS, spiral(N_SCANNED_GROUP, 80.0))
+    yield _sphere("scan-articulated", groups, (0.4, 0.6), ball_mm, std_mm)
+    flat = CalibratedFlat(id="scan-flat", n_poses=N_SCANNED, size_mm=FLAT_MM)
+    side = np.linspace(-0.5, 0.5, 10) * FLAT_MM
+    across, along = np.meshgrid(side, np.linspace(-0.5, 0.5, N_SCANNED // 10) * FLAT_MM)
+    centres = np.column_stack(
+        [across.ravel(), along.ravel(), np.full(N_SCANNED, ball_mm)]
+    )
+    yield PlacedStandard(
+        flat,
+        np.array([1.0, 0.0, 1.0]) / np.sqrt(2.0),
+        (0.4, 0.6),
+        ("",) * N_SCANNED,
+        centres,
+        np.tile([0.0, 0.0, -1.0], (N_SCANNED, 1)),
+        np.full((N_SCANNED, 3), np.nan),
+    )
+
+
 def _sphere(
     name: str,
     groups: dict[str, Floats],
@@ -221,7 +266,7 @@ def _sphere(
         group for group, pattern in groups.items() for _ in range(len(pattern))
     )
     shanks = np.full(outwards.shape, np.nan)
-    if name == "articulated":
+    if name.endswith("articulated"):
         shanks = np.array([SHANKS[feature] for feature in features])
         # Each group is touched around the direction of the probe.
         outwards = np.concatenate(

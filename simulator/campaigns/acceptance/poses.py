@@ -117,7 +117,7 @@ def _standard_of(name: str) -> str:
         return f"uni-{rest.rpartition('-')[2]}"
     if kind == "volumetric":
         return "volumetric-short" if int(rest) <= 10 else "volumetric-long"
-    if kind == "spat":
+    if kind == "spat" or name == "scan-flat":
         return name
     return "bar" if kind == "check" else "sphere"
 
