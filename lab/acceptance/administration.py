@@ -72,6 +72,7 @@ class Administration:
         measured_from_utc: Of the first touch, ISO 8601 with Z.
         measured_to_utc: Of the last touch.
         temperature_least_c: Of all touches, as the next two.
+        temperature_std_c: Standard uncertainty of these.
         probe: Type and serial number of probe and stylus.
         probe_length_mm: From the last joint to the centre of the ball.
         measuring_range_mm: Diameter of the volume that shares of a length refer to.
@@ -89,6 +90,7 @@ class Administration:
     temperature_least_c: float | None
     temperature_mean_c: float | None
     temperature_largest_c: float | None
+    temperature_std_c: float | None
     humidity_percent: float | None
     pressure_hpa: float | None
     warm_up_min: float | None
@@ -141,6 +143,7 @@ def administration_of(
         temperature_least_c=float(warm_c.min()) if known else None,
         temperature_mean_c=float(warm_c.mean()) if known else None,
         temperature_largest_c=float(warm_c.max()) if known else None,
+        temperature_std_c=limits.standards.temperature_std_c or None,
         humidity_percent=circumstances.humidity_percent,
         pressure_hpa=circumstances.pressure_hpa,
         warm_up_min=circumstances.warm_up_min,

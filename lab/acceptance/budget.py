@@ -161,7 +161,8 @@ def _summed(parts: Sequence[tuple[float, Contribution]]) -> Contribution:
     each_mm = np.array([slope * (line.signed_mm or 0.0) for slope, line in parts])
     # Of one quantity they add up; of many they add in squares.
     total_mm = each_mm.sum() if first.source else np.linalg.norm(each_mm)
-    formula = f"of {len(parts)} values, by their slopes"
+    of_source = f"{first.source}: " if first.source else ""
+    formula = f"{of_source}of {len(parts)} values, by their slopes"
     return replace(first, formula=formula, signed_mm=float(total_mm))
 
 
@@ -237,14 +238,14 @@ def _expansion_lines(
     else:
         coefficient = Contribution(
             name,
-            f"{length_mm:g} mm x {std_per_c:g} /C x {warmer_c:.2f} C",
+            f"{length_mm:g} mm x {1e6 * std_per_c:.3g}e-6/°C x {warmer_c:.2f} °C",
             length_mm * std_per_c * warmer_c,
             source,
             distribution="uniform",
         )
     thermometer = Contribution(
         "temperature",
-        f"{length_mm:g} mm x {per_c or 0.0:g} /C x {std_c:g} C",
+        f"{length_mm:g} mm x {1e6 * (per_c or 0.0):.3g}e-6/°C x {std_c:g} °C",
         length_mm * (per_c or 0.0) * std_c,
         "thermometer",
         *_evaluated(standards.temperature_degrees),

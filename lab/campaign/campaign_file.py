@@ -80,7 +80,7 @@ NONE_STATED = Circumstances()
 # How `traverse verify --plan` marks what is to be replaced.
 EXAMPLE = "EXAMPLE"
 _TOOL_NAME = re.compile(r"[A-Za-z0-9_-]+")
-_CERTIFIED = re.compile(r"(radius|distance|points)(_std)?_mm|expansion_per_c")
+_CERTIFIED = re.compile(r"(radius|distance|points|form)(_std)?_mm|expansion_per_c")
 
 
 class CampaignFile(StrictModel):

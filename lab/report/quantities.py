@@ -20,6 +20,16 @@ def number(value: float, spec: str) -> str:
     return "" if value is None else format(value, spec)
 
 
+def millimetres(value_mm: float, expanded_mm: float | None, sign: str = "") -> str:
+    """Write a length with the digits that its expanded uncertainty leaves it.
+
+    These are two of the uncertainty (GUM 7.2.6), and at least a tenth of a micrometre;
+    nothing for an unknown length.
+    """
+    digits = max(4, _digits(expanded_mm)) if expanded_mm else 4
+    return number(value_mm, f"{sign}.{digits}f")
+
+
 def quantity(value: float, std: float | None, unit: str) -> str:
     """Write a number with its unit, such as `23.1 ± 1.2 µrad`; a prefix is chosen."""
     factor, shown = shown_unit(max(abs(value), 0.0 if std is None else std), unit)

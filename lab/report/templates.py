@@ -24,6 +24,7 @@ MissingValueError = UndefinedError
 
 _FILTERS: Filters = {
     "number": quantities.number,
+    "millimetres": quantities.millimetres,
     "quantity": quantities.quantity,
     "length_mm": quantities.length_mm,
     "counted": counted,

@@ -235,7 +235,7 @@ def test_incomplete_data_are_listed(campaigns, tmp_path):
     ran = run(folder, "--standard", "iso10360-12", "--arm", ARM, status=1)
     assert "uni-3-2: was not measured" in ran.output
     assert "4 groups" in ran.output
-    assert "Incomplete: L_DIA, E_UNI not computed." in ran.output
+    assert "Incomplete: L_DIA (5x5), E_UNI not computed." in ran.output
     assert "\nP_SIZE: " in ran.output
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from traverse.lab.acceptance.certificate.pictures import paintings
 from traverse.lab.acceptance.certificate.values import SealedCertificate
 from traverse.lab.report.figures import painted
-from traverse.lab.report.quantities import number
+from traverse.lab.report.quantities import millimetres, number
 from traverse.lab.report.templates import Words, page
 
 WIDTH_MM = 165.0
@@ -23,6 +23,7 @@ _WARM = (
     "{temperature_least_c:.2f} to {temperature_largest_c:.2f} °C, "
     "mean {temperature_mean_c:.2f} °C"
 )
+_WARM_STD = "u = {temperature_std_c:g} °C"
 _AROUND = (
     "humidity {humidity_percent:g} %",
     "pressure {pressure_hpa:g} hPa",
@@ -36,10 +37,12 @@ def figure_cells(figure: Mapping[str, Any]) -> list[str]:
         figure["name"],
         figure["decision"],
         WORDS.value(figure),
-        NOT_STATED if uncertainty_mm is None else number(uncertainty_mm, ".4f"),
+        NOT_STATED
+        if uncertainty_mm is None
+        else millimetres(uncertainty_mm, uncertainty_mm),
         "" if uncertainty_mm is None else number(figure["coverage_factor"], ".2f"),
         number(figure["limit_mm"], ".4f"),
-        number(figure["guard_mm"], ".4f"),
+        millimetres(figure["guard_mm"], uncertainty_mm),
     ]
 
 
@@ -114,8 +117,8 @@ def _repeats(values: Mapping[str, Any]) -> str:
     repeats = Counter(length["artefact"] for length in values["lengths"])
     times = sorted(set(repeats.values()))
     if not times:
-        return "no lengths"
-    return f"{len(repeats)} lengths, {' or '.join(map(str, times))} times each"
+        return ""
+    return f"; {len(repeats)} lengths, {' or '.join(map(str, times))} times each"
 
 
 def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -130,10 +133,10 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
         *_known("Arm calibrated", _date(administration["arm_calibration_date"])),
         ("Probe", _joined(administration, "{probe:s}", *_BALL)),
         ("Range", _joined(administration, *_RANGE)),
-        ("Measured", f"{times}; {_repeats(values)}"),
+        ("Measured", f"{times}{_repeats(values)}"),
         ("Place", administration["place"] or NOT_STATED),
         ("Operator", administration["operator"] or NOT_STATED),
-        ("Temperature", _joined(administration, _WARM)),
+        ("Temperature", _joined(administration, _WARM, _WARM_STD)),
         ("Air, warming up", _joined(administration, *_AROUND)),
         *_known("Agreement", administration.get("agreement")),
         *_known("Next test", administration["next_date"]),

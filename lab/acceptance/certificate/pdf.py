@@ -189,6 +189,7 @@ def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
         (34, 42, 20, 24, 12, 18, 20),
         texts=2,
     )
+    document.text_block(WORDS.basis(values), note=True)
     for remark in [
         *(f"{f['name']}: {entry}" for f in values["figures"] for entry in f["remarks"]),
         *values["remarks"],
@@ -209,15 +210,25 @@ def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
         document.text_block(WORDS.comparison(values), note=True)
     document.heading("Measurement", keep_mm=60.0)
     document.rows((), administration_rows(values), (45, 125), texts=2)
+    # A signature alone on a page would be of nothing.
+    with document.offset_rendering() as tried:
+        _standards(tried, values)
+    if tried.page_break_triggered:
+        document.add_page()
+    _standards(document, values)
+
+
+def _standards(document: _Document, values: Mapping[str, Any]) -> None:
+    """Set the standards, and below them the signature."""
     if values["administration"]["standards"]:
         document.heading("Standards")
         document.rows(
             STANDARD_COLUMNS,
             standard_cells(values),
-            (17, 21, 19, 32, 19, 19, 24, 19),
+            (16, 19, 19, 29, 19, 19, 24, 25),
             texts=8,
         )
-        document.text_block(WORDS.traceability(), note=True)
+        document.text_block(WORDS.traceability(values), note=True)
     if not values["statements"]["absent"]:
         document.signature()
 

@@ -188,6 +188,9 @@ def _figure(figure: Figure, verdict: str | None, limits: Limits) -> dict[str, An
         "monte_carlo": plain_values(checked),
         **dict.fromkeys(("limit_mm", "guard_mm", "rule")),
         **(asdict(decision) if decision else {}),
+        "limit_over_uncertainty": decision.limit_mm / expanded_mm
+        if decision and expanded_mm
+        else None,
         "verdict": verdict,
         "decision": VERDICT_WORDS[verdict],
         "parts": [{"name": name, "value_mm": value} for name, value in figure.parts],

@@ -13,7 +13,7 @@ probe = "R-P21, ball of ruby"
 humidity_percent = 45.0
 warm_up_min = 90.0
 """
-KINDS = {"ball_bar": "KB 0815", "sphere": "KS 25", "points": "L 1700"}
+KINDS = {"ball_bar": "KB 0815", "sphere": "KS 25", "points": "L 1700", "plane": "E 100"}
 CERTIFICATE = """\
 certificate_number = "D-K-4711"
 calibrated_by = "Example Laboratory, D-K-00000-01-00"
@@ -41,7 +41,10 @@ def state_all(campaign: Path) -> None:
     for kind, serial_number in KINDS.items():
         head = f'kind = "{kind}"\n'
         number = f'serial_number = "{serial_number}"\n'
-        text = text.replace(head, head + number + CERTIFICATE)
+        certificate = CERTIFICATE
+        if kind == "plane":  # its form does not expand
+            certificate = certificate.replace('material = "glass-ceramic"\n', "")
+        text = text.replace(head, head + number + certificate)
     file.write_text(text, "utf-8")
 
 
