@@ -66,7 +66,7 @@ def verify(
 
     Args:
         data: Folder with campaign.toml, or a recording (.mcap).
-        standard: iso10360-12, asme-b89.4.22 or vdi2617-9.
+        standard: iso10360-12, iso10360-8 (scanning), asme-b89.4.22 or vdi2617-9.
         arm: The arm file; a recording has its own.
         limits: Maximum permissible errors and how to decide, TOML.
         as_found: The arm file before it was adjusted; the same touches are computed

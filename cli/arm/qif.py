@@ -56,6 +56,7 @@ def qif_of_arm(arm: Arm, verification: Path | None) -> tuple[bytes, dict[str, An
             "link_mm": " ".join(repr(joint["link_mm"]) for joint in joints),
             "verification": values.get("conclusion"),
             "statements_missing": _absent(values),
+            **_other_figures(values),
         },
     )
     text_element(device, "NumberOfJoints", str(len(joints)))
@@ -76,6 +77,27 @@ def qif_of_arm(arm: Arm, verification: Path | None) -> tuple[bytes, dict[str, An
         "tests": [{"test": test.tag, "of": title} for title, test in tests.items()],
     }
     return document.content(), report
+
+
+# Keys of figures that a test of the schema holds.
+_OF_TESTS = ("spat_max", "spat_2s", "volumetric_max", *_LENGTHS)
+
+
+def _other_figures(values: Mapping[str, Any]) -> dict[str, str]:
+    """Write each figure without a test in the schema: value, U, k, and its decision."""
+    written = {}
+    for figure in values.get("figures", ()):
+        if figure["key"] in _OF_TESTS:
+            continue
+        expanded_mm = figure["expanded_uncertainty_mm"]
+        parts = [f"{decimal_text(figure['value_mm'])} mm"]
+        if expanded_mm is None:
+            parts.append("U not stated")
+        else:
+            parts.append(f"U = {decimal_text(expanded_mm)} mm")
+            parts.append(f"k = {figure['coverage_factor']:.4g}")
+        written[figure["name"]] = "; ".join([*parts, figure["decision"]])
+    return written
 
 
 def _absent(values: Mapping[str, Any]) -> str | None:

@@ -230,9 +230,7 @@ STATEMENTS = (
 def required_statements(standard: str) -> tuple[Statement, ...]:
     """List what a verdict by a standard rests on."""
     return tuple(
-        statement
-        for statement in STATEMENTS
-        if standard not in statement.without
+        statement for statement in STATEMENTS if standard not in statement.without
     )
 
 

@@ -3,7 +3,7 @@
 import io
 from collections.abc import Mapping, Sequence
 from datetime import datetime
-from typing import Any
+from typing import Any, cast
 
 from fpdf import FPDF
 from fpdf.enums import TableBordersLayout
@@ -212,7 +212,7 @@ def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
     document.rows((), administration_rows(values), (45, 125), texts=2)
     # A signature alone on a page would be of nothing.
     with document.offset_rendering() as tried:
-        _standards(tried, values)
+        _standards(cast("_Document", tried), values)  # it plays the same part
     if tried.page_break_triggered:
         document.add_page()
     _standards(document, values)

@@ -243,8 +243,8 @@ def location(
         limits,
         test.key,
         test.title,
-        f"{test.definition}. Radius of the five spheres: {limits.l_dia_radius}. Groups that "
-        f"hold the sphere: {held}",
+        f"{test.definition}. Radius of the five spheres: {limits.l_dia_radius}. Groups "
+        f"that hold the sphere: {held}",
         2.0 * around.radius_mm,
         budget=form_budget(limits.standards),
         parts=(

@@ -43,7 +43,7 @@ _HELD = 0.95
 # So many points at such an angle from the pole, in degrees.
 _RINGS = ((1, 0.0), (4, 22.5), (8, 45.0), (4, 67.5), (8, 90.0))
 _FARTHEST_DEG = 15.0
-_ROUNDS = 3
+_CELL = 0.2  # edge of a cell, in radii
 _MOST_SHOWN = 500
 
 _OF_25 = (
@@ -169,7 +169,7 @@ def representatives(outwards: Floats, name: str) -> list[int]:
     """Choose 25 points that are spread evenly over the half sphere of a scan.
 
     Where the probe stayed longer there are more points, which must not draw the pole
-    to them: it is the middle of the points chosen, found in rounds.
+    to them: it is the middle of the cells that the scan went through.
 
     Args:
         outwards: From the centre to the points, (n, 3).
@@ -182,14 +182,12 @@ def representatives(outwards: Floats, name: str) -> list[int]:
         IncompleteError: Not every direction has a point of its own near to it.
     """
     units = outwards / np.linalg.norm(outwards, axis=1, keepdims=True)
-    middle = units.mean(axis=0)
-    for _ in range(_ROUNDS):
-        # Points all around have no middle, and any pole is as good as another.
-        length = float(np.linalg.norm(middle))
-        pole = middle / length if length > 0.1 else np.array([0.0, 0.0, 1.0])
-        likeness = _pattern(pole) @ units.T
-        rows = np.argmax(likeness, axis=1)
-        middle = units[rows].mean(axis=0)
+    middle = np.unique(np.round(units / _CELL), axis=0).mean(axis=0) * _CELL
+    # Points all around have no middle, and any pole is as good as another.
+    length = float(np.linalg.norm(middle))
+    pole = middle / length if length > 0.1 else np.array([0.0, 0.0, 1.0])
+    likeness = _pattern(pole) @ units.T
+    rows = np.argmax(likeness, axis=1)
     near = likeness.max(axis=1) >= np.cos(np.radians(_FARTHEST_DEG))
     n_near = len(np.unique(rows[near]))
     if n_near < len(rows):

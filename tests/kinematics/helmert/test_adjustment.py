@@ -54,6 +54,39 @@ def noise(rng, covariances):
     )
 
 
+def test_seven_parameters_published_by_ghilani():
+    """Adjustment Computations, the example of a three-dimensional transformation.
+
+    With the errors of both sides another program, for general least squares, states
+    the scale 0.9499549354 of these points.
+    """
+    measured = np.array(
+        [
+            [1094.883, 820.085, 109.821],
+            [503.891, 1598.698, 117.685],
+            [2349.343, 207.658, 151.387],
+            [1395.320, 1348.853, 215.261],
+        ]
+    )
+    control = np.array(
+        [
+            [10037.81, 5262.09, 772.04],
+            [10956.68, 5128.17, 783.00],
+            [8780.08, 4840.29, 782.62],
+            [10185.80, 4700.21, 851.32],
+        ]
+    )
+    measured_std = 1e-3 * np.array([[7, 8, 5], [11, 8, 9], [6, 5, 7], [5, 8, 9]])
+    control_std = 1e-2 * np.array([[5, 6, 5], [4, 6, 9], [2, 4, 2], [3, 5, 3]])
+    covariances = [
+        np.einsum("ni,ij->nij", std**2, np.eye(3))
+        for std in (measured_std, control_std)
+    ]
+    adjusted = adjusted_helmert(measured, control, *covariances, with_scale=True)
+    assert adjusted.transformation.scale == pytest.approx(0.9499549354, abs=1e-10)
+    assert adjusted.redundancy == 5
+
+
 @settings(max_examples=50)
 @given(SEEDS)
 def test_the_rotation_is_that_of_scipy(seed):
