@@ -257,14 +257,6 @@ class Measurement(MeasurementContext):
         self.trajectory.forget()  # it was that of another ball
         self.points.arm_changed()
 
-    def with_probe(self, model: ArmModel) -> ArmModel:
-        """Return an arm with the probe in use.
-
-        Raises:
-            ValueError: the arm cannot have that probe.
-        """
-        return model if self.probe is None else model_with_probe(model, self.probe)
-
     def set_probe(self, probe: LibraryProbe) -> None:
         """Measure with a probe of the library from the next sample on.
 

@@ -182,8 +182,8 @@ class Service:
         self.scans = scans = ScanCommands(measurement)
 
         def apply_inputs(inputs: Inputs) -> None:
-            configuration, model, *_ = inputs
-            measurement.apply_settings(configuration, model)
+            configuration, model = inputs.configuration, inputs.model
+            _use_inputs(measurement, inputs)
             scans.request_tracking_rate()
             outbox.use(configuration.outbox)
             spool.use(configuration.scan)
@@ -349,6 +349,12 @@ def _take_probes(measurement: Measurement, inputs: Inputs) -> None:
     if inputs.probe is not None:
         measurement.set_probe(inputs.probe)
         log.info("probe %s is in use, as before the restart", inputs.probe.name)
+
+
+def _use_inputs(measurement: Measurement, inputs: Inputs) -> None:
+    """Measure with inputs that were read again; the model has the probe."""
+    measurement.apply_settings(inputs.configuration, inputs.model)
+    measurement.probes, measurement.probe = inputs.probes, inputs.probe
 
 
 def _probe_library(path: Path, configuration: Configuration) -> Path | None:

@@ -44,6 +44,7 @@ SCAN_COLUMNS = (
         "k",
     ),
     *("std_x_mm", "std_y_mm", "std_z_mm", "ok", "flags"),
+    *(f"covariance_{axes}_mm2" for axes in TENSOR),
 )
 """Columns of a point of a scan."""
 WORDS = {
@@ -114,12 +115,16 @@ def scan_rows(table: PointTable) -> Iterable[list[Any]]:
         table.std_mm.tolist(),
         table.ok.tolist(),
         table.flags.tolist(),
+        table.covariance_mm2.tolist(),
         strict=True,
     )
-    for *key, time_ns, time_utc, xyz_mm, ijk, std_mm, ok, flags in columns:
-        known = [None if math.isnan(std) else std for std in std_mm]
-        said = (int(ok), flags)
-        yield [*key, time_ns, time_utc, *xyz_mm, *ijk, *known, *said]
+    for *key, xyz_mm, ijk, std_mm, ok, flags, covariance_mm2 in columns:
+        known = _where_known(std_mm), _where_known(covariance_mm2)
+        yield [*key, *xyz_mm, *ijk, *known[0], int(ok), flags, *known[1]]
+
+
+def _where_known(values: Iterable[float]) -> list[float | None]:
+    return [None if math.isnan(value) else value for value in values]
 
 
 def iso_times(time_ns: ArrayLike) -> list[str]:

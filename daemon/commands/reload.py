@@ -11,10 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from traverse.daemon.command_handlers import handles
+from traverse.daemon.config.schema import Configuration
 from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.inputs import Inputs, StartupError, read_inputs
 from traverse.daemon.measurement import Measurement
 from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.pose.arm_model import model_with_probe
 from traverse.daemon.system.systemd import Notifier
 from traverse.protocol.messages import ReloadArgs
 
@@ -84,14 +86,6 @@ class ConfigurationReloader:
             raise RequestRefusedError(
                 "reload.refused", text, "correct the files and reload again"
             ) from error
-        try:
-            new = new._replace(model=self.measurement.with_probe(new.model))
-        except ValueError as error:
-            raise RequestRefusedError(
-                "reload.refused",
-                f"the arm cannot have the probe that is in use: {error}",
-                "correct the arm file, or change the probe first",
-            ) from error
         old = self.inputs
         fixed = restart_required(old, new)
         fixed += [
@@ -106,11 +100,36 @@ class ConfigurationReloader:
                 f"a running daemon cannot change this: {'; '.join(fixed)}",
                 "start the daemon anew, or take these changes back",
             )
-        changed = changes(old, new)
         await self._quiet()
+        new = self._with_probe(new)
+        changed = changed_tables(old.configuration, new.configuration)
+        used = self.measurement.model.digest, self.measurement.probe
+        if used != (new.model.digest, new.probe):
+            changed.insert(0, "arm")
         self.use(new)  # no `await` since it became quiet: nothing can intervene
         self.inputs = new
         return changed
+
+    def _with_probe(self, new: Inputs) -> Inputs:
+        """Return inputs with the probe in use, as the library has it now.
+
+        Raises:
+            RequestRefusedError: the arm cannot have it.
+        """
+        probe = self.measurement.probe
+        if probe is None:
+            return new._replace(probe=None)
+        if new.probe is not None and new.probe.name == probe.name:
+            probe = new.probe
+        try:
+            model = model_with_probe(new.model, probe)
+        except ValueError as error:
+            raise RequestRefusedError(
+                "reload.refused",
+                f"the arm cannot have the probe that is in use: {error}",
+                "correct the arm file, or change the probe first",
+            ) from error
+        return new._replace(model=model, probe=probe)
 
     async def _quiet(self) -> None:
         """Wait until no point is being taken."""
@@ -145,12 +164,10 @@ def restart_required(old: Inputs, new: Inputs) -> list[str]:
     return sections
 
 
-def changes(old: Inputs, new: Inputs) -> list[str]:
-    """List changed tables, and `arm` if the model changed."""
-    names = [
+def changed_tables(old: Configuration, new: Configuration) -> list[str]:
+    """List changed tables, but `arm`."""
+    return [
         name
-        for name in type(new.configuration).model_fields
-        if name != "arm"
-        and getattr(old.configuration, name) != getattr(new.configuration, name)
+        for name in type(new).model_fields
+        if name != "arm" and getattr(old, name) != getattr(new, name)
     ]
-    return ["arm", *names] if old.model.digest != new.model.digest else names

@@ -1,5 +1,6 @@
 """From a pose to a captured point: number, label, flags."""
 
+import hashlib
 import uuid
 from collections import OrderedDict, deque
 from collections.abc import Callable, Mapping
@@ -24,14 +25,21 @@ class Session:
 
     Args:
         begun_ns: when it began [UTC].
+        before: id of the session that it follows; None: the first of a run.
 
     Attributes:
-        id: unique for ever.
+        id: unique for ever. That of a first session is random, and each next one
+            follows from it, so that a replay gives the same ids.
         next_seq: number of the next point or retraction.
     """
 
-    def __init__(self, begun_ns: int, note: str = "") -> None:
-        self.id = uuid.uuid4().hex
+    def __init__(
+        self, begun_ns: int, note: str = "", before: str | None = None
+    ) -> None:
+        if before is None:
+            self.id = uuid.uuid4().hex
+        else:
+            self.id = hashlib.blake2b(before.encode(), digest_size=16).hexdigest()
         self.begun_ns = begun_ns
         self.note = note
         self.next_seq = 0
@@ -78,12 +86,15 @@ class ActiveSession:
 
     def __init__(self, clock: HostClock) -> None:
         self._clock = clock
-        self.session = self.begin()
+        self.session = Session(self._now_ns())
 
     def begin(self, note: str = "") -> Session:
-        begun_ns = self._clock.to_utc_ns(self._clock.monotonic_ns())
-        self.session = Session(begun_ns, note)
+        """Begin the next one."""
+        self.session = Session(self._now_ns(), note, self.session.id)
         return self.session
+
+    def _now_ns(self) -> int:
+        return self._clock.to_utc_ns(self._clock.monotonic_ns())
 
 
 PointWriter = Callable[[Point, int, str], PendingPoint | None]

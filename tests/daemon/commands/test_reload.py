@@ -9,14 +9,16 @@ import pytest
 
 from tests.daemon.board_harness import BOARD, Bench
 from tests.daemon.values import ARM, arm_file, latch
+from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.commands.reload import ConfigurationReloader
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.inputs import Inputs, read_inputs
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import triggers_of
+from traverse.daemon.state_dir import state_path
 from traverse.daemon.system.systemd import Notifier
 from traverse.drivers.base.values import DeviceUp
-from traverse.protocol.messages import ReloadArgs
+from traverse.protocol.messages import ProbeArgs, ReloadArgs
 
 CONFIGURATION = """\
 [arm]
@@ -56,6 +58,7 @@ class Reloading:
     def use(self, inputs):
         self.used.append(inputs)
         self.bench.measurement.apply_settings(inputs.configuration, inputs.model)
+        self.bench.measurement.probe = inputs.probe
 
     def write(self, text):
         self.path.write_text(text)
@@ -206,6 +209,46 @@ async def test_a_covariance_that_vanishes_or_is_replaced_is_not_stated(
     error = await reloading.refused()
     assert "covariance" in str(error)
     assert np.array_equal(bench.measurement.model.covariance.covariance, stated)
+
+
+PROBE = """\
+[[probes]]
+name = "long"
+radius_mm = 1.5
+vector_mm = [10.0, 0.0, {z_mm}]
+kind = "hard"
+vector_covariance_mm2 = [{xx_mm2}, 0.0, 0.0, 4e-4, 0.0, 9e-4]
+"""
+
+
+async def test_the_probe_in_use_is_read_again_from_its_library(reloading):
+    """A vector that was corrected holds from the next point on, or is refused."""
+    reloading.write(CONFIGURATION.replace("[arm]", '[arm]\nprobes = "probes.toml"'))
+    library = reloading.folder / "probes.toml"
+
+    def write(z_mm, xx_mm2=4e-4):
+        text = PROBE.format(z_mm=z_mm, xx_mm2=xx_mm2)
+        library.write_text(f'schema = "traverse/probes/1"\n{text}')
+
+    write(120.0)
+    bench = reloading.bench
+    reloading.reload.inputs = read_inputs(reloading.path, embedded=False)
+    in_use = state_path(reloading.path) / "probe.json"
+    in_use.parent.mkdir()
+    commands = PointCommands(bench.measurement, library, probe_in_use=in_use)
+    await commands.change_probe(ProbeArgs(name="long"))
+    assert (await reloading.carried_out())["changed"] == []
+    bench.take(latch((5, 6, 7)))
+    for z_mm, xx_mm2 in ((121.0, 4e-4), (121.0, 1e-4)):
+        write(z_mm, xx_mm2)
+        assert (await reloading.carried_out())["changed"] == ["arm"]
+        assert bench.measurement.probe.vector_covariance_mm2[0] == xx_mm2
+    bench.take(latch((5, 6, 7), token=1))
+    first, second = (np.array(point.xyz_mm) for point in bench.points)
+    assert np.linalg.norm(second - first) == pytest.approx(1.0)
+    reloading.used.clear()
+    library.unlink()
+    assert "probes.toml" in str(await reloading.refused())
 
 
 async def test_it_waits_until_no_point_is_being_taken(reloading):
