@@ -149,8 +149,8 @@ def _password(path: Path, content: bytes) -> str:
         # Not `from` it: a UnicodeDecodeError holds the password.
         raise CredentialsError(key, f"{path} is no text in UTF-8") from None
     if not 1 <= len(content) <= MAX_PASSWORD_BYTES:
-        said = counted(len(content), "byte")
-        text = f"holds {said}; a password has 1 to {MAX_PASSWORD_BYTES}"
+        length = counted(len(content), "byte")
+        text = f"holds {length}; a password has 1 to {MAX_PASSWORD_BYTES}"
         raise CredentialsError(key, f"{path} {text}")
     return password
 

@@ -360,8 +360,8 @@ class HomeJoints(OrderedCommand, recorded_name="home"):
             )
         known = dict(home.angles_rad)
         incremental = measurement.quality.references.incremental_joints
-        wanted = self.args.joints or tuple(j for j in known if j in incremental)
-        for joint in wanted:
+        joints = self.args.joints or tuple(j for j in known if j in incremental)
+        for joint in joints:
             if joint not in known:
                 text = f"the home posture has no angle of {joint!r}; it has: "
                 raise CaptureRefusedError(
@@ -374,13 +374,13 @@ class HomeJoints(OrderedCommand, recorded_name="home"):
                     "in its [joints.encoder]",
                     HOME_REFUSED,
                 )
-        if not wanted:
+        if not joints:
             raise CaptureRefusedError(
                 "no joint of the home posture has an incremental encoder",
                 "confirm the reference instead",
                 HOME_REFUSED,
             )
-        return {joint: known[joint] for joint in wanted}
+        return {joint: known[joint] for joint in joints}
 
 
 def _report_accepted(measurement: Measurement, accepted: Mapping[str, str]) -> None:

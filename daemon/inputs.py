@@ -48,8 +48,8 @@ class StartupError(Exception):
         self.files = [f for f in failures if isinstance(f, FileError)]
         lines = ["traverse cannot start:"]
         for failure in failures:
-            first, *rest = str(failure).splitlines()
-            lines += [f"  - {first}", *(f"    {line}" for line in rest)]
+            first, *further = str(failure).splitlines()
+            lines += [f"  - {first}", *(f"    {line}" for line in further)]
         super().__init__("\n".join(lines))
         self.status = status
 

@@ -159,9 +159,9 @@ async def consume(service: Service, device: Device) -> None:
 
     def take_waiting() -> None:
         try:
-            taken = device.delivery_queue.take_waiting()
-            has_edges = any(isinstance(d, LatchedCounts) for d in taken)
-            for delivery in taken:
+            deliveries = device.delivery_queue.take_waiting()
+            has_edges = any(isinstance(d, LatchedCounts) for d in deliveries)
+            for delivery in deliveries:
                 begun_ns = clock.monotonic_ns()
                 measurement.dispatch(device, delivery, has_edges=has_edges)
                 handling.add(clock.monotonic_ns() - begun_ns)

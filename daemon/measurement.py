@@ -21,7 +21,8 @@ from traverse.daemon.acquisition.monitors import (
 from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
 from traverse.daemon.conditions.monitor import ConditionMonitor
-from traverse.daemon.conditions.table import ARM, HOST
+from traverse.daemon.conditions.table import ARM
+from traverse.daemon.conditions.utc import UtcCondition
 from traverse.daemon.config.schema import Action, Configuration
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies, latencies_by_name
@@ -42,6 +43,7 @@ from traverse.daemon.pose.probe_library import LibraryProbe
 from traverse.daemon.pose.quality_monitor import QualityMonitor
 from traverse.daemon.pose.reference_memory import ReferenceMemory
 from traverse.daemon.pose.references import ReferenceMonitor
+from traverse.daemon.pose.rest import RestDetector
 from traverse.daemon.pose.trajectory import TrajectoryBuffer
 from traverse.daemon.pose.uncertainty import (
     MOST_JITTER_NS,
@@ -75,8 +77,6 @@ from traverse.protocol.messages import (
 )
 
 MAX_TEMPERATURES = 1000  # in a snapshot
-REST_NS, REST_MM = 2_000_000_000, 0.1  # so long within so much of one place
-EARLIEST_UTC_NS = 1_600_000_000_000_000_000  # in 2020, before this was made
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,8 +142,8 @@ class Measurement(MeasurementContext):
         self.resampler = Resampler(model, settings)
         parts = self.joint_devices, self.pipeline, self.resampler
         changed = sinks.status_changed
-        self._utc_doubt = "", ""
         self.conditions = ConditionMonitor(clock, events)
+        self._utc = UtcCondition(clock, self.conditions)
         self._frozen_joints = FrozenJointMonitor(
             self.conditions,
             lambda since_ns: self.capture.session.since(clock.to_utc_ns(since_ns)),
@@ -197,9 +197,7 @@ class Measurement(MeasurementContext):
         self.latch_points: dict[int, PointFuture] = {}
         # Points are made from the stream where nothing latches all joints for them.
         self._keeps_readings = self._has_triggers_elsewhere()
-        self._rest_mm: Floats = np.full(3, np.nan)
-        self._moved_ns = 0
-        self._rests = False
+        self._rest = RestDetector()
         self._set_batch_window()
 
     @property
@@ -271,19 +269,8 @@ class Measurement(MeasurementContext):
 
     def _set_batch_window(self) -> None:
         self.joint_devices.set_batch_window(
-            self.configuration.capture, may_wait=self.may_wait, rests=self._rests
+            self.configuration.capture, may_wait=self.may_wait, rests=self._rest.rests
         )
-
-    def _note_motion(self, poses: PoseBlock) -> None:
-        """Collect larger batches while the arm rests and nothing waits for samples."""
-        now_ns, xyz_mm = int(poses.sample_time_ns[-1]), poses.xyz_mm
-        moves = not np.abs(xyz_mm - self._rest_mm).max() < REST_MM  # also of NaN
-        needs_samples = self.scanner.is_running or self.points.has_pending.is_set()
-        if moves or needs_samples:
-            self._rest_mm, self._moved_ns = xyz_mm[-1], now_ns
-        if self._rests != (now_ns - self._moved_ns > REST_NS):
-            self._rests = not self._rests
-            self._set_batch_window()
 
     # -- snapshots ------------------------------------------------------------
 
@@ -313,7 +300,7 @@ class Measurement(MeasurementContext):
             "frozen_joints": self._frozen_joints.state,
             "references": self.quality.references.state,
             "conditions": self.conditions.state,
-            "utc_doubt": list(self._utc_doubt),
+            "utc_doubt": [self._utc.doubt, self._utc.remedy],
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -346,8 +333,7 @@ class Measurement(MeasurementContext):
             self.points.evaluator.tip.air_mm = np.array(state["air_mm"])
         self.quality.persistent.resume(state["temperatures"])
         self.conditions.resume(state["conditions"])
-        doubt, remedy = state.get("utc_doubt", ("", ""))
-        self._utc_doubt = doubt, remedy
+        self._utc.doubt, self._utc.remedy = state.get("utc_doubt", ("", ""))
 
     # -- deliveries and time --------------------------------------------------
 
@@ -375,18 +361,11 @@ class Measurement(MeasurementContext):
 
     def _check_host_clock(self) -> None:
         self.quality.check_clock()
-        now_ns = self.clock.monotonic_ns()
-        doubt, remedy = self._utc_doubt
-        if doubt:
-            self.conditions.doubt("utc", HOST, doubt, remedy=remedy)
-        elif now_ns + self.clock.utc_offset_ns() >= EARLIEST_UTC_NS:
-            self.conditions.establish("utc", HOST)
-        else:
-            self.conditions.doubt("utc", HOST, "the computer's clock is years behind")
+        self._utc.check()
 
     def judge_utc(self, doubt: str, remedy: str) -> None:
         """Doubt UTC for a reason, or trust it without one."""
-        self._utc_doubt = doubt, remedy
+        self._utc.doubt, self._utc.remedy = doubt, remedy
         self._check_host_clock()
 
     def dispatch(
@@ -525,7 +504,9 @@ class Measurement(MeasurementContext):
         taken_ns = self.clock.running.monotonic_ns() - samples.received_ns
         self.sinks.latencies["sample_to_pose"].add(taken_ns)
         self.trajectory.add(poses)
-        self._note_motion(poses)
+        is_needed = self.scanner.is_running or self.points.has_pending.is_set()
+        if self._rest.follow(poses, is_needed=is_needed):
+            self._set_batch_window()
         self.points.evaluator.follow(poses)
         needs_all = self.scanner.needs(poses)
         live = self.live.message(model, poses, self.capture.session.id, samples.device)
@@ -594,7 +575,7 @@ class Measurement(MeasurementContext):
             self.resampler.set_rate(started.device, started.rate_hz)
         if started.device == self.resampler.clock:
             self.rate_hz = started.rate_hz
-            self._rests = False  # perhaps a scan begins
+            self._rest.rests = False  # perhaps a scan begins
             self._set_batch_window()
             self.scanner.follow(started.stream, started.rate_hz, started.requested_hz)
 

@@ -111,10 +111,10 @@ def _condition(standing: Standing, clock: HostClock) -> ConditionStanding:
     )
 
 
-def _alarm(what: Occurrence, clock: HostClock) -> Alarm:
+def _alarm(occurrence: Occurrence, clock: HostClock) -> Alarm:
     names = ("severity", "code", "source", "text", "remedy")
-    same = {name: getattr(what, name) for name in names}
-    return Alarm(**same, since_ns=clock.to_utc_ns(what.first_ns))
+    same = {name: getattr(occurrence, name) for name in names}
+    return Alarm(**same, since_ns=clock.to_utc_ns(occurrence.first_ns))
 
 
 class HealthReporter:

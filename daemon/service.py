@@ -102,7 +102,7 @@ class Service:
         )
         self.events = events = EventLog(
             clock,
-            lambda what: publisher.publish_event(what, active.session.id),
+            lambda each: publisher.publish_event(each, active.session.id),
             arm,
             status_due.set,  # whoever connects later learns from it what lasts
         )

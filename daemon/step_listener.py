@@ -32,7 +32,11 @@ class StepListener:
         """Take the passing of time."""
 
     def asked(
-        self, now_ns: int, what: str, values: Mapping[str, object], state: StateSource
+        self,
+        now_ns: int,
+        command: str,
+        values: Mapping[str, object],
+        state: StateSource,
     ) -> None:
         """Take a command."""
 

@@ -97,7 +97,7 @@ def interpolate(
     span_ns = t[right] - t[left]
     run_ns = instants_ns - t[left]
     rise = (x[right] - x[left]) * (run_ns / np.maximum(span_ns, 1))
-    whole = np.rint(rise)
+    whole_counts = np.rint(rise)
     flags = status[left] | status[right]
     gaps = (numbers[right] - numbers[left] > 1) | (span_ns > limits.max_gap_ns) | early
     for row in np.flatnonzero(gaps & (left < right)).tolist():
@@ -112,8 +112,8 @@ def interpolate(
     flags[gaps] |= STATUS_MISSING
     flags[left < right] |= STATUS_INTERPOLATED
     return Interpolated(
-        x[left] + whole.astype(np.int64),
-        rise - whole,
+        x[left] + whole_counts.astype(np.int64),
+        rise - whole_counts,
         flags,
         _error_bounds(t, x, (left, right), run_ns, readings.bounds_ns[valid]),
     )

@@ -151,10 +151,10 @@ class CommandDispatcher:
             carry_out = self.carry_out.get(name)
             if carry_out is None:
                 known = name in COMMANDS
-                what = "this version cannot do" if known else "there is no command"
+                lack = "this version cannot do" if known else "there is no command"
                 raise RequestRefusedError(
                     "command.not_available",
-                    f"{what} {name!r}; it has: {', '.join(sorted(self.carry_out))}",
+                    f"{lack} {name!r}; it has: {', '.join(sorted(self.carry_out))}",
                     "use one of these commands",
                 )
             result = await carry_out(parse_args(name, command.args))

@@ -314,13 +314,13 @@ def read_configuration(path: Path) -> Configuration:
     text = toml_text(path)
     kind = toml_table(text, str(path)).get("schema")
     if isinstance(kind, str):
-        wanted = (
+        expected = (
             "a daemon's configuration, which names the arm file as `file` in [arm]"
             if kind.startswith("traverse/arm/")
             else "a daemon's configuration, which has no key `schema`"
         )
         raise FileError(
-            path, [Problem("schema", f"this is a file {kind!r}; expected {wanted}")]
+            path, [Problem("schema", f"this is a file {kind!r}; expected {expected}")]
         )
     return parse_strict(text, str(path), Configuration, _cross_check)
 

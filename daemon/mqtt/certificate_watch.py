@@ -36,14 +36,14 @@ class CertificateWatch:
             self._reported_ns[name] = now_ns
             is_ours = name != "the broker's certificate"
             verb = "ends" if end > now else "has ended"
-            what = f"{name} of [broker]" if is_ours else name
+            certificate = f"{name} of [broker]" if is_ours else name
             self.events.report(
                 "warning",
                 "broker.certificate",
-                f"{what} {verb} on {end:%Y-%m-%d %H:%M} UTC; after that the broker is "
-                "not connected to again once the connection is lost",
+                f"{certificate} {verb} on {end:%Y-%m-%d %H:%M} UTC; after that the "
+                "broker is not connected to again once the connection is lost",
                 source="broker",
-                remedy=f"renew {what}"
+                remedy=f"renew {certificate}"
                 + "; it is used after `systemctl reload`, or a restart" * is_ours,
                 distinct=True,
             )

@@ -38,7 +38,7 @@ class MessagePublisher:
             self.listener.published(self.clock.monotonic_ns(), message)
         return is_queued
 
-    def publish_event(self, what: Occurrence, session: str) -> None:
+    def publish_event(self, occurrence: Occurrence, session: str) -> None:
         """Queue an event; its times become UTC.
 
         What informs only, such as of each press, waits for another message.
@@ -47,16 +47,16 @@ class MessagePublisher:
         event = Event(
             arm=self.arm,
             session=session,
-            severity=what.severity,
-            code=what.code,
-            text=what.text[:2000],
-            remedy=what.remedy[:2000],
-            source=what.source[:64],
-            active=what.active,
-            first_ns=what.first_ns + offset_ns,
-            last_ns=what.last_ns + offset_ns,
-            count=what.count,
-            data=dict(what.data),
+            severity=occurrence.severity,
+            code=occurrence.code,
+            text=occurrence.text[:2000],
+            remedy=occurrence.remedy[:2000],
+            source=occurrence.source[:64],
+            active=occurrence.active,
+            first_ns=occurrence.first_ns + offset_ns,
+            last_ns=occurrence.last_ns + offset_ns,
+            count=occurrence.count,
+            data=dict(occurrence.data),
         )
-        is_urgent = what.severity != "info" or what.active is not None
+        is_urgent = occurrence.severity != "info" or occurrence.active is not None
         self.publish("event", event, at_once=is_urgent)

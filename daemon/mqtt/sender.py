@@ -108,9 +108,13 @@ class PublishLoop:
         while (
             len(self._in_flight) < client.max_in_flight
             and n_bytes < WRITE_BYTES
-            and (taken := self.queue.next("point" if self._points_resume_s else ""))
+            and (
+                next_message := self.queue.next(
+                    "point" if self._points_resume_s else ""
+                )
+            )
         ):
-            kind, message = taken
+            kind, message = next_message
             number = client.next_number() if message.qos else 0
             packet = self._packet(client, kind, message, number)
             if packet is None:

@@ -87,12 +87,12 @@ class SampleAverage:
         if self._end_ns is not None:
             self.is_complete = bool(times_ns[-1] >= self._end_ns)
             rows &= times_ns <= self._end_ns
-        wanted = np.flatnonzero(rows)
+        needed_rows = np.flatnonzero(rows)
         if self._samples is not None:
-            wanted = wanted[: self._samples - self.n]
-            self.is_complete = self.n + len(wanted) == self._samples
-        if len(wanted):
-            self._sum(poses.rows(slice(int(wanted[0]), int(wanted[-1]) + 1)))
+            needed_rows = needed_rows[: self._samples - self.n]
+            self.is_complete = self.n + len(needed_rows) == self._samples
+        if len(needed_rows):
+            self._sum(poses.rows(slice(int(needed_rows[0]), int(needed_rows[-1]) + 1)))
 
     def _sum(self, poses: PoseBlock) -> None:
         if self.n == 0:
@@ -217,9 +217,9 @@ class SampleAverage:
             now_ns > end_ns + wait_ns
             or now_ns > self._begin_ns + MAX_AVERAGING_NS + wait_ns
         ):
-            wanted = "" if self._samples is None else f" of {self._samples}"
+            of_all = "" if self._samples is None else f" of {self._samples}"
             raise CaptureRefusedError(
-                f"{counted(self.n, 'sample', 'were')} averaged{wanted}, then no more "
+                f"{counted(self.n, 'sample', 'were')} averaged{of_all}, then no more "
                 "arrived",
                 "see the device's events; average fewer samples, or for a shorter time",
             )

@@ -278,8 +278,8 @@ class PointController:
             )
         elif isinstance(outcome, Point) and outcome.retracts is None:
             now_ns = self._stage.clock.running.monotonic_ns()
-            taken = self._latencies["capture_to_publish"]
-            taken.add(now_ns - request.received_ns)
+            latency = self._latencies["capture_to_publish"]
+            latency.add(now_ns - request.received_ns)
         elif isinstance(outcome, Point) and isinstance(request, EdgeRequest):
             self.report("capture.undone", f"{outcome.retracts} is taken back")
         if isinstance(request, EdgeRequest):

@@ -206,11 +206,11 @@ class ArmModel:
                     f"{device} has {counted(len(moduli_counts), 'channel')}, from 0"
                 )
                 continue
-            given = (*identity.counts_per_turn, *[None] * len(moduli_counts))[channel]
-            if given not in (None, turn):
+            stated = (*identity.counts_per_turn, *[None] * len(moduli_counts))[channel]
+            if stated not in (None, turn):
                 mismatches.append(
                     f"joint {joint + 1} has {turn} counts per turn in the arm file, "
-                    f"but channel {channel} of {device} reports {given}"
+                    f"but channel {channel} of {device} reports {stated}"
                 )
             elif moduli_counts[channel] % turn:
                 mismatches.append(

@@ -24,10 +24,10 @@ class CovariateBuilder:
         self._clock = clock
         self._reference_c = model.reference_temperature_c
         needs = model.effects.needs
-        wanted = {need.covariate for need in needs}
-        self._wants_speed = Covariate.SPEED in wanted
-        self._wants_temperature = Covariate.TEMPERATURE in wanted
-        self._wants_utc = Covariate.UTC in wanted
+        covariates = {need.covariate for need in needs}
+        self._wants_speed = Covariate.SPEED in covariates
+        self._wants_temperature = Covariate.TEMPERATURE in covariates
+        self._wants_utc = Covariate.UTC in covariates
         self._approaching = sorted(
             need.joint
             for need in needs

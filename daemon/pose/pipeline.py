@@ -124,10 +124,10 @@ class Pipeline:
         if any(fresh[joint] for joint in joints):
             return None
         readings_rad = np.array(counts) * self._per_count_rad
-        wanted = zip(joints, angles_rad.items(), strict=True)
+        named_angles = zip(joints, angles_rad.items(), strict=True)
         return {
             name: float(angle_rad - readings_rad[joint])
-            for joint, (name, angle_rad) in wanted
+            for joint, (name, angle_rad) in named_angles
         }
 
     @property

@@ -10,6 +10,7 @@ flagged.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, InitVar, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,13 +27,13 @@ from traverse.daemon.pose.reference_memory import (
     ReferenceMemory,
     encoders_text,
 )
+from traverse.daemon.pose.serial_numbers import changed_serials, new_serials
 from traverse.drivers.base.values import CountSamples, DeviceUp, Identity
 
 IDENTITY, REFERENCE = "identity", "reference"  # conditions that this feeds
 PLACE, TURN = "place", "turn"
 MAX_SPEED_RAD_S = 20.0  # no joint turns faster, where a device's options do not say
 SAME_HOME_RAD = 0.01  # a posture that is found again by a pin, or by eye at marks
-UNKNOWN = "unknown"  # a serial number that was not reported
 
 
 @dataclass(eq=False)
@@ -157,33 +158,18 @@ class ReferenceMonitor:
 
     def _exchange_text(self, device: str) -> str:
         """Describe which serial numbers differ from the confirmed ones."""
-        identity, known = self._identities[device], self.memory.devices.get(device)
-        serials = [serial or UNKNOWN for serial in identity.serials]
-        if known is None or not known.serials:
-            lost = "; what was confirmed cannot be read" if self.memory.is_lost else ""
-            noun = "serial number" if len(serials) == 1 else "serial numbers"
-            text = f"{noun} {', '.join(serials)}, never confirmed{lost}"
-            first = self._first_serials.get(device, identity.serials)
-            if first != identity.serials:
-                text += f"; {self._changes_text(device, first, identity.serials)}"
-            return text
-        return self._changes_text(device, known.serials, identity.serials)
-
-    def _changes_text(
-        self, device: str, then: Sequence[str], now: Sequence[str]
-    ) -> str:
-        before = [serial or UNKNOWN for serial in then]
-        serials = [serial or UNKNOWN for serial in now]
-        if len(before) != len(serials):
-            return f"was {', '.join(before)}, is {', '.join(serials) or UNKNOWN}"
-        changes = [
-            (channel, f"was {old}, is {new}")
-            for channel, (old, new) in enumerate(zip(before, serials, strict=True))
-            if old != new
-        ]
-        if len(serials) == 1:
-            return changes[0][1]
-        return "; ".join(f"{self._joint(device, k)} {text}" for k, text in changes)
+        serials, known = (
+            self._identities[device].serials,
+            self.memory.devices.get(device),
+        )
+        joint_of = partial(self._joint, device)
+        if known is not None and known.serials:
+            return changed_serials(known.serials, serials, joint_of)
+        text = new_serials(serials, is_lost=self.memory.is_lost)
+        first = self._first_serials.get(device, serials)
+        if first != serials:
+            text += f"; {changed_serials(first, serials, joint_of)}"
+        return text
 
     def _joint(self, device: str, channel: int) -> str:
         return self._model.joint_of(device, channel) or f"channel {channel}"
@@ -256,10 +242,12 @@ class ReferenceMonitor:
     def _is_unique(self, device: str) -> bool:
         """Return whether its serial numbers tell a device from any other."""
         identities = self._identities.items()
-        others = {s for name, of in identities if name != device for s in of.serials}
+        other_serials = {
+            s for name, of in identities if name != device for s in of.serials
+        }
         serials = self._identities[device].serials
         is_whole = bool(serials) and all(serials) and len({*serials}) == len(serials)
-        return is_whole and others.isdisjoint(serials)
+        return is_whole and other_serials.isdisjoint(serials)
 
     # -- joints ---------------------------------------------------------------
 

@@ -40,13 +40,13 @@ def entries_of(item: RecorderItem, utc_offset_ns: int) -> Iterator[Entry]:
                 yield Entry("log", log_ns, log_to_bytes(message))
         return
     if item.kind == "delivered":
-        topic = f"device/{item.value.device}/{item.what}"
+        topic = f"device/{item.value.device}/{item.name}"
         table = {"at_ns": item.at_ns, **delivery_to_map(item.value)}
     else:
         topic = STEPS
         table = {"at_ns": item.at_ns, "is": item.kind}
-        if item.what:
-            table["what"] = item.what
+        if item.name:
+            table["what"] = item.name
         if item.value is not None:
             table["value"] = item.value
     yield Entry(topic, log_ns, map_to_bytes(table))

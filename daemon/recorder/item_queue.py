@@ -37,12 +37,12 @@ class RecorderItem:
 
     Attributes:
         at_ns: host monotonic.
-        what: kind of delivery, name of a command, or topic of a message.
+        name: kind of delivery, name of a command, or topic of a message.
     """
 
     kind: Kind
     at_ns: int
-    what: str = ""
+    name: str = ""
     value: Any = None
 
     @property
@@ -97,7 +97,7 @@ class RecorderQueue:
         self._wake.wait(min(wait_s, WAIT_S))
         self._wake.clear()
         with self._lock:
-            taken = list(self._items)
+            items = list(self._items)
             self._items.clear()
             self._n_bytes = 0
-        return taken
+        return items

@@ -109,10 +109,14 @@ class StepRecorder(StepListener):
         self._put(RecorderItem("passed", now_ns))
 
     def asked(
-        self, now_ns: int, what: str, values: Mapping[str, object], state: StateSource
+        self,
+        now_ns: int,
+        command: str,
+        values: Mapping[str, object],
+        state: StateSource,
     ) -> None:
         self._before_step(now_ns, state)
-        self._put(RecorderItem("asked", now_ns, what, dict(values)))
+        self._put(RecorderItem("asked", now_ns, command, dict(values)))
 
     def related(self, now_ns: int, utc_offset_ns: int) -> None:
         self._put(RecorderItem("related", now_ns, value=utc_offset_ns))
@@ -366,12 +370,12 @@ class Recorder:
     def _report_stopped(
         self, recorded: Recorded | None, why: str, *, by_itself: bool
     ) -> None:
-        what = "the recording" if recorded is None else str(recorded.path)
+        recording = "the recording" if recorded is None else str(recorded.path)
         remedy = "what is in it can be read; make room, then record again"
         self._events.report(
             "error" if by_itself else "info",
             "recording.stopped",
-            f"{what} has ended: {why}",
+            f"{recording} has ended: {why}",
             remedy=remedy if by_itself else "",
             distinct=True,
         )

@@ -180,7 +180,7 @@ class RecorderThread:
         if item.kind == "job":
             item.value()
         elif item.kind == "keep":
-            self.flight.use(lambda flight: flight.keep(item.what))
+            self.flight.use(lambda flight: flight.keep(item.name))
         else:
             return False
         return True

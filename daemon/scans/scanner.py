@@ -215,8 +215,8 @@ class Scanner:
                 self._decided_ns = int(instants.time_ns[n - 1]) + 1
                 self._select(replace(piece, instants=instants.rows(slice(0, n))))
             if n < len(instants):
-                rest = replace(piece, instants=instants.rows(slice(n, None)))
-                self._undecided.appendleft(rest)
+                undecided = replace(piece, instants=instants.rows(slice(n, None)))
+                self._undecided.appendleft(undecided)
                 break
 
     def _select(self, piece: _Piece) -> None:

@@ -19,12 +19,16 @@ from pathlib import Path
 from typing import Concatenate, ParamSpec
 
 from traverse.daemon.store.last_stored import OWNER_ONLY, LastStored, LastStoredFile
-from traverse.daemon.store.records import (
-    DatabaseRefusedError,
-    NewMessage,
-    StoredMessage,
-    StoreStatistics,
+from traverse.daemon.store.records import NewMessage, StoredMessage, StoreStatistics
+from traverse.daemon.store.tables import (
+    BELIEVED,
+    COLUMNS,
+    SET_ASIDE,
+    create_tables,
+    has_tables,
+    read_as_text,
 )
+from traverse.daemon.store.watched_files import WatchedFiles
 
 P = ParamSpec("P")
 
@@ -40,94 +44,7 @@ NOTE_S = 0.2  # at most so often, since it takes as long as to store a point
 ROWS = 100  # of one statement
 
 
-VERSION = 3
 CORRUPT_INDEX = sqlite3.SQLITE_CORRUPT | (3 << 8)  # its name is new in Python 3.12
-SET_ASIDE = 2  # `sent` of a damaged message
-APPLICATION = 0x54525650  # "TRVP", so that `file` and people can recognise it
-
-COLUMNS = "number, session, seq, id, time_ns, topic, encoding, payload, crc, request"
-TABLES = """
-CREATE TABLE sessions (
-    session TEXT PRIMARY KEY,
-    begun_ns INTEGER NOT NULL,
-    note TEXT NOT NULL
-);
-CREATE TABLE messages (
-    number INTEGER PRIMARY KEY AUTOINCREMENT,
-    session TEXT NOT NULL,
-    seq INTEGER NOT NULL,
-    id TEXT NOT NULL UNIQUE,
-    time_ns INTEGER NOT NULL,
-    topic TEXT NOT NULL,
-    encoding TEXT NOT NULL,
-    payload BLOB NOT NULL,
-    sent INTEGER NOT NULL DEFAULT 0,
-    crc INTEGER NOT NULL,
-    request TEXT,
-    UNIQUE (session, seq)
-);
-CREATE INDEX unsent ON messages (number) WHERE sent = 0;
-CREATE INDEX requested ON messages (number) WHERE request IS NOT NULL;
-CREATE TABLE room (only INTEGER PRIMARY KEY, filler BLOB NOT NULL);
-"""
-
-
-BELIEVED = (
-    "CREATE TABLE IF NOT EXISTS believed "
-    "(only INTEGER PRIMARY KEY, utc_ns INTEGER NOT NULL)"
-)
-
-
-def read_as_text(value: bytes) -> str:
-    """Decode text of SQLite; a damaged byte must not stop a query."""
-    return value.decode("utf-8", "replace")
-
-
-def has_tables(connection: sqlite3.Connection, name: str) -> bool:
-    """Return whether it is an outbox; False of a new database.
-
-    Raises:
-        DatabaseRefusedError: it is of another version, or not an outbox.
-        sqlite3.Error: it cannot be read.
-    """
-    (version,) = connection.execute("PRAGMA user_version").fetchone()
-    (application,) = connection.execute("PRAGMA application_id").fetchone()
-    (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    if version == 0 and application == 0 and tables == 0:
-        return False
-    if application != APPLICATION:
-        raise DatabaseRefusedError(
-            f"{name}: is a database of another program (application_id "
-            f"{application:#x}, expected {APPLICATION:#x}); move it away, or name "
-            "another state folder"
-        )
-    if version != VERSION:
-        raise DatabaseRefusedError(
-            f"{name}: has tables of version {version}, this program knows version "
-            f"{VERSION}; install the version of traverse that wrote it, or move the "
-            "file away: its points can be sent and exported by that version only"
-        )
-    return True
-
-
-def create_tables(connection: sqlite3.Connection) -> None:
-    connection.execute("BEGIN IMMEDIATE")
-    for statement in TABLES.split(";"):
-        if statement.strip():
-            connection.execute(statement)
-    connection.execute("INSERT INTO sqlite_sequence (name, seq) VALUES ('messages', 0)")
-    connection.execute(f"PRAGMA application_id = {APPLICATION}")
-    connection.execute(f"PRAGMA user_version = {VERSION}")
-    connection.execute("COMMIT")
-
-
-def _seen(path: Path) -> tuple[tuple[int, int] | None, int]:
-    """Return identity and size of a file; None if there is none."""
-    try:
-        status = path.stat()
-    except OSError:
-        return None, 0
-    return (status.st_dev, status.st_ino), status.st_size
 
 
 class MessageDatabase:
@@ -157,6 +74,7 @@ class MessageDatabase:
         on_set_aside: Callable[[Sequence[StoredMessage]], None] = lambda _: None,
     ) -> None:
         self._path = path
+        self._files = WatchedFiles()
         self._log_path = path.with_name(f"{path.name}-wal")
         self._on_set_aside = on_set_aside
         if not path.exists():  # SQLite would let everybody read it
@@ -228,29 +146,21 @@ class MessageDatabase:
         Raises:
             sqlite3.Error: the database cannot be read.
         """
-        for path, (identity, n_bytes) in self._files.items():
-            seen, seen_bytes = _seen(path)
-            if seen != identity or seen_bytes < n_bytes:
-                return False
+        if not self._files.are_unchanged:
+            return False
         self._note_files()
         self._note_last()
         return True
 
     def _note_files(self) -> None:
-        self._files = {}
-        for path, most in ((self._path, self._size()[0]), (self._log_path, LOG_BYTES)):
-            identity, n_bytes = _seen(path)
-            self._files[path] = identity, min(n_bytes, most)
+        n_bytes, _ = self._size()
+        self._files.note({self._path: n_bytes, self._log_path: LOG_BYTES})
 
     def _note_last(self) -> None:
         """Record the last message in the file beside the database."""
         self._noted_s = time.monotonic()
         self._last_stored.write(self.known)
-        identity, n_bytes = self._files[self._log_path]
-        seen, seen_bytes = _seen(self._log_path)
-        if seen == identity:
-            n_bytes = max(n_bytes, min(seen_bytes, LOG_BYTES))
-            self._files[self._log_path] = identity, n_bytes
+        self._files.note_growth(self._log_path, LOG_BYTES)
 
     def _size(self) -> tuple[int, int]:
         """Return bytes of the database, and how many are in use."""

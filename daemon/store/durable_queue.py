@@ -243,15 +243,15 @@ class DurableQueue:
 
     # -- reports of the thread ------------------------------------------------
 
-    def _notify(self, what: Notification) -> None:
-        match what:
+    def _notify(self, notification: Notification) -> None:
+        match notification:
             case Committed():
-                self._commit(what)
+                self._commit(notification)
             case WriteFailed(trouble):
                 self._writer.resume()
                 self._fail(trouble)
             case StoreStatus():
-                self._set_status(what)
+                self._set_status(notification)
             case SetAside(text, count):
                 self._report(self._profile.damaged, text, count)
             case Removed(count, why) if self._profile.removed:

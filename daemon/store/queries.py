@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from traverse.daemon.store.database import SET_ASIDE, has_tables, read_as_text
 from traverse.daemon.store.records import (
     DatabaseRefusedError,
     StoredMessage,
     StoredRange,
     StoredSession,
 )
+from traverse.daemon.store.tables import SET_ASIDE, has_tables, read_as_text
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Scan
 

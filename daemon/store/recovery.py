@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TypeVar
 from urllib.parse import quote
 
-from traverse.daemon.store.database import CORRUPT_INDEX, MessageDatabase, read_as_text
+from traverse.daemon.store.database import CORRUPT_INDEX, MessageDatabase
 from traverse.daemon.store.queries import COLUMNS, stored_message
 from traverse.daemon.store.records import (
     DatabaseRefusedError,
@@ -27,6 +27,7 @@ from traverse.daemon.store.records import (
     StoreStatistics,
     StoreStatus,
 )
+from traverse.daemon.store.tables import read_as_text
 from traverse.plurals import counted
 from traverse.strict_toml.ownership import refused_owner
 
@@ -76,8 +77,8 @@ def storage_error_of(error: BaseException, path: Path) -> StorageError:
     else:
         text, remedy = "an unexpected fault", "report it with the daemon's log"
     name = getattr(error, "sqlite_errorname", "")
-    said = f"{error} ({name})" if name else str(error) or type(error).__name__
-    return StorageError(f"the outbox {path}: {text}: {said}", remedy + RETRY_REMARK)
+    reason = f"{error} ({name})" if name else str(error) or type(error).__name__
+    return StorageError(f"the outbox {path}: {text}: {reason}", remedy + RETRY_REMARK)
 
 
 def _of_disk(folder: Path) -> tuple[str, str] | None:
@@ -301,9 +302,9 @@ class ResilientDatabase:
         if store.n_missing:
             n_unsent = max(0, min(known.unsent, store.n_missing) - n_taken)
             which = "all" if is_new else f"the last {store.n_missing}"
-            others = " others" * (n_taken > 0)
+            besides = " others" * (n_taken > 0)
             parts.append(
-                f"it lacks {which}{others} up to seq {known.seq} of session "
+                f"it lacks {which}{besides} up to seq {known.seq} of session "
                 f"{known.session[:64]!r}, of which the broker did not have {n_unsent}"
             )
         return "; ".join(parts)
@@ -349,6 +350,6 @@ class ResilientDatabase:
             f"seq {message.seq!r:.20} of session {message.session!r:.64}"
             for message in damaged[:MAX_NAMED]
         )
-        rest = f" and {len(damaged) - MAX_NAMED} more" * (len(damaged) > MAX_NAMED)
-        text = f"{self._path}: damaged and not sent: {which}{rest}"
+        unnamed = f" and {len(damaged) - MAX_NAMED} more" * (len(damaged) > MAX_NAMED)
+        text = f"{self._path}: damaged and not sent: {which}{unnamed}"
         self._notify(SetAside(text, len(damaged)))

@@ -73,7 +73,7 @@ class StoreWriter:
 
     def __post_init__(self, path: Path, name: str) -> None:
         self._database = ResilientDatabase(
-            path, lambda what: self._post(self.notify, what)
+            path, lambda report: self._post(self.notify, report)
         )
         self._jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
         self._loop = asyncio.get_running_loop()

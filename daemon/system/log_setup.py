@@ -42,9 +42,9 @@ class PlainLines(logging.Formatter):
         super().__init__("%(asctime)s %(levelname)-7s %(message)s", "%H:%M:%S")
 
     def format(self, record: logging.LogRecord) -> str:
-        first, *others = map(printable, super().format(record).split("\n"))
+        first, *further = map(printable, super().format(record).split("\n"))
         return "\n".join(
-            (first, *(line if line[:1] == " " else f" {line}" for line in others))
+            (first, *(line if line[:1] == " " else f" {line}" for line in further))
         )
 
 
