@@ -237,6 +237,8 @@ class Verification:
 
     Attributes:
         predicted: What the arm's files say of the lengths; None where they say nothing.
+        contradictions: Of touches to arm file or artefacts, by more than any arm is
+            off, a clause each.
     """
 
     standard: str
@@ -247,3 +249,4 @@ class Verification:
     scatters: tuple[Scatter, ...]
     remarks: tuple[str, ...] = ()
     predicted: PredictedLengths | None = None
+    contradictions: tuple[str, ...] = ()

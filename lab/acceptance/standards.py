@@ -18,6 +18,7 @@ from traverse.lab.acceptance.conformity import (
 )
 from traverse.lab.acceptance.limits import NO_LIMITS, Limits
 from traverse.lab.acceptance.procedures.b89 import articulation, volumetric
+from traverse.lab.acceptance.procedures.belonging import contradictions
 from traverse.lab.acceptance.procedures.length_tests import interim_test, length_test
 from traverse.lab.acceptance.procedures.probing import (
     effective_diameter,
@@ -99,16 +100,24 @@ def verified(
         predicted_lengths,
     )
 
+    figures = tuple(part for part in parts if isinstance(part, Figure))
     return Verification(
         standard,
         chosen.title,
-        tuple(part for part in parts if isinstance(part, Figure)),
+        figures,
         tuple(part for part in parts if isinstance(part, Missing)),
         lengths,
         tuple(part for part in parts if isinstance(part, Scatter)),
         (*chosen.remarks, *notes, *_not_stated(parts)),
         # With several tools no touch has a stated uncertainty.
         predicted_lengths(measured[0], lengths),
+        tuple(
+            clause
+            for measurement in measured
+            for clause in contradictions(
+                measurement, (each for each in figures if each.tool == measurement.tool)
+            )
+        ),
     )
 
 

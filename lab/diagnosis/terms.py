@@ -53,12 +53,15 @@ def terms_of(
 
     Strategy: a name stands on what is left being noise. Where poses kept aside are
     still several times the stated noise away, or are predicted better without it, what
-    chose the name may as well be something that no candidate describes.
+    chose the name may as well be something that no candidate describes. Where they are
+    nowhere near, arm file and campaign do not belong together: effects of a model that
+    fits nothing are none, and only what is in the arm is listed beside that.
     """
     search = decision.search
     campaign = search.fit.adjustment.network.campaign
     terms = []
-    is_unproven = exceeded is not None or (misfit is not None and misfit.is_gross)
+    is_gross = misfit is not None and misfit.is_gross
+    is_unproven = exceeded is not None or is_gross
     for named in decision.names:
         index, naming = named.added.index, named
         is_accepted = index in adaptation.accepted
@@ -86,6 +89,9 @@ def terms_of(
                 helps=index not in adaptation.unhelpful,
             )
         )
+    if misfit is not None and is_gross:
+        kept = [term for term in terms if term.accepted]
+        return (_of_misfit(misfit), *kept)
     place = outlier_cluster(
         search.stage.rows,
         choosing,
@@ -97,12 +103,16 @@ def terms_of(
         terms.append(_stuck_term(search.stuck, decision, is_alone=place is None))
     known = [(term.candidate.joint, term.candidate.covariate) for term in terms]
     if place is not None and (place.joint, place.covariate) not in known:
-        at = _at_place(place.log_p, place.covariate, place.artefact, place.joint)
-        terms.append(replace(at, cluster=place))
+        unknown = _at_place(place.log_p, place.covariate, place.artefact, place.joint)
+        terms.append(replace(unknown, cluster=place))
     elif misfit is not None and search.stuck is None:
-        at = _at_place(misfit.log_p, ARTEFACT, misfit.artefact)
-        terms.append(replace(at, misfit=misfit))
+        terms.append(_of_misfit(misfit))
     return tuple(terms)
+
+
+def _of_misfit(misfit: HoldoutMisfit) -> Term:
+    unknown = _at_place(misfit.log_p, ARTEFACT, misfit.artefact)
+    return replace(unknown, misfit=misfit)
 
 
 def _beside_its_kind(naming: NamedTerm, names: tuple[NamedTerm, ...]) -> NamedTerm:

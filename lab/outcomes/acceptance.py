@@ -10,6 +10,7 @@ from traverse.lab.outcomes.base import (
     Outcome,
     Shortfall,
     State,
+    bad,
     doubt,
     judge,
 )
@@ -68,11 +69,37 @@ class AbsentStatement:
 
 @dataclass(frozen=True, slots=True)
 class AcceptanceEvidence:
-    """Figures of an acceptance test, names of missing ones, and absent statements."""
+    """Figures of an acceptance test, and what stands in the way of a verdict.
+
+    Attributes:
+        missing: Names of figures that were not computed.
+        contradictions: By which touches cannot be of this arm and these artefacts, a
+            clause each.
+    """
 
     figures: Sequence[DecidedFigure]
     missing: Sequence[str]
     absent: Sequence[AbsentStatement] = ()
+    contradictions: Sequence[str] = ()
+
+
+_MOST_CLAUSES = 3
+_FOREIGN = "Arm file, poses and artefacts do not belong together"
+
+
+def _belongs(evidence: AcceptanceEvidence) -> Finding:
+    clauses = evidence.contradictions
+    if not clauses:
+        return Established()
+    n_more = len(clauses) - _MOST_CLAUSES
+    named = "; ".join(clauses[:_MOST_CLAUSES])
+    more = f"; and {n_more} more" if n_more > 0 else ""
+    return bad(
+        f"{_FOREIGN}: {named}{more}. No arm is off by so much.",
+        "Look whether the readings are in radians and the lengths in mm, and whether "
+        "poses, arm file and certificates are of this arm and this campaign.",
+        {"n_contradictions": len(clauses)},
+    )
 
 
 def _stated(evidence: AcceptanceEvidence) -> Finding:
@@ -147,6 +174,7 @@ def _as_prescribed(evidence: AcceptanceEvidence) -> Finding:
 
 
 CONDITIONS: tuple[Condition[AcceptanceEvidence], ...] = (
+    Condition("belongs", "touches are of this arm and its artefacts", _belongs),
     Condition("within", "no figure is rejected", _within),
     Condition("stated", "all that a verdict rests on is stated", _stated),
     Condition("complete", "all figures of the standard are computed", _complete),
@@ -182,8 +210,11 @@ def acceptance_outcome(evidence: AcceptanceEvidence) -> AcceptanceOutcome:
     )
     return AcceptanceOutcome(
         outcome,
-        _title(outcome, verdicts, evidence),
-        tuple(_sentences(evidence)),
+        _FOREIGN if evidence.contradictions else _title(outcome, verdicts, evidence),
+        (
+            *(entry.sentence for entry in outcome.reasons if entry.code == "belongs"),
+            *_sentences(evidence),
+        ),
         _overall(verdicts, evidence),
         verdicts,
     )
@@ -193,7 +224,7 @@ def _overall(
     verdicts: Sequence[str | None], evidence: AcceptanceEvidence
 ) -> str | None:
     worst = next((word for word in VERDICT_WORDS if word in verdicts), None)
-    is_open = None in verdicts or bool(evidence.missing)
+    is_open = None in verdicts or bool(evidence.missing or evidence.contradictions)
     if evidence.absent:
         return "withheld"
     return None if worst == "accept" and is_open else worst

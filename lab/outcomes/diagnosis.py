@@ -74,7 +74,7 @@ class HoldoutMisfit:
         artefact: Where they contradict it most.
         figures: Of all poses kept aside but the blunders.
         is_gross: The model predicts them no better than to a hundredth of the
-            measured volume.
+            measured volume, or of a tenth of the reach where that is more.
         log_p: Natural logarithm of the probability of such an S by chance.
         n_contradicting: Poses that contradict the model one by one.
     """

@@ -75,6 +75,7 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
             [_decided(figure) for figure in verification.figures],
             [lacking.name for lacking in verification.missing],
             absent,
+            verification.contradictions,
         )
     )
     predicted = {}

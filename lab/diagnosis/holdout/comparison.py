@@ -40,6 +40,8 @@ _LEAST_MISFIT = 1.5
 _MISFIT_LEVEL = 1e-3
 # Of the measured volume: more is no noise of any arm.
 _GROSS_PART = 0.01
+# Of the sum of the links.
+_LEAST_VOLUME = 0.1
 
 
 def held_out_blunders(before: Adjustment, held_out: Booleans) -> Booleans:
@@ -99,8 +101,8 @@ def find_misfit(
 
     S of all held-out poses but the blunders is half as large again as that of the
     poses of the fit, and so large by chance in one of a thousand (F test); or their
-    rms is beyond a hundredth of the measured volume, whatever the noise that was
-    estimated: so much is no noise of any arm.
+    rms is beyond a hundredth of the measured volume, or of a tenth of the reach where
+    that is more, whatever the noise that was estimated: so much is no noise of any arm.
     """
     rest = held_out & ~blunders
     if not np.any(rest):
@@ -135,14 +137,20 @@ def find_misfit(
 
 
 def _volume_mm(model: Adjustment) -> float:
-    """Return how large the measured volume is: the rms distance from its centre."""
+    """Return how large the measured volume is: the rms distance from its centre.
+
+    A tenth of the links' lengths at least.
+    """
     centres_mm = np.concatenate(
         [
             model.network.centres_mm(station, model.state.arm)
             for station in model.network.stations
         ]
     )
-    return float(np.sqrt(np.sum(np.var(centres_mm, axis=0))))
+    measured_mm = float(np.sqrt(np.sum(np.var(centres_mm, axis=0))))
+    # A single cone has none.
+    links_mm = np.linalg.norm(model.state.arm.geometry.links_mm, axis=1)
+    return max(measured_mm, _LEAST_VOLUME * float(np.sum(links_mm)))
 
 
 # Part of a misfit: models that differ by less predict alike.
