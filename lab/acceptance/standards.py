@@ -114,9 +114,7 @@ def verified(
         tuple(
             clause
             for measurement in measured
-            for clause in contradictions(
-                measurement, (each for each in figures if each.tool == measurement.tool)
-            )
+            for clause in contradictions(measurement, figures)
         ),
     )
 

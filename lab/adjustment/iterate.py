@@ -14,6 +14,10 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.lab.adjustment.adjusted import Adjustment
+from traverse.lab.adjustment.mirrored_balls import (
+    MOST_TRIALS,
+    with_balls_on_the_right_side,
+)
 from traverse.lab.adjustment.noise import (
     Noise,
     a_priori_noise,
@@ -187,13 +191,19 @@ def adjust_iteratively(
     variances = options.variances or variance_model(campaign)
     most = MOST_ITERATIONS if most_iterations is None else most_iterations
     iterations: list[Iteration] = []
+    n_trials_left = MOST_TRIALS
 
     def adjusted(
         included: Booleans, arm: ArmValues, noise: Noise | None = None
     ) -> tuple[Adjustment, PoseStatistics]:
+        nonlocal n_trials_left
         part = network.of_poses(included, noise)
         adjustment = adjust(part, part.start(arm), design, progress, most)
         iterations.extend(adjustment.iterations)
+        adjustment, n_trials = with_balls_on_the_right_side(
+            adjustment, design, n_trials_left
+        )
+        n_trials_left -= n_trials
         return adjustment, adjustment.pose_statistics()
 
     eligible = network.included

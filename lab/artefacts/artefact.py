@@ -300,6 +300,15 @@ class Artefact(StrictModel):
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
         """Find a state from centres (n_poses, 3) in closed form."""
 
+    def mirror_images(
+        self, state: Floats, centres_mm: Floats, touches: Touches
+    ) -> tuple[Floats, ...]:
+        """Return states that few touches fit nearly as well; by default there are none.
+
+        From centres (n_poses, 3) of which the state is a fit.
+        """
+        return ()
+
     @abstractmethod
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches

@@ -26,6 +26,7 @@ from traverse.lab.artefacts.sphere import (
     PLACE_SCALE_MM,
     RADIUS_SCALE_MM,
     distances,
+    mirrored_centre,
     start_centre,
 )
 
@@ -91,6 +92,27 @@ class BallBar(ExpandingArtefact):
                 )
                 radii_mm[index] = found_mm - touches.radius_mm
         return np.concatenate([places.ravel(), radii_mm])
+
+    def mirror_images(
+        self, state: Floats, centres_mm: Floats, touches: Touches
+    ) -> tuple[Floats, ...]:
+        """Mirror one ball, the other, and both."""
+        mirrored = []
+        for index in range(2):
+            mine = centres_mm[touches.features == index]
+            around_mm = float(state[6 + index]) + touches.radius_mm
+            other_mm = mirrored_centre(
+                mine, state[3 * index : 3 * index + 3], around_mm
+            )
+            if other_mm is None:
+                continue
+            image = state.copy()
+            image[3 * index : 3 * index + 3] = other_mm
+            mirrored.append(image)
+        if len(mirrored) == 2:
+            both = np.concatenate([mirrored[0][:3], mirrored[1][3:]])
+            mirrored.append(both)
+        return tuple(mirrored)
 
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches

@@ -178,6 +178,38 @@ def _at_known_radius(clouds: Floats, centres: Floats, radius: float) -> Floats:
     return np.where(is_nearer[..., np.newaxis], chosen, centres)
 
 
+# Of the radius: how far touches are from a mirror image that may be the ball itself,
+# and how far that must be away to be another.
+_NEARLY = 0.25
+_ANOTHER = 0.1
+
+
+def mirrored_centre(
+    centres_mm: Floats, centre_mm: Floats, radius_mm: float
+) -> Floats | None:
+    """Find the centre on the other side of a patch of touches, (3,).
+
+    Three touches lie on two spheres of one radius, and a few more nearly so: as long as
+    the arm is millimetres off, either may be the ball. None: the touches, (n, 3),
+    exclude the other one, or are too few to tell where it would be.
+    """
+    if len(centres_mm) < _FEW - 1:
+        return None
+    mean_mm = centres_mm.mean(axis=0)
+    local_mm = centres_mm - mean_mm
+    normal = np.linalg.eigh(local_mm.T @ local_mm)[1][:, 0]
+    from_mean_mm = centre_mm - mean_mm
+    mirrored_mm = from_mean_mm - 2.0 * (from_mean_mm @ normal) * normal
+    mirrored_mm, _ = polished(local_mm, mirrored_mm, radius_mm, is_known=True)
+    off_mm = _off(local_mm, mirrored_mm, radius_mm)
+    apart_mm = float(np.linalg.norm(mirrored_mm - from_mean_mm))
+    is_near = float(np.sqrt(np.mean(off_mm**2))) < _NEARLY * radius_mm
+    if not is_near or apart_mm < _ANOTHER * radius_mm:
+        return None
+    found_mm: Floats = mean_mm + mirrored_mm
+    return found_mm
+
+
 class Sphere(ExpandingArtefact):
     """A ball or a bowl; state: centre and radius."""
 
@@ -210,6 +242,15 @@ class Sphere(ExpandingArtefact):
         known_mm = None if self.radius_mm is None else self.radius_mm + offset_mm
         centre_mm, radius_mm = start_centre(centres_mm, known_mm)
         return np.append(centre_mm, radius_mm - offset_mm)
+
+    def mirror_images(
+        self, state: Floats, centres_mm: Floats, touches: Touches
+    ) -> tuple[Floats, ...]:
+        if self.radius_mm is None:
+            return ()
+        around_mm = state[3] + offset_sign(self.side) * touches.radius_mm
+        other_mm = mirrored_centre(centres_mm, state[:3], float(around_mm))
+        return () if other_mm is None else (np.append(other_mm, state[3]),)
 
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches

@@ -22,7 +22,11 @@ _FARTHEST = 0.01
 
 
 def contradictions(measured: Measurement, figures: Iterable[Figure]) -> Iterator[str]:
-    """Yield what contradicts arm file or artefacts, a clause each."""
+    """Yield what contradicts arm file or artefacts, a clause each.
+
+    Of the figures those with the measurement's tool.
+    """
+    tool = None if measured.tool is None else measured.tool.name
     most_mm = _FARTHEST * measured.reach_mm
     for name, touched in measured.touched.items():
         artefact = measured.artefacts.get(name)
@@ -39,7 +43,7 @@ def contradictions(measured: Measurement, figures: Iterable[Figure]) -> Iterator
                 f"{possible_mm:.1f}"
             )
     for figure in figures:
-        if abs(figure.value_mm) > most_mm:
+        if figure.tool == tool and abs(figure.value_mm) > most_mm:
             yield f"{figure.name} is {figure.value_mm:.1f} mm"
 
 
@@ -55,7 +59,7 @@ def _width_mm(artefact: Artefact, touched: ArtefactTouches) -> float:
     if isinstance(artefact, Sphere):
         return 2.0 * (float(artefact.radius_mm or np.inf) + tip_mm)
     if isinstance(artefact, BallBar):
-        return 2.0 * (max(artefact.radii_mm) + tip_mm)
+        return 2.0 * (float(np.max(artefact.radii_mm)) + tip_mm)
     if isinstance(artefact, Plane | ParallelPlanes):
-        return np.inf
+        return float("inf")
     return 0.0

@@ -221,3 +221,25 @@ def test_a_nearly_flat_patch_of_a_sphere_keeps_its_side():
     )
     state = sphere.start(centres, touches)
     assert state[:3] == pytest.approx([100, 200, 300], abs=0.01)
+
+
+def test_three_touches_lie_on_two_balls():
+    artefact, centres_mm, touches = made(
+        {"kind": "ball_bar", "radius_mm": 12.0, "distance_mm": 300.0}, seed=4, n=6
+    )
+    state = artefact.start(centres_mm, touches)
+    images = artefact.mirror_images(state, centres_mm, touches)
+    assert len(images) == 3  # of one ball, of the other, of both
+    for image in images:
+        assert np.max(np.abs(image - state)) > 1.0
+        left_mm = artefact.equations(image, centres_mm, touches).misclosures_mm
+        assert np.max(np.abs(left_mm)) < 1e-6
+
+
+@pytest.mark.parametrize(
+    "table", [{"kind": "sphere"}, {"kind": "sphere", "radius_mm": 25.0}]
+)
+def test_a_ball_touched_all_over_is_where_it_is(table):
+    artefact, centres_mm, touches = made(table, n=12)
+    state = artefact.start(centres_mm, touches)
+    assert artefact.mirror_images(state, centres_mm, touches) == ()

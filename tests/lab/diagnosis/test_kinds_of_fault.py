@@ -14,6 +14,7 @@ from traverse.kinematics.arm_file.arm import Identification, effect_from_table
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.report.outcome import outcome_of
+from traverse.lab.diagnosis.report.page import summary_lines
 from traverse.lab.outcomes.base import State
 from traverse.simulator.campaigns import draw_noise
 
@@ -102,6 +103,29 @@ def test_cones_alone_leave_the_scale_in_doubt():
     identified = start.arm.model_copy(update={"identification": made})
     assert "scale" not in outcome_of(replace(diagnosis, arm=identified)).codes
     assert "scale" not in outcome_of(decided(start)).codes
+
+
+def test_a_single_cone_has_no_volume_that_noise_could_exceed():
+    start = measured()
+    on_one = start.campaign.part(start.campaign.poses.artefacts == 1)
+    diagnosis = diagnose(on_one, start.arm, DECISION)
+    assert (diagnosis.verdict, diagnosis.terms) == ("clean", ())
+    assert outcome_of(diagnosis).codes == ("scale",)
+
+
+@pytest.mark.slow
+def test_effects_of_an_arm_that_fits_nothing_are_not_listed():
+    start = measured()
+    angles_rad = start.campaign.poses.angles_rad.copy()
+    angles_rad[:, 1] *= -1.0
+    turned = start.with_poses(angles_rad=angles_rad)
+    options = replace(DECISION, n_draws=50, most_terms=1)
+    diagnosis = diagnose(turned.campaign, start.arm, options)
+    (term,) = diagnosis.terms
+    assert term.misfit is not None
+    assert term.misfit.is_gross
+    assert outcome_of(diagnosis).state is State.BAD
+    assert "do not belong together" in " ".join(summary_lines(diagnosis))
 
 
 @pytest.mark.slow
