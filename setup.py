@@ -19,7 +19,7 @@ KERNEL = "src/traverse/kinematics/kernel"
 
 
 class OptionalBuild(build_ext):
-    """Builds what can be built."""
+    """Builds the extensions that can be built."""
 
     def build_extension(self, ext: Extension) -> None:
         """Take a compiler that is not there, or fails, as a build that is left out."""
@@ -58,10 +58,12 @@ def extensions() -> list[Extension]:
         define_macros=[("Py_LIMITED_API", "0x030b0000")],
         py_limited_api=True,
     )
-    found: list[Extension] = cythonize([kernel], build_dir="build/cython", quiet=True)
-    for extension in found:  # cythonize forgets it
+    extension_modules: list[Extension] = cythonize(
+        [kernel], build_dir="build/cython", quiet=True
+    )
+    for extension in extension_modules:  # cythonize forgets it
         extension.optional = True
-    return found
+    return extension_modules
 
 
 setup(

@@ -68,8 +68,8 @@ def counted(name: str, folder: Path) -> tuple[Counter[str], str, int]:
             totals.append(Counter(kinds.get(place, "other") for place in places))
         sums.append(run.stdout.strip())
         log.unlink()
-    (few, many), more = totals, SIZES[1] - SIZES[0]
-    each = {k: round((many[k] - few[k]) / more, 1) for k in many}
+    (few, many), n_added = totals, SIZES[1] - SIZES[0]
+    each = {k: round((many[k] - few[k]) / n_added, 1) for k in many}
     return Counter(each), " ".join(sums), len(loops)
 
 

@@ -1,4 +1,4 @@
-"""All commands, and how they end."""
+"""The command line and its exit statuses."""
 
 import os
 import sys
@@ -26,8 +26,6 @@ CONTROL = (
     *("point", "undo", "scan", "label", "session", "reload", "confirm", "home"),
     "send",
 )
-FORMER_NAMES = {"interim": "daily-check"}
-"""Names that commands had, in people's scripts; they are not shown."""
 COMMANDS = (
     *("demo", "setup", "run", "watch", "page", "check", "joints", "artefact"),
     "collect",
@@ -42,7 +40,7 @@ COMMANDS = (
         "store",
         "extensions",
     ),
-    *(*CONTROL, *FORMER_NAMES),
+    *CONTROL,
     *(
         "simulate",
         "arm",
@@ -62,13 +60,12 @@ COMMANDS = (
 
 
 class Commands(TyperGroup):
-    """Commands, and how they end where they refuse or lack a library.
+    """The command group; converts refusals and missing libraries to exit statuses.
 
-    A value of an option that is refused is shown as it was typed.
+    A refused option value is shown as it was typed.
     """
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - of click, or of typer's own
-        """Run the command that is named."""
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
@@ -86,13 +83,12 @@ class Commands(TyperGroup):
 
     @staticmethod
     def _words(ctx: typer.Context) -> str:
-        """The command's name, behind that of its group."""
         group = ctx.info_name if ctx.parent else None
         return " ".join(filter(None, (group, ctx.invoked_subcommand)))
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(is_asked: bool) -> None:
+    if is_asked:
         from traverse.kinematics.model.kernel_choice import KERNEL
 
         typer.echo(f"traverse {version('traverse-cmm')} (kernel: {KERNEL})")
@@ -127,11 +123,9 @@ def command_line(names: Iterable[str]) -> CommandGroup:
     )
     made.callback()(_options)
     for name in names:
-        command = _command(FORMER_NAMES.get(name, name).replace("-", "_"))
+        command = _command(name.replace("-", "_"))
         if isinstance(command, CommandGroup):
             made.add_typer(command, cls=Commands)
-        elif name in FORMER_NAMES:
-            made.command(name, hidden=True)(command)
         elif name == "run":
             made.command(cls=ConfigCommand)(command)
         else:

@@ -38,8 +38,8 @@ def check(
     wrong: list[FileError] | None = None
     try:
         if file.is_file() and not file.stat().st_size:
-            what = "is empty; expected an arm file, a configuration, a campaign, ..."
-            raise FileError(file, what)
+            problem = "is empty; expected an arm file, a configuration, a campaign, ..."
+            raise FileError(file, problem)
         content = read(file)
     except StartupError as error:
         wrong = error.files
@@ -71,7 +71,7 @@ def check(
 
 
 def _doubts(content: object) -> Iterator[str]:
-    """Ask about values that can hardly be meant."""
+    """Question implausible values."""
     from traverse.kinematics.arm_file.arm import Arm
     from traverse.kinematics.importers.unit_doubts import arm_doubts
 
@@ -94,7 +94,6 @@ def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
 
 
 def _read_arm(path: Path) -> object:
-    """Read an arm file and the covariance that it names."""
     from traverse.kinematics.arm_file.arm import read_arm
     from traverse.kinematics.effects.arm_effects import effects_from_arm
     from traverse.kinematics.uncertainty.arm_covariance import read_parameter_covariance
@@ -120,7 +119,7 @@ def _read_simulator(path: Path) -> object:
 
 
 def _by(module: str, name: str) -> Callable[[Path], object]:
-    """A reader, or a class, imported when it reads, which keeps --help quick."""
+    """Return a reader that is imported on first use, which keeps --help quick."""
 
     def read(path: Path) -> object:
         from traverse.strict_toml.reader import read_strict
@@ -146,7 +145,6 @@ def _read_daemon(path: Path) -> object:
 
 
 def _read_campaign(path: Path) -> object:
-    """Read a campaign with whatever joints its poses have."""
     from traverse.lab.campaign.campaign import read_campaign
     from traverse.lab.campaign.campaign_file import read_campaign_file
     from traverse.tables.reading import open_table

@@ -44,14 +44,18 @@ def point(
     """
     if samples is not None and seconds is not None:
         refuse("--samples or --seconds, not both")
-    taken = send_command(arm, broker, lambda it: it.capture(samples, seconds))
-    _show_point(taken, as_json=as_json)
-    raise typer.Exit(0 if taken.quality.ok else 1)
+    captured = send_command(
+        arm, broker, lambda client: client.capture(samples, seconds)
+    )
+    _show_point(captured, as_json=as_json)
+    raise typer.Exit(0 if captured.quality.ok else 1)
 
 
 def undo(*, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions) -> None:
     """Take the last point back."""
-    _show_point(send_command(arm, broker, lambda it: it.undo()), as_json=as_json)
+    _show_point(
+        send_command(arm, broker, lambda client: client.undo()), as_json=as_json
+    )
 
 
 def scan(
@@ -73,14 +77,16 @@ def scan(
     if rate_hz is not None and spacing_mm is not None:
         refuse("--rate-hz or --spacing-mm, not both")
     if action == "stop":
-        send_command(arm, broker, lambda it: it.stop_scan())
+        send_command(arm, broker, lambda client: client.stop_scan())
         _show({"scan": None}, "no scan is running", as_json=as_json)
     else:
         mode: ScanMode = "time" if spacing_mm is None else "distance"
         started = send_command(
             arm,
             broker,
-            lambda it: it.start_scan(mode, rate_hz=rate_hz, spacing_mm=spacing_mm),
+            lambda client: client.start_scan(
+                mode, rate_hz=rate_hz, spacing_mm=spacing_mm
+            ),
         )
         _show(
             {"scan": started.scan}, f"scan {started.scan} is running", as_json=as_json
@@ -101,7 +107,7 @@ def label(
         artefact: Touched artefact; without it the label ends.
         feature: Touched feature of it.
     """
-    send_command(arm, broker, lambda it: it.label(artefact, feature))
+    send_command(arm, broker, lambda client: client.label(artefact, feature))
     names = " ".join(filter(None, (artefact, feature)))
     text = f"label: {names}" if names else "points have no label"
     _show({"artefact": artefact, "feature": feature}, text, as_json=as_json)
@@ -119,7 +125,7 @@ def session(
     Args:
         note: Text that is stored with the session.
     """
-    begun = send_command(arm, broker, lambda it: it.new_session(note))
+    begun = send_command(arm, broker, lambda client: client.new_session(note))
     _show({"session": begun}, begun, as_json=as_json)
 
 
@@ -135,7 +141,7 @@ def use_probe(
     Args:
         name: Name in the arm's probe library.
     """
-    model = send_command(arm, broker, lambda it: it.probe(name))
+    model = send_command(arm, broker, lambda client: client.probe(name))
     text = f"probe {name}, model {model[:12]}"
     _show({"probe": name, "model": model}, text, as_json=as_json)
 
@@ -144,7 +150,7 @@ def reload(
     *, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions
 ) -> None:
     """Have the daemon read arm file and configuration again."""
-    model = send_command(arm, broker, lambda it: it.reload())
+    model = send_command(arm, broker, lambda client: client.reload())
     _show({"model": model}, f"model {model[:12]}", as_json=as_json)
 
 
@@ -169,7 +175,9 @@ def confirm(
     """
     known_mm = None if at is None else _place(at)
     accepted = send_command(
-        arm, broker, lambda it: it.confirm_reference(known_mm, tolerance_mm, utc=utc)
+        arm,
+        broker,
+        lambda client: client.confirm_reference(known_mm, tolerance_mm, utc=utc),
     )
     text = "\n".join(accepted) if accepted else "nothing was in doubt"
     _show({"confirmed": accepted}, text, as_json=as_json)
@@ -190,7 +198,7 @@ def home(
     Args:
         joints: Names of the joints that are there; all of [home] without.
     """
-    homed = send_command(arm, broker, lambda it: it.home(joints or None))
+    homed = send_command(arm, broker, lambda client: client.home(joints or None))
     _show({"homed": homed}, f"homed: {', '.join(homed)}", as_json=as_json)
 
 
@@ -215,7 +223,7 @@ def send(
         args = parse_args(command, dict(map(_argument, values or ())))
     except MessageError as error:
         refuse(str(error))
-    result = dict(send_command(arm, broker, lambda it: it.execute(args)))
+    result = dict(send_command(arm, broker, lambda client: client.execute(args)))
     lines = [f"{key}: {json.dumps(value)}" for key, value in result.items()]
     _show(result, "\n".join(lines) or "done", as_json=as_json)
 
@@ -257,11 +265,11 @@ def _place(text: str) -> tuple[float, float, float]:
     return x_mm, y_mm, z_mm
 
 
-def _show_point(taken: "Point", *, as_json: bool) -> None:
+def _show_point(captured: "Point", *, as_json: bool) -> None:
     from traverse.cli.common.message_lines import line
 
-    values = taken.model_dump(mode="json", by_alias=True)
-    _show(values, line(taken.arm, taken), as_json=as_json)
+    values = captured.model_dump(mode="json", by_alias=True)
+    _show(values, line(captured.arm, captured), as_json=as_json)
 
 
 def _show(values: dict[str, Any], text: str, *, as_json: bool) -> None:

@@ -92,7 +92,7 @@ def daily_check(
             folder = campaign
             if folder is None:
                 mm = radius or (before[-1].figures.sphere_radius_mm if before else 0)
-                again = (
+                repeat_command = (
                     f"traverse daily-check --arm {arm} "
                     + (f"--config {config}" if config else f"--history {history}")
                     + " --campaign"
@@ -104,9 +104,13 @@ def daily_check(
                         "computer (q ends)",
                         err=True,
                     )
-                folder = _collected(path, model, mm, address, again, quiet=as_json)
+                folder = _collected(
+                    path, model, mm, address, repeat_command, quiet=as_json
+                )
                 if lacking is not None:
-                    typer.echo(f"kept, and not judged; later: {again} {folder}")
+                    typer.echo(
+                        f"kept, and not judged; later: {repeat_command} {folder}"
+                    )
                     raise typer.Exit(REFUSED)
             check = _checked(folder, model, arm, new_base or "")
             if not add_check(path, check):
@@ -129,7 +133,6 @@ def daily_check(
 
 
 def _lacking() -> str | None:
-    """What keeps the figures from being computed, in a sentence; else None."""
     from importlib.util import find_spec
 
     for library in LIBRARIES:
@@ -157,13 +160,13 @@ def _collected(
     arm: "Arm",
     radius_mm: float,
     broker: BrokerAddress,
-    again: str,
+    repeat_command: str,
     *,
     quiet: bool,
 ) -> Path:
     """Guide the collection of a check; return its folder.
 
-    `again` is the command that computes a folder later.
+    `repeat_command` is the command that computes a folder later.
     """
     from traverse.cli.collect.session import collection_of, run_collection
     from traverse.lab.acceptance.plan import CAMPAIGN
@@ -183,13 +186,12 @@ def _collected(
             FAILED,
             f"touches are missing: {', '.join(map(str, unfinished))}; "
             "nothing is added to the history. To go on: traverse collect "
-            f"{folder / CAMPAIGN} --arm ARM; then: {again} {folder}",
+            f"{folder / CAMPAIGN} --arm ARM; then: {repeat_command} {folder}",
         )
     return folder
 
 
 def _checked(folder: Path, arm: "Arm", arm_file: Path, begins: str) -> "Check":
-    """The figures of a folder, as they go into the history."""
     from traverse.kinematics.arm_file.arm import arm_digest
     from traverse.lab.campaign.campaign_file import read_campaign_file
     from traverse.lab.daily_check.figures import daily_check_figures

@@ -163,7 +163,7 @@ async def _program(
 
 
 async def _fail_with(daemon: asyncio.subprocess.Process, folder: Path) -> None:
-    """Wait for the end of the daemon, which nobody requested."""
+    """Raise when the daemon ends, which nobody requested."""
     await daemon.wait()
     raise DemoError(f"the daemon ended:\n{_said_in(folder / 'daemon.log')}")
 
@@ -176,8 +176,8 @@ async def _be_ready(simulator: asyncio.subprocess.Process, folder: Path) -> None
             async with asyncio.timeout(READY_S):
                 line = await simulator.stdout.readline()
     if not line.startswith(b"ready"):
-        said = _said_in(folder / "simulator.log")
-        raise DemoError(f"the simulated arm did not start:\n{said}")
+        simulator_log = _said_in(folder / "simulator.log")
+        raise DemoError(f"the simulated arm did not start:\n{simulator_log}")
 
 
 def _said_in(log: Path) -> str:
@@ -214,8 +214,8 @@ async def _follow(
             message = item.message
             if isinstance(message, Point):
                 on = measured.add_point(message, item.received_ns)
-                what = f"{on.artefact} {on.feature}".strip()
-                typer.echo(f"{line(item.arm, message)}   {what}")
+                target = f"{on.artefact} {on.feature}".strip()
+                typer.echo(f"{line(item.arm, message)}   {target}")
                 if once and measured.rounds:
                     return
             elif isinstance(message, Scan):

@@ -67,18 +67,15 @@ class Round:
 
     @property
     def rounds(self) -> int:
-        """How many rounds are complete."""
         return len(self._points) // len(self._expected)
 
     def add_point(self, point: Point, received_ns: int) -> Expected:
-        """Note a point; return its artefact and feature."""
         if point.seq not in self._points:
             self._points[point.seq] = point
             self._latencies_ms.append((received_ns - point.time_ns) * 1e-6)
         return self._expected[point.seq % len(self._expected)]
 
     def add_scan(self, scan: Scan) -> None:
-        """Note a block of the scan."""
         n = len(scan.dtime_ns)
         if not n:
             return
@@ -89,7 +86,6 @@ class Round:
         self._scanned += n
 
     def summary(self) -> list[str]:
-        """Lines about how well the arm has measured."""
         rounds = counted(self.rounds, "round")
         lines = [f"measured {rounds}, {counted(len(self._points), 'point')}"]
         if self.rounds:
@@ -113,11 +109,13 @@ class Round:
     def _artefact_lines(self) -> list[str]:
         lines = []
         last = (self.rounds - 1) * len(self._expected)
-        taken = [
+        measured = [
             (expected, self._points.get(last + number))
             for number, expected in enumerate(self._expected)
         ]
-        for artefact, of_artefact in groupby(taken, key=lambda item: item[0].artefact):
+        for artefact, of_artefact in groupby(
+            measured, key=lambda item: item[0].artefact
+        ):
             rows = list(of_artefact)
             features: dict[str, list[Point]] = {}
             for expected, point in rows:

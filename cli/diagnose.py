@@ -117,7 +117,6 @@ class _Progress:
         self._width = max(self._width, len(text))
 
     def close(self) -> None:
-        """Wipe the line."""
         if self._width:
             typer.echo(f"\r{'':<{self._width}}\r", nl=False, err=True)
 

@@ -23,7 +23,7 @@ from traverse.extensions import (
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """What a package offers.
+    """An offer of a package.
 
     Attributes:
         group: drivers, exports, effects, simulator_laws or gateways.
@@ -64,7 +64,7 @@ def extensions(as_json: Json = False) -> None:
 
 
 def _tables() -> dict[str, tuple[Collection[str], Callable[[str], object]]]:
-    """By group: the names that Traverse has itself, and what imports any other."""
+    """Return by group the built-in names and the function that loads others."""
     from traverse.cli.gateway.command import BUILT_IN
     from traverse.cli.gateway.installed import load_gateway
     from traverse.client.exports.formats import FORMATS, format_class

@@ -55,9 +55,9 @@ def features(
     from traverse.strict_toml.reader import read_strict
 
     with refusals(ValueError):
-        wanted = read_strict(plan, Plan, plan_problems)
+        inspection_plan = read_strict(plan, Plan, plan_problems)
         chosen = list(selected_points(points, session, retracted=False))
-        assigned = assigned_points(wanted, chosen)
+        assigned = assigned_points(inspection_plan, chosen)
         used = {point.id: point for each in assigned.values() for point in each}
         if not used:
             labels = {p.label.feature for p in chosen if p.label.feature is not None}
@@ -65,7 +65,9 @@ def features(
                 f"{points} has no points of features of {plan}; labels there: "
                 f"{', '.join(sorted(labels)) or 'none'}"
             )
-        inspection = inspected(wanted, chosen, _shared(list(used.values()), arm))
+        inspection = inspected(
+            inspection_plan, chosen, _shared(list(used.values()), arm)
+        )
         written = "" if out is None else _write(inspection, out)
     lines = summary_lines(inspection)
     if written:
@@ -92,7 +94,6 @@ def _shared(points: "list[Point]", arm: Path | None) -> "Mapping[str, Floats] | 
 
 
 def _write(inspection: "Inspection", folder: Path) -> str:
-    """Write the report; return a line that says so."""
     from traverse.client.inspection.drawing import dxf_text
     from traverse.client.inspection.sheet import csv_text, json_text, sheet_html
     from traverse.strict_toml.writing import write_atomically

@@ -118,8 +118,8 @@ def _options(hold: list[str], free: list[str], masks: Path | None) -> "Options":
     from traverse.strict_toml.reader import read_strict
 
     if masks is not None:
-        given = read_strict(masks, Masks)
-        hold, free = [*hold, *given.hold], [*free, *given.free]
+        masks_in_file = read_strict(masks, Masks)
+        hold, free = [*hold, *masks_in_file.hold], [*free, *masks_in_file.free]
     return Options(hold=tuple(hold), free=tuple(free))
 
 

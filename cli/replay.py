@@ -101,8 +101,8 @@ def _publish(points: "list[Point]", broker: BrokerAddress) -> None:
 async def _published(points: Sequence["Point"], broker: BrokerAddress) -> int:
     """Publish points; return how many.
 
-    Sessions and ids are new ones: these points must not be taken for the captured
-    ones, or leave them out because he has them.
+    Sessions and ids are new, so that consumers neither mistake these points for the
+    captured ones nor drop them as duplicates.
 
     Raises:
         OSError: the broker cannot be reached.
@@ -168,7 +168,6 @@ def report_of(about: Mapping[str, str], result: "ReplayResult") -> str:
 
 
 def report_text(about: Mapping[str, str], result: "ReplayResult") -> str:
-    """A few lines."""
     points, scans = result.points, result.scans
     is_same = result.kernel_then == result.kernel_now
     kernel = result.kernel_now
@@ -194,8 +193,8 @@ def report_text(about: Mapping[str, str], result: "ReplayResult") -> str:
             "blocks are cut otherwise"
         )
     if scans.left_out:
-        said = counted(scans.left_out, "point")
-        lines.append(f"{said} of scans begun before: not compared")
+        left_out = counted(scans.left_out, "point")
+        lines.append(f"{left_out} of scans begun before: not compared")
     if points.missing or scans.missing:
         faults.append(
             f"missing: {counted(points.missing, 'point')}, "
@@ -216,12 +215,12 @@ def report_text(about: Mapping[str, str], result: "ReplayResult") -> str:
 
 
 def _lines(
-    what: str, tally: "Tally", result: "ReplayResult", *, is_same: bool
+    compared: str, tally: "Tally", result: "ReplayResult", *, is_same: bool
 ) -> list[str]:
     if not tally.n:
-        return [f"no {what} to compare"]
+        return [f"no {compared} to compare"]
     lines = [
-        f"{tally.same} of {tally.n} {what} the same to the last bit, greatest "
+        f"{tally.same} of {tally.n} {compared} the same to the last bit, greatest "
         f"difference {tally.largest_mm:.3g} mm"
     ]
     if not is_same:

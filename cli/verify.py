@@ -36,7 +36,7 @@ class _Inputs:
 
     @property
     def previous_file(self) -> Path | None:
-        """The certificate, of its folder too."""
+        """Return the previous certificate's file, also when its folder is named."""
         if self.previous is None or self.previous.is_file():
             return self.previous
         return self.previous / "certificate.json"

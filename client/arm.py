@@ -168,7 +168,7 @@ class Arm(ArmCommands):
             connections=self._link.connections,
             points=self._order.n_taken,
             duplicates=self._order.duplicates,
-            resend_requested=self._order.asked,
+            resend_requested=self._order.n_requested,
             lost=self._stream.lost,
             undecodable=self._undecodable,
         )

@@ -43,7 +43,6 @@ class LoopThread:
         self._thread.start()
 
     def submit(self, work: Coroutine[Any, Any, T]) -> Future[T]:
-        """Start a coroutine; return its future."""
         return asyncio.run_coroutine_threadsafe(work, self._loop)
 
     def run(self, work: Coroutine[Any, Any, T]) -> T:
@@ -61,8 +60,10 @@ class LoopThread:
         self._loop.close()
 
     async def _clear(self) -> None:
-        here = asyncio.current_task()
-        await cancel_tasks(task for task in asyncio.all_tasks() if task is not here)
+        current_task = asyncio.current_task()
+        await cancel_tasks(
+            task for task in asyncio.all_tasks() if task is not current_task
+        )
         await self._loop.shutdown_default_executor()
 
 

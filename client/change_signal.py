@@ -20,7 +20,6 @@ class ChangeSignal:
                 future.set_result(None)
 
     async def wait(self, seconds: float | None = None) -> bool:
-        """Wait for the next call, or a time-out; return whether there was one."""
         future = asyncio.get_running_loop().create_future()
         self._waiting.add(future)
         try:

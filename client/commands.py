@@ -53,7 +53,6 @@ class PointIndex:
         self._waiting: dict[str, asyncio.Future[Point]] = {}
 
     def take(self, point: Point) -> None:
-        """Store a received point."""
         self._latest[point.id] = point
         if len(self._latest) > MAX_REMEMBERED:
             self._latest.popitem(last=False)
@@ -124,8 +123,8 @@ class ArmCommands:
             samples: number of samples to average; or
             dwell_s: duration of samples to average.
         """
-        given = {"samples": samples, "dwell_s": dwell_s}
-        args = PointArgs.model_validate({k: v for k, v in given.items() if v})
+        values = {"samples": samples, "dwell_s": dwell_s}
+        args = PointArgs.model_validate({k: v for k, v in values.items() if v})
         longest_s = dwell_s or (MEAN_S if (samples or 1) > 1 else 0.0)
         return await self._point(await self.execute(args, extra_timeout_s=longest_s))
 
@@ -226,8 +225,8 @@ class ArmCommands:
     ) -> StartedScan:
         """Start a scan; it replaces a running one."""
         normal = options.get("normal")
-        given = {**options, "normal": None if normal is None else _vector(normal)}
-        args = ScanArgs.model_validate({"action": "start", "mode": mode, **given})
+        values = {**options, "normal": None if normal is None else _vector(normal)}
+        args = ScanArgs.model_validate({"action": "start", "mode": mode, **values})
         return StartedScan.read(await self.execute(args))
 
     async def stop_scan(self) -> None:
@@ -278,15 +277,15 @@ class ArmCommands:
 
     async def _point(self, result: Mapping[str, Any]) -> Point:
         """The point named in an answer; requested again where it does not arrive."""
-        taken = CapturedPoint.read(result)
+        captured = CapturedPoint.read(result)
         for _ in range(3):
-            point = await self.by_id.get(taken.id, ARRIVAL_S)
+            point = await self.by_id.get(captured.id, ARRIVAL_S)
             if point is not None:
                 return point
-            await self.resend(taken.session, taken.seq, taken.seq)
+            await self.resend(captured.session, captured.seq, captured.seq)
         raise NoAnswerError(
-            f"point {taken.seq} of session {taken.session} was taken, but it did not "
-            "arrive here; it is in the arm's outbox"
+            f"point {captured.seq} of session {captured.session} was taken, but it did "
+            "not arrive here; it is in the arm's outbox"
         )
 
 

@@ -20,7 +20,6 @@ class Feed(Generic[T]):
     """Messages of one kind as they arrive, for one reader: use with `async for`.
 
     Args:
-        limit: bound of the queue.
         keep_newest: drop the oldest beyond it, otherwise the newest.
 
     Attributes:
@@ -37,7 +36,6 @@ class Feed(Generic[T]):
         self.missed = 0
 
     def put(self, message: T) -> None:
-        """Append a message."""
         if len(self._waiting) >= self._limit:
             self.missed += 1
             if not self._keep_newest:
@@ -65,14 +63,7 @@ class Feed(Generic[T]):
 
 
 class Feeds(Generic[T]):
-    """All readers of one kind of message; unreferenced ones are removed.
-
-    Args:
-        limit, keep_newest: as of `Feed`.
-
-    Attributes:
-        latest: the last received message.
-    """
+    """All readers of one kind of message; unreferenced ones are removed."""
 
     def __init__(self, limit: int, *, keep_newest: bool) -> None:
         self._limit = limit
@@ -83,7 +74,6 @@ class Feeds(Generic[T]):
         self.latest: T | None = None
 
     def open(self) -> Feed[T]:
-        """Create a reader of messages from now on."""
         feed = Feed[T](self._limit, keep_newest=self._keep_newest)
         if self._end is not None:
             feed.close(*self._end)
@@ -91,14 +81,12 @@ class Feeds(Generic[T]):
         return feed
 
     def put(self, message: T) -> None:
-        """Append a message to all."""
         self.latest = message
         for feed in list(self._feeds):
             feed.put(message)
         self._changed.notify()
 
     def close(self, error: BaseException | None = None) -> None:
-        """End all iterations."""
         self._end = (error,)
         for feed in list(self._feeds):
             feed.close(error)
@@ -127,7 +115,6 @@ class ScanBlocks:
 
     Args:
         follow: subscribes to blocks of scans, and yields them.
-        start, stop: the commands.
 
     Attributes:
         missing: points that did not arrive, by the gaps in their numbers.

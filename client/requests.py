@@ -48,7 +48,6 @@ class DaemonClock:
         self._ahead_ns: deque[int] = deque(maxlen=MOST_READINGS)
 
     def take(self, clock: Clock) -> None:
-        """Take a clock message that has just arrived."""
         if clock.clock != self._name:
             self._name = clock.clock
             self._ahead_ns.clear()
@@ -149,24 +148,26 @@ class CommandClient:
                 continue  # there was news while this was sent
             news = asyncio.ensure_future(self._news.wait())
             try:
-                both: set[asyncio.Future[Any]] = {answer, news}
-                await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+                awaited: set[asyncio.Future[Any]] = {answer, news}
+                await asyncio.wait(awaited, return_when=asyncio.FIRST_COMPLETED)
             finally:
                 news.cancel()
         return answer.result()
 
     def _timeout_reason(self, command: str, answer_s: float) -> str:
-        what = f"command {command} to {self._arm}: no answer within {answer_s:g} s"
+        failure = f"command {command} to {self._arm}: no answer within {answer_s:g} s"
         if not self._link.is_connected:
-            return f"{what}; no connection to {self._link.address}: {self._link.reason}"
+            return (
+                f"{failure}; no connection to {self._link.address}: {self._link.reason}"
+            )
         if self._status is None:
             return (
-                f"{what}; no arm of this name has ever published a status at the "
+                f"{failure}; no arm of this name has ever published a status at the "
                 f"broker {self._link.address}: check the name, and start the daemon"
             )
         if not self._status.online:
-            return f"{what}; the arm is offline: start its daemon"
+            return f"{failure}; the arm is offline: start its daemon"
         return (
-            f"{what}; it may have been executed, and will not be any more: check the "
-            "points before you send it again"
+            f"{failure}; it may have been executed, and will not be any more: check "
+            "the points before you send it again"
         )

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def _time(value: object) -> object:
-    """Read nanoseconds of JSON: more digits than its numbers have."""
+    """Parse nanoseconds, which have more digits than numbers of JSON."""
     is_digits = isinstance(value, str) and value.isascii() and value.isdigit()
     return int(str(value)) if is_digits else value
 
@@ -86,7 +86,6 @@ class Resent(CommandResult):
     """Points that the arm will send again, and its stored ones of the session.
 
     Attributes:
-        points: number to be sent.
         first_seq, last_seq: stored numbers, or None.
     """
 
@@ -101,7 +100,6 @@ class ResentScan(CommandResult):
 
     Attributes:
         session: of the scan; None if nothing of it is stored.
-        blocks: number to be sent.
         first_seq, last_seq: stored points, or None.
         total: points of the scan; None before its end, or if that is not stored.
     """

@@ -19,7 +19,7 @@ SOURCES = ("pypi", "osv")
 
 
 def report(source: str) -> list[dict[str, object]] | None:
-    """What pip-audit says of each dependency; None: it could not be run."""
+    """Return pip-audit's result by dependency; None if it could not be run."""
     uv = shutil.which("uv", path=str(Path(sys.executable).parent)) or "uv"
     command = [
         *(uv, "tool", "run", TOOL, "--requirement", str(LOCK), "--no-deps"),
@@ -52,7 +52,6 @@ def lines_of(dependencies: list[dict[str, object]]) -> list[str]:
 
 
 def main() -> int:
-    """Print known advisories; 0: none is bad, 1: some are, 3: no server answered."""
     argparse.ArgumentParser(description=__doc__).parse_args()
     for source in SOURCES:
         dependencies = report(source)
@@ -63,8 +62,10 @@ def main() -> int:
         if len(skipped) == len(dependencies):
             continue
         sys.stdout.write("\n".join(lines) + "\n" if lines else "")
-        asked = len(dependencies) - len(skipped)
-        sys.stdout.write(f"{asked} asked about at {source}, {len(lines)} advisories\n")
+        n_looked_up = len(dependencies) - len(skipped)
+        sys.stdout.write(
+            f"{n_looked_up} asked about at {source}, {len(lines)} advisories\n"
+        )
         if skipped:
             sys.stdout.write(f"not to be found there: {', '.join(skipped)}\n")
         return 1 if lines else 3 if skipped else 0

@@ -37,7 +37,7 @@ UV_NAMES = {
 FAILED = 1
 
 
-def wanted(lock: Path) -> list[str]:
+def required_packages(lock: Path) -> list[str]:
     """Read the names in a lock file that are meant for this machine.
 
     Raises:
@@ -73,7 +73,7 @@ def uv_settings(listed: str) -> dict[str, str]:
 
 
 def environment_of_uv() -> Mapping[str, str] | None:
-    """Install uv; the environment that it runs in, None where it cannot be had."""
+    """Install uv; return its environment, None if it is unavailable."""
     command = [*PIP_INSTALL, "--constraint", str(LOCK), "uv"]
     if subprocess.run(command, check=False).returncode:
         return None
@@ -83,17 +83,19 @@ def environment_of_uv() -> Mapping[str, str] | None:
     return {**uv_settings(listed.stdout), **os.environ}
 
 
-def install(what: list[str], uv: Mapping[str, str] | None) -> None:
+def install(arguments: list[str], uv: Mapping[str, str] | None) -> None:
     """Install by uv, else by pip.
 
     Raises:
         subprocess.CalledProcessError: pip failed, and has said why.
     """
     if uv is not None:
-        if not subprocess.run([*UV_INSTALL, *what], env=uv, check=False).returncode:
+        if not subprocess.run(
+            [*UV_INSTALL, *arguments], env=uv, check=False
+        ).returncode:
             return
         say("uv cannot; pip tries")
-    subprocess.run([*PIP_INSTALL, *what], check=True)
+    subprocess.run([*PIP_INSTALL, *arguments], check=True)
 
 
 def say(text: str) -> None:
@@ -102,14 +104,13 @@ def say(text: str) -> None:
 
 
 def main() -> int:
-    """Install; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("lock", type=Path)
     parser.add_argument("extras", help="names, separated by commas")
     options = parser.parse_args()
     lock, extras = options.lock, options.extras
     try:
-        say(f"Python packages: {len(wanted(lock))} of {lock.name}")
+        say(f"Python packages: {len(required_packages(lock))} of {lock.name}")
         uv = environment_of_uv()
         install(["--requirement", str(lock)], uv)
         say("Traverse itself")

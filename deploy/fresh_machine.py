@@ -65,22 +65,22 @@ def main() -> int:
         metavar="COMMAND",
         help="a command after those of the README; repeatable",
     )
-    asked = parser.parse_args()
-    commands = readme_commands() + asked.then
-    if asked.python != "python3":
-        commands = [f"{command} PYTHON={asked.python}" for command in commands]
+    options = parser.parse_args()
+    commands = readme_commands() + options.then
+    if options.python != "python3":
+        commands = [f"{command} PYTHON={options.python}" for command in commands]
     try:
-        with unpacked(made_tree(asked.suite, asked.python)) as tree:
+        with unpacked(made_tree(options.suite, options.python)) as tree:
             clone(tree)
             done, took = timed(commands, lambda words: run(tree, words, CLONE))
     except (NotHereError, OSError, subprocess.CalledProcessError) as error:
         say(f"fresh_machine.py: {error}")
-        if not asked.or_in_place:
+        if not options.or_in_place:
             return NOT_HERE
-        done, took = timed(commands, here)
+        done, took = timed(commands, run_in_place)
         say(f"Not on a fresh machine, but in this checkout: {took}\n({error})")
         return 0 if done else FAILED
-    say(f"On a pristine Debian {asked.suite}, {asked.python}: {took}")
+    say(f"On a pristine Debian {options.suite}, {options.python}: {took}")
     return 0 if done else FAILED
 
 
@@ -94,13 +94,12 @@ def clone(tree: Path) -> None:
         raise NotHereError("nothing can be run in the tree; see above")
 
 
-def here(command: str) -> int:
-    """Run a command in this checkout."""
+def run_in_place(command: str) -> int:
     return subprocess.run(["sh", "-c", command], cwd=CHECKOUT, check=False).returncode
 
 
 def timed(commands: list[str], execute: Callable[[str], int]) -> tuple[bool, str]:
-    """Run commands until one fails; whether all succeeded, and what each took."""
+    """Run commands until one fails; return whether none did, and their durations."""
     took = []
     for command in commands:
         say(f"--- {command}")
@@ -119,7 +118,7 @@ def say(text: str) -> None:
 
 
 def readme_commands() -> list[str]:
-    """Read what the README's first console block tells a reader to run."""
+    """Read the commands of the README's first console block."""
     text = (CHECKOUT / "README.md").read_text("utf-8")
     block = text.partition("```console\n")[2].partition("```")[0]
     lines = [line for line in block.splitlines() if line.startswith("$ make ")]
@@ -144,9 +143,9 @@ def made_tree(suite: str, python: str) -> Path:
     say(f"Making a tree of Debian {suite}, once, about a minute: {archive.name}")
     include = ",".join((*PACKAGES, python))
     command = ["mmdebstrap", "--quiet", "--mode=root", "--variant=minbase"]
-    wanted = sources(suite)
+    package_sources = sources(suite)
     command += [*apt_settings(), f"--include={include}", suite, str(part), "-"]
-    made = subprocess.run(command, input=wanted, text=True, check=False)
+    made = subprocess.run(command, input=package_sources, text=True, check=False)
     if made.returncode:
         raise NotHereError(f"mmdebstrap cannot make Debian {suite}; see above")
     part.rename(archive)
@@ -220,7 +219,7 @@ def unpacked(archive: Path) -> Iterator[Path]:
 
 
 def available_bytes() -> int:
-    """Return how much memory programs can still have."""
+    """Return the available memory."""
     lines = Path("/proc/meminfo").read_text("utf-8").splitlines()
     fields = dict(line.split(":", 1) for line in lines)
     return int(fields["MemAvailable"].split()[0]) * 1024
@@ -238,14 +237,14 @@ def remove(tree: Path) -> None:
 
 @contextmanager
 def mounted(
-    path: Path, tree: Path, at: str | None = None, options: str = "ro"
+    path: Path, tree: Path, mount_point: str | None = None, options: str = "ro"
 ) -> Iterator[None]:
     """Show a file or folder of this machine in a tree, to be read only by default.
 
     Raises:
         NotHereError: mounting is not allowed.
     """
-    place = tree / (at or str(path)).lstrip("/")
+    place = tree / (mount_point or str(path)).lstrip("/")
     place.parent.mkdir(parents=True, exist_ok=True)
     if path.is_dir():
         place.mkdir(parents=True, exist_ok=True)
@@ -281,7 +280,7 @@ def settings_files() -> set[Path]:
                 path = path.parent
             if path.exists():
                 files.add(path)
-    inside = [f for f in files if any(other in f.parents for other in files)]
+    inside = [f for f in files if any(parent in f.parents for parent in files)]
     return files - set(inside)
 
 

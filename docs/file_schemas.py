@@ -56,9 +56,9 @@ class FileSchema(GenerateJsonSchema):
             key, default, kinds = members
             return self._any_of(key, default, kinds)
         made = super().model_schema(schema)
-        about, *rest = re.split(r"\n\n(?=Attributes:\n)", inspect.getdoc(cls) or "")
+        about, *sections = re.split(r"\n\n(?=Attributes:\n)", inspect.getdoc(cls) or "")
         made["description"] = " ".join(about.split())
-        for name, text in _ENTRY.findall("".join(rest)):
+        for name, text in _ENTRY.findall("".join(sections)):
             field = cls.model_fields.get(name)
             described = made["properties"].get((field and field.alias) or name)
             if described is not None and "$ref" not in described:

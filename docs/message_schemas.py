@@ -65,7 +65,7 @@ def field_list(schema: Schema, heading: str, seen: dict[str, str]) -> list[str]:
         seen: headings of the first lists by field, which this adds to.
     """
     rows: list[str] = []
-    again: dict[str, list[str]] = {}
+    keys_of: dict[str, list[str]] = {}
     for key, field in schema.get("properties", {}).items():
         first = seen.setdefault(json.dumps([key, field]), heading)
         if key in ("schema", "arm"):
@@ -74,8 +74,10 @@ def field_list(schema: Schema, heading: str, seen: dict[str, str]) -> list[str]:
             rows += _field_rows(key, field, schema.get("$defs", {}))
         else:
             link = f"[{first}](#{first.lower().replace('/', '')})"
-            again.setdefault(link, []).append(f"`{key}`")
-    places = "; in ".join(f"{link}: {', '.join(keys)}" for link, keys in again.items())
+            keys_of.setdefault(link, []).append(f"`{key}`")
+    places = "; in ".join(
+        f"{link}: {', '.join(keys)}" for link, keys in keys_of.items()
+    )
     lines = [f"As in {places}.", ""] if places else []
     return [*lines, *rows] or ["No fields."]
 

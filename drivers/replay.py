@@ -44,7 +44,6 @@ class ReplayOptions(DriverOptions):
 
     @property
     def where(self) -> str:
-        """The file, for people."""
         return self.file
 
 
@@ -113,8 +112,8 @@ class ReplayDriver(Driver):
         """Yield deliveries of the device with their recorded instants."""
         is_first = True
         for entry in self._reader or ():
-            kind, _, rest = entry.topic.partition("/")
-            if kind == "device" and rest.partition("/")[0] == self._source:
+            kind, _, subtopic = entry.topic.partition("/")
+            if kind == "device" and subtopic.partition("/")[0] == self._source:
                 table = bytes_to_map(entry.content)
                 yield _at_ns(table), delivery_from_map(table)
             elif entry.topic == "steps" and is_first:

@@ -22,7 +22,6 @@ class Track:
     Attributes:
         source: as an arm file names it, `<device id>/<channel>`.
         moved_counts: from the first valid sample to the last.
-        lowest_counts, highest_counts: the range of these.
         n_samples, n_invalid, n_weak: how many there were, without a valid count, and
             with a warning of the encoder.
     """
@@ -119,7 +118,7 @@ def turned_joint(
         expected_counts: counts per turn of the arm file.
 
     Returns:
-        the joint, or a sentence why it cannot be said.
+        the joint, or why it is unknown, in a sentence.
     """
     moved = sorted(
         (track for track in tracks if _fraction(track) > 0.0),
@@ -133,9 +132,13 @@ def turned_joint(
         suspected = f"; no valid count came from {', '.join(silent)}" if silent else ""
         return f"no channel has moved{suspected}"
     first = moved[0]
-    others = [t.source for t in moved[1:] if _fraction(t) > OTHERS * _fraction(first)]
-    if others:
-        return f"more than one joint was turned: {', '.join([first.source, *others])}"
+    also_moved = [
+        t.source for t in moved[1:] if _fraction(t) > OTHERS * _fraction(first)
+    ]
+    if also_moved:
+        return (
+            f"more than one joint was turned: {', '.join([first.source, *also_moved])}"
+        )
     per_turn = _counts_per_turn(first, angle_turns, expected_counts)
     return Turned(
         first.source,

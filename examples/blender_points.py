@@ -55,10 +55,10 @@ class Standing:
 
     def groups(self) -> dict[str, list[tuple[float, ...]]]:
         """Places by the group's name."""
-        found: dict[str, list[tuple[float, ...]]] = {}
+        places_of: dict[str, list[tuple[float, ...]]] = {}
         for group, place in self._of_id.values():
-            found.setdefault(group, []).append(place)
-        return found
+            places_of.setdefault(group, []).append(place)
+        return places_of
 
 
 class Follower:

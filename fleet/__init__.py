@@ -1,1 +1,1 @@
-"""What many arms publish, kept in one place."""
+"""A store of the messages of many arms."""

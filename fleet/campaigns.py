@@ -33,11 +33,10 @@ _VERDICT = "verdict: "
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is wanted of all campaigns.
+    """Common settings of all campaigns.
 
     Attributes:
         arm: File of the design, or a folder of earlier results, NAME/arm.toml each.
-        family, prior: As `runs.read_inputs` takes them.
         options: Of an identification or of a diagnosis.
         out: Folder for the results, NAME/ each.
         operator, date: Who computes, and when, for the reports; default now.
@@ -66,12 +65,10 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a campaign.
+    """Result of a campaign.
 
     Attributes:
-        name: Of its folder.
         verdict: In words, or why there is none.
-        failed: Whether there is none.
         good: Whether the command for this campaign alone would exit with 0.
         files: What was written, by name.
     """
@@ -84,7 +81,6 @@ class Outcome:
 
 
 def results_of(folder: Path, out: Path) -> Path:
-    """Name the folder of a campaign's results."""
     return out / folder.resolve().name
 
 
@@ -111,7 +107,7 @@ def check_request(folders: Sequence[Path], request: Request) -> None:
 def run_campaigns(
     folders: Sequence[Path], request: Request, workers: Workers
 ) -> Iterator[Outcome]:
-    """Run campaigns, write what comes back, yield what became of them as they end.
+    """Run campaigns, write their results, and yield their outcomes as they end.
 
     A campaign that cannot be read fails by itself.
 
@@ -164,7 +160,7 @@ def _task(name: str, folder: Path, request: Request, date: datetime) -> Task:
 
 
 def run_task(task: Task) -> Outcome:
-    """Run a campaign wherever this is; nothing is left there."""
+    """Run a campaign on this machine, without leaving files there."""
     with TemporaryDirectory(prefix="traverse-") as folder:
         arm_file, out = Path(folder) / ARM, Path(folder) / "results"
         arm_file.write_bytes(task.arm_file)
@@ -180,7 +176,7 @@ def run_task(task: Task) -> Outcome:
 
 
 def _lines(task: Task, arm_file: Path, out: Path) -> tuple[list[str], bool]:
-    """Run it; return its summary, and whether all is well with it."""
+    """Run a task; return its summary, and whether all is well."""
     if isinstance(task.options, DiagnosisOptions):
         diagnosis = diagnosed(task.campaign, task.arm, task.options)
         return write_diagnosed(diagnosis, arm_file, out, task.provenance), True

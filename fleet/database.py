@@ -92,7 +92,6 @@ class SqliteDatabase:
 
     @contextlib.contextmanager
     def transaction(self) -> Iterator[Run]:
-        """See `Database`."""
         cursor = self._connection.cursor()
 
         def run(statement: str, values: Values = ()) -> list[tuple[Any, ...]]:
@@ -114,7 +113,6 @@ class SqliteDatabase:
                 self._connection.rollback()
 
     def many(self, run: Run, statement: str, rows: Iterable[Values]) -> None:
-        """See `Database`."""
         for row in rows:
             run(statement, row)
 
@@ -122,7 +120,6 @@ class SqliteDatabase:
         """See `Database`; SQLite has a single writer."""
 
     def close(self) -> None:
-        """End the connection."""
         self._connection.close()
 
 

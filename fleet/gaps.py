@@ -1,4 +1,4 @@
-"""Numbers that are missing in a store: found there, so that any member may ask.
+"""Missing numbers, found in the store, so that any member can request them.
 
 A series is the points of a session, or the blocks of a scan. It is complete up to a
 number; behind it every number that is neither stored nor lost is missing.
@@ -30,7 +30,6 @@ class Gap:
     """Missing numbers, both ends included.
 
     Attributes:
-        scan: "" of points.
         since_ns: when they were missed first.
     """
 
@@ -72,7 +71,7 @@ def find_gaps(database: Database, now_ns: int) -> list[Gap]:
 def _spanned(missing: list[tuple[int, int]]) -> tuple[int, int]:
     """Return the first gap and those near it as one: members share number by number.
 
-    What is between them comes twice, which costs less than asking for each.
+    Numbers between them arrive twice, which costs less than a request for each.
     """
     first = missing[0][0]
     last = first + MOST_ASKED - 1
@@ -112,7 +111,7 @@ def _between(
 def mark_lost(
     database: Database, gap: Gap, now_ns: int, reason: str
 ) -> list[tuple[int, int]]:
-    """Note that numbers cannot be had any more, but for those stored by now.
+    """Record missing numbers as lost, except those stored meanwhile.
 
     Returns:
         The first and the last of each range that is lost.
@@ -134,7 +133,7 @@ def mark_lost(
 def take_lease(
     database: Database, name: str, member: str, now_ns: int, for_ns: int
 ) -> bool:
-    """Whether this member does something alone, until then.
+    """Return whether this member holds a named lease until its end.
 
     Raises:
         StoreAwayError: the database is not there.

@@ -65,7 +65,6 @@ class MemberSettings:
     """How a member works.
 
     Attributes:
-        group: that shares the messages.
         member: unique in the group, the same after a restart.
         gap_s: after this time a missing number is asked for.
         list_s: interval at which an arm is asked what it has.
@@ -123,14 +122,8 @@ class Member:
     """Takes messages until cancelled.
 
     Args:
-        address: of the broker.
-        settings: how.
         open_store: makes the store for one thread.
         database: for looking for gaps, in a thread of its own.
-        report: says something to people.
-
-    Attributes:
-        counts: of messages, by outcome.
     """
 
     def __init__(
@@ -176,7 +169,6 @@ class Member:
 
     @property
     def n_refused(self) -> int:
-        """Messages that could not be stored."""
         return sum(store.n_refused for store in self._stores)
 
     async def run(self) -> None:
@@ -198,13 +190,13 @@ class Member:
         )
 
     async def _claim_name(self) -> None:
-        """Be the only member of this name at this database.
+        """Claim the member's name at this database.
 
-        One that was killed has left its claim: it is waited for whether it is renewed,
-        which nobody can while the database is away.
+        A killed member leaves its claim behind, so this waits whether the claim is
+        renewed, which is impossible while the database is away.
 
         Raises:
-            NameTakenError: it is, by another process.
+            NameTakenError: another process holds it.
         """
         loop = asyncio.get_running_loop()
         until_s = loop.time() + NAME_LEASE_S + RENEWAL_S
@@ -244,7 +236,7 @@ class Member:
         )
 
     def release_name(self) -> None:
-        """Let another process have the name at once; call it after `run`."""
+        """Release the name for another process; call it after `run`."""
         with contextlib.suppress(StoreAwayError):
             take_lease(self._database, self._lease, self._process, time.time_ns(), 0)
 
@@ -261,7 +253,6 @@ class Member:
             )
 
     def _take(self, message: IncomingMessage) -> None:
-        """A message was received."""
         queue = self._messages
         with contextlib.suppress(MessageError):
             topic = topics.parse_topic(message.topic)
@@ -319,7 +310,7 @@ class Member:
         raise NameTakenError
 
     async def _write(self, queue: _Queue, most: int, wait_s: float) -> None:
-        """Write batches, as long as it takes each."""
+        """Write batches, each as often as it takes."""
         store = await asyncio.to_thread(self._open_store)
         self._stores.append(store)
         while True:
@@ -358,7 +349,7 @@ class Member:
         self._is_away = False
 
     async def _look_for_gaps(self) -> None:
-        """One member at a time asks arms for missing numbers."""
+        """Request missing numbers from arms, one member at a time."""
         settings = self._settings
         pause_s = max(0.2, min(settings.gap_s / 4, LEASE_S / 3))
         me = f"{settings.group}/{settings.member}"
@@ -408,7 +399,7 @@ class Member:
                 first.setdefault(gap.arm, gap)
         asked_ns.update((gap.series, now_ns) for gap in first.values())
         self._asked_ns = asked_ns
-        asked = {
+        requests = {
             arm: ResendArgs(
                 session=None if gap.scan else gap.session,
                 scan=gap.scan or None,
@@ -418,21 +409,21 @@ class Member:
             for arm, gap in first.items()
             if self._online.get(arm)
         }
-        self.counts.asked += len(asked)
-        for arm, answer in await self._answers(asked):
+        self.counts.asked += len(requests)
+        for arm, answer in await self._answers(requests):
             try:
                 await self._write_off(first[arm], answer, now_ns)
             except (MessageError, BadValueError) as error:
                 log.warning("%s answers what cannot be: %s", arm, error)
 
     async def _answers(
-        self, asked: Mapping[str, ResendArgs]
+        self, requests: Mapping[str, ResendArgs]
     ) -> list[tuple[str, Mapping[str, Any] | CommandRefused]]:
-        """Ask all these arms at once; those that say nothing are left out."""
+        """Query these arms concurrently; those without an answer are left out."""
 
         async def answer(arm: str) -> Mapping[str, Any] | CommandRefused | None:
             try:
-                return await self._requests_to(arm).result(asked[arm], ASK_S)
+                return await self._requests_to(arm).result(requests[arm], ASK_S)
             except CommandRefused as error:
                 log.info("%s does not send again: %s", arm, error)
                 return error
@@ -440,11 +431,11 @@ class Member:
                 log.info("%s: %s", arm, error)
                 return None
 
-        answers = await asyncio.gather(*map(answer, asked))
+        answers = await asyncio.gather(*map(answer, requests))
         return [
-            (arm, given)
-            for arm, given in zip(asked, answers, strict=True)
-            if given is not None
+            (arm, listed)
+            for arm, listed in zip(requests, answers, strict=True)
+            if listed is not None
         ]
 
     async def _write_off(
@@ -455,7 +446,7 @@ class Member:
         if isinstance(answer, CommandRefused):
             if not gap.scan or answer.code not in CANNOT:
                 return  # points may be had later
-            gone, reason = gap.to_seq, str(answer)
+            last_lost, reason = gap.to_seq, str(answer)
         else:
             if gap.scan:
                 scan = ResentScan.read(answer)
@@ -463,15 +454,15 @@ class Member:
             else:
                 session = Resent.read(answer)
                 n_sent, first = session.points, session.first_seq
-            gone = gap.to_seq
+            last_lost = gap.to_seq
             if n_sent and first is not None:
-                gone = min(gone, first - 1)
-            if gone < gap.from_seq:
+                last_lost = min(last_lost, first - 1)
+            if last_lost < gap.from_seq:
                 return
-        await self._lose(replace(gap, to_seq=gone), now_ns, reason)
+        await self._lose(replace(gap, to_seq=last_lost), now_ns, reason)
 
     async def _lose(self, gap: Gap, now_ns: int, reason: str) -> None:
-        what = f"scan {gap.scan}" if gap.scan else f"session {gap.session}"
+        series = f"scan {gap.scan}" if gap.scan else f"session {gap.session}"
         for first, last in await self._query(mark_lost, gap, now_ns, reason):
             self.counts.lost += last - first + 1
-            self._report(f"{gap.arm}, {what}: {first} to {last} are lost: {reason}")
+            self._report(f"{gap.arm}, {series}: {first} to {last} are lost: {reason}")

@@ -1,4 +1,4 @@
-"""All arms at a glance, from a store: the ones in need of somebody first."""
+"""Overview of all arms of a store, those that need attention first."""
 
 import time
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ Need = Literal["bad", "doubt", "good"]
 
 @dataclass(frozen=True, slots=True)
 class Concern:
-    """Why somebody should look at an arm."""
+    """Why an arm needs attention."""
 
     need: Need
     text: str

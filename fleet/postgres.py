@@ -44,7 +44,6 @@ class PostgresDatabase:
 
     @contextlib.contextmanager
     def transaction(self) -> Iterator[Run]:
-        """As of `Database`."""
         try:
             connection = self._connected()
             with connection.transaction(), connection.cursor() as cursor:
@@ -70,11 +69,9 @@ class PostgresDatabase:
             cursor.executemany(statement, rows)
 
     def lock_tables(self, run: Run) -> None:
-        """As of `Database`."""
         run("SELECT pg_advisory_xact_lock(%s)", (_MIGRATION,))
 
     def close(self) -> None:
-        """End the connection; the next transaction makes another."""
         if self._connection is not None:
             self._connection.close()
             self._connection = None

@@ -56,7 +56,7 @@ _TEXT_END = 2000
 
 @dataclass(slots=True)
 class Rows:
-    """What a batch of messages puts into the tables, in one transaction."""
+    """Statements of a batch of messages, for one transaction."""
 
     points: list[Values] = field(default_factory=list)
     events: list[Values] = field(default_factory=list)
@@ -82,7 +82,7 @@ class Rows:
                 self._add_health(decode(Health, payload), arm, payload)
 
     def add_block(self, scan: Scan, arm: str, file: str) -> None:
-        """A block of a scan is in a file."""
+        """Note the file that holds a block of a scan."""
         n = len(scan.dtime_ns)
         place = (arm, scan.session, scan.scan)
         self.blocks.append(
@@ -165,13 +165,13 @@ def refused_row(time_ns: int, topic: str, reason: str, payload: bytes) -> Values
 
 
 def listed_series(database: Database, arm: str, listed: Mapping[str, Any]) -> None:
-    """Note what an arm says that it has, in its answer to `resend` of nothing.
+    """Store an arm's list of series, its answer to `resend` without arguments.
 
     Raises:
         StoreAwayError: the database is not there.
         MessageError: it is no such answer.
     """
-    scans = [StoredScan.read(given) for given in listed.get("scans", ())]
+    scans = [StoredScan.read(scan) for scan in listed.get("scans", ())]
     rows = [
         *(
             (arm, series.session, "", series.begun_ns, series.last_seq)

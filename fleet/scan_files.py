@@ -77,7 +77,6 @@ class ScanFiles:
 
 
 def _table(block: Scan) -> pa.Table:
-    """Columns of a block, a row a point; the same for all blocks."""
     n = len(block.dtime_ns)
     columns = {
         "session": pa.array([block.session] * n, pa.string()),

@@ -1,4 +1,4 @@
-"""A store: messages into tables and files, once each, whatever arrives twice."""
+"""A store: each message goes into tables and files once."""
 
 import time
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
-"""Work on many things at once: by processes of this computer, or by a Dask cluster.
+"""Parallel work, by processes of this computer or by a Dask cluster.
 
-A worker may die, of memory or with its computer; another repeats its work. Results of
-a task whose workers died several times are marked as such.
+A worker may die, of memory or with its computer; another repeats its work. Results of a
+task whose workers died several times are marked as such.
 """
 
 import logging
@@ -48,12 +48,12 @@ class WorkersError(RuntimeError):
 
 
 class WorkerDiedError(RuntimeError):
-    """Workers died, one after another, while they did the same."""
+    """Several workers died while they computed the same item."""
 
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """Who does the work.
+    """Processes of this computer, or a cluster.
 
     Attributes:
         processes: Of this computer; None: as many as it has cores.
@@ -64,16 +64,16 @@ class Workers:
     scheduler: str | None = None
 
     def each(
-        self, function: Callable[[Given], Made], given: Iterable[Given]
+        self, function: Callable[[Given], Made], items: Iterable[Given]
     ) -> Iterator[tuple[Given, Made | WorkerDiedError]]:
-        """Call a module's function with each; yield what ends, in that order.
+        """Apply a module's function to each item; yield results as they end.
 
-        What is given is fetched as workers become free.
+        Items are fetched as workers become free.
 
         Raises:
             WorkersError: The cluster cannot be used, or went away.
         """
-        waiting = ((item, 0) for item in given)
+        waiting = ((item, 0) for item in items)
         suspects: deque[tuple[Given, int]] = deque()
         is_over = False
         while not is_over:
@@ -131,10 +131,10 @@ def drained(queue: deque[Given]) -> Iterator[Given]:
 
 
 def _submitted(
-    executor: Executor, function: Callable[[Given], Made], one: Given
+    executor: Executor, function: Callable[[Given], Made], item: Given
 ) -> Future[Made]:
     try:
-        return executor.submit(function, one)
+        return executor.submit(function, item)
     except BrokenProcessPool as error:
         failed: Future[Made] = Future()
         failed.set_exception(error)
@@ -149,7 +149,7 @@ def _is_broken(future: "Future[Made]") -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Pool:
-    """An executor, how many workers it has now, and errors of dead ones."""
+    """An executor, its current number of workers, and errors of dead ones."""
 
     executor: Executor
     n_workers: Callable[[], int]
@@ -173,7 +173,7 @@ def _result(
 
 
 def _versions() -> str:
-    """Name what results depend on."""
+    """Return the versions that results depend on."""
     return ", ".join(
         [
             f"Python {platform.python_version()}",
@@ -218,9 +218,9 @@ def _cluster(address: str) -> Iterator[_Pool]:
             theirs = set(client.run(_versions).values())
         except ImportError as error:
             raise WorkersError(f"{address}: workers lack Traverse: {error}") from error
-        for other in theirs - {_versions()}:
+        for versions in theirs - {_versions()}:
             raise WorkersError(
-                f"{address}: a worker has {other}; here it is {_versions()}: results "
-                "would differ"
+                f"{address}: a worker has {versions}; here it is {_versions()}: "
+                "results would differ"
             )
         yield _Pool(executor, n_workers, (KilledWorker,))

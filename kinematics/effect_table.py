@@ -73,7 +73,6 @@ class EffectKind:
         log_prior: preference before the data are used, a natural logarithm.
         log_prior_of_joint: instead, for one of several alike joints.
         log_prior_per_order: for each order above 2.
-        least_log_prior: however high the order.
         covariates: columns of a campaign that it is a function of, {} for the joint:
             the joint's own one first, then that of the whole arm.
         is_function: it is a function of that column alone.
@@ -177,11 +176,11 @@ class EffectKind:
 
     def columns(self, joint: str | None) -> tuple[str, ...]:
         """Name the columns of a campaign that it is a function of."""
-        whole = joint is None
+        of_arm = joint is None
         return tuple(
             column.format(joint)
             for column in self.covariates
-            if not (whole and "{" in column)
+            if not (of_arm and "{" in column)
         )
 
 

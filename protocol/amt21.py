@@ -25,7 +25,6 @@ _ZERO, _RESET = 0x5E, 0x75
 
 
 def is_address(number: int) -> bool:
-    """Whether an encoder can have this address."""
     return 0 < number <= 0xFC and number % 4 == 0
 
 
@@ -78,7 +77,6 @@ class Reply:
 
     @property
     def missing(self) -> int:
-        """Number of missing bytes."""
         return len(self._echo) + REPLY_BYTES - len(self._heard)
 
     @property
@@ -96,9 +94,9 @@ class Reply:
 
     def feed(self, data: bytes) -> bool:
         """Append bytes; return whether the reply is complete, sound or not."""
-        taken = data[: self.missing]
-        self._heard += taken
-        self.surplus += len(data) - len(taken)
+        accepted = data[: self.missing]
+        self._heard += accepted
+        self.surplus += len(data) - len(accepted)
         return self.missing == 0
 
 
@@ -118,10 +116,10 @@ def echo_heard(request: bytes, heard: bytes) -> bool | None:
     return None
 
 
-def _request(address: int, kind: int, *more: int) -> bytes:
+def _request(address: int, kind: int, *arguments: int) -> bytes:
     if not is_address(address):
         raise ValueError(
             f"{address:#04x} is no AMT21 address: expected a multiple of 4, "
             "from 0x04 to 0xFC"
         )
-    return bytes((address + kind, *more))
+    return bytes((address + kind, *arguments))

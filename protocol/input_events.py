@@ -41,7 +41,7 @@ class InputEventDecoder:
     def feed(self, data: bytes) -> Iterator[InputEvent]:
         """Yield complete events, in order."""
         data = self._rest + data
-        whole = len(data) - len(data) % EVENT_BYTES
-        self._rest = data[whole:]
-        for seconds, micros, kind, code, value in _EVENT.iter_unpack(data[:whole]):
+        n_complete = len(data) - len(data) % EVENT_BYTES
+        self._rest = data[n_complete:]
+        for seconds, micros, kind, code, value in _EVENT.iter_unpack(data[:n_complete]):
             yield InputEvent(seconds * 10**9 + micros * 1000, kind, code, value)

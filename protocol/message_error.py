@@ -36,9 +36,9 @@ class MessageError(ValueError):
         super().__init__("\n".join(map(str, problems)))
 
     @classmethod
-    def of(cls, where: str, what: str, expected: str) -> Self:
+    def of(cls, where: str, problem: str, expected: str) -> Self:
         """Create an error with a single mistake."""
-        return cls((Problem(where, what, expected),))
+        return cls((Problem(where, problem, expected),))
 
     @classmethod
     def from_validation(cls, name: str, error: ValidationError) -> Self:
@@ -48,7 +48,7 @@ class MessageError(ValueError):
             tuple(
                 Problem(
                     ".".join([name, *map(str, problem["loc"])]),
-                    _found(problem["type"], problem["input"]),
+                    _found_value(problem["type"], problem["input"]),
                     _expected(problem["type"], problem["msg"]),
                 )
                 for problem in problems[:MAX_PROBLEMS]
@@ -56,7 +56,7 @@ class MessageError(ValueError):
         )
 
 
-def _found(kind: str, value: object) -> str:
+def _found_value(kind: str, value: object) -> str:
     """The value there, shortened."""
     if kind == "missing":
         return "nothing"

@@ -57,7 +57,6 @@ class Layout:
 
     @property
     def word_bytes(self) -> int:
-        """Length of position and status bits."""
         return 2 if self.bits <= 14 else 3
 
     @property
@@ -119,14 +118,14 @@ def position(reply: bytes, request: bytes, layout: Layout) -> Position | None:
     unused = 8 * layout.word_bytes - layout.bits
     if word & (1 << unused) - 4:
         return None
-    rest = reply[offset + layout.word_bytes :]
+    trailer = reply[offset + layout.word_bytes :]
     return Position(
         word >> unused,
         turns,
         error=not word & 2,
         warning=not word & 1,
-        conditions=rest[0] if request == DETAILED else None,
-        temperature_c=int.from_bytes(rest, "big", signed=True) / 10.0
+        conditions=trailer[0] if request == DETAILED else None,
+        temperature_c=int.from_bytes(trailer, "big", signed=True) / 10.0
         if request == TEMPERATURE
         else None,
     )
@@ -173,16 +172,16 @@ class Replies:
         positions: list[Position] = []
         offset = 0
         while len(kept) - offset >= self._size:
-            here = self._position(kept, offset)
-            if here is not None and not self._in_step:
+            found_position = self._position(kept, offset)
+            if found_position is not None and not self._in_step:
                 if len(kept) - offset <= 2 * self._size:
                     break  # the rest has yet to arrive
                 self._in_step = (
                     self._position(kept, offset + self._size) is not None
                     and kept[offset + 2 * self._size] == self._request[0]
                 )
-            if here is not None and self._in_step:
-                positions.append(here)
+            if found_position is not None and self._in_step:
+                positions.append(found_position)
                 offset += self._size
             else:
                 self._in_step = False

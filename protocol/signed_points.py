@@ -59,17 +59,17 @@ class PointChain:
     def problem(self, point: Point) -> str | None:
         """Say what is wrong with the next point, or with those before it; else None.
 
-        A point that arrives twice is none. After a problem the chain goes on from the
+        A repeated point is no problem. After a problem the chain goes on from the
         point, if its own signature is right.
         """
-        what = f"point {point.seq} of session {point.session}"
+        label = f"point {point.seq} of session {point.session}"
         if point.signature is None or point.previous is None:
-            return f"{what} is not signed"
+            return f"{label} is not signed"
         content = content_of(point)
         try:
             self._verify(b64decode(point.signature), content)
         except self._invalid:
-            return f"{what} was altered, or signed by another key"
+            return f"{label} was altered, or signed by another key"
         chain = self._sessions.setdefault(point.session, _Session())
         if len(self._sessions) > MOST_SESSIONS:
             self._sessions.popitem(last=False)
@@ -78,15 +78,15 @@ class PointChain:
             known = chain.links.get(point.seq, link)
             if known == link:
                 return None
-            return f"{what} is another than the one read before under this number"
+            return f"{label} is another than the one read before under this number"
         if point.seq > chain.next_seq:
             last = point.seq - 1
             numbers = f"{chain.next_seq} to {last}" if last > chain.next_seq else last
-            problem = f"{what}: {numbers} before it is missing, or comes later"
+            problem = f"{label}: {numbers} before it is missing, or comes later"
         else:
             before = chain.links.get(point.seq - 1, first_link(point.session))
             if point.previous != before:
-                problem = f"{what} does not follow from the one before it"
+                problem = f"{label} does not follow from the one before it"
         chain.next_seq = point.seq + 1
         chain.links[point.seq] = link
         if len(chain.links) > MOST_LINKS:
@@ -96,11 +96,11 @@ class PointChain:
 
 @dataclass(slots=True)
 class CheckedPoints:
-    """What a check of many points found.
+    """Result of a check of many points.
 
     Attributes:
-        last: Number of the last point of each session; whether more were taken, no
-            chain can say.
+        last: Number of the last point of each session; a chain cannot show whether more
+            were taken.
     """
 
     n_points: int = 0

@@ -55,12 +55,12 @@ class Topic:
     command: str | None = None
 
 
-def _checked(what: str, level: str) -> str:
-    """The text, if it can be one level of a topic."""
+def _checked(kind: str, level: str) -> str:
+    """Return the text if it can be one level of a topic."""
     fits = 1 <= len(level) <= MAX_LEVEL_LENGTH
     if not fits or _NOT_IN_LEVEL.search(level):
         raise MessageError.of(
-            f"{what} name",
+            f"{kind} name",
             repr(level[:80]),
             f"1 to {MAX_LEVEL_LENGTH} characters without / + # and control characters",
         )
@@ -81,12 +81,11 @@ clock_topic = partial(_topic, kind="clock")
 
 
 def command_topic(arm: str, name: str) -> str:
-    """Where a command is sent."""
     return f"{_topic(arm, 'cmd')}/{_checked('command', name)}"
 
 
 def reply_topic(arm: str, name: str) -> str:
-    """Where a command is answered if it has no response topic."""
+    """Return the topic of replies to commands without a response topic."""
     return f"{_topic(arm, 'reply')}/{_checked('command', name)}"
 
 
@@ -95,23 +94,23 @@ def command_filter(arm: str) -> str:
 
 
 def reply_filter(arm: str) -> str:
-    """The subscription to the answers of an arm."""
+    """Return the filter of an arm's replies."""
     return f"{_topic(arm, 'reply')}/+"
 
 
 def kind_filter(kind: str) -> str:
-    """The subscription to one kind of message from all arms."""
+    """Return the filter of one kind of message from all arms."""
     if kind not in CHANNELS:
         raise MessageError.of("kind", repr(kind), f"one of {', '.join(CHANNELS)}")
     return f"{ROOT}/+/{kind}" + ("/+" if kind in NAMED else "")
 
 
 def is_response_topic(topic: str, arm: str, filters: Iterable[str] = ()) -> bool:
-    """Whether an answer of an arm may go to a topic that a sender has named.
+    """Return whether an arm may reply to a topic that a sender has named.
 
-    Below `traverse/<arm>/reply/`, or where one of ``filters`` allows it. Anything else
-    would allow a sender to publish through the daemon where it may not itself: as a
-    command to another arm, say.
+    Below `traverse/<arm>/reply/`, or where one of ``filters`` allows it. Otherwise a
+    sender could publish through the daemon where it may not itself, such as a command
+    to another arm.
     """
     levels = topic.split("/")
     if len(topic) > MAX_RESPONSE_LENGTH or any(map(_NOT_IN_LEVEL.search, levels)):
@@ -130,7 +129,7 @@ def check_response_filter(topic_filter: str) -> None:
         MessageError: it is none, or it does.
     """
     levels = topic_filter.split("/")
-    first, *rest = levels
+    first, *deeper = levels
     is_filter = (
         1 <= len(topic_filter) <= MAX_RESPONSE_LENGTH
         and not any(
@@ -145,7 +144,7 @@ def check_response_filter(topic_filter: str) -> None:
             f"an MQTT topic filter whose first level is a name, and neither {ROOT} nor "
             "one that begins with $",
         )
-    if not rest:
+    if not deeper:
         raise MessageError.of(
             "filter", repr(topic_filter[:80]), "at least two levels, as in answers/#"
         )
@@ -180,5 +179,6 @@ def _matches(levels: list[str], pattern: list[str]) -> bool:
         pattern = pattern[:-1]
         levels = levels[: len(pattern)]
     return len(levels) == len(pattern) and all(
-        wanted in ("+", level) for wanted, level in zip(pattern, levels, strict=True)
+        expected in ("+", level)
+        for expected, level in zip(pattern, levels, strict=True)
     )

@@ -67,7 +67,6 @@ class RunReader:
             entry = self._next()
 
     def close(self) -> None:
-        """Close the file."""
         self._file.close()
 
     def __enter__(self) -> Self:
@@ -81,8 +80,8 @@ class RunReader:
             if isinstance(record, Message):
                 numbered = self._number or record.sequence
                 if numbered and record.sequence != self._number + 1:
-                    what = f"message {record.sequence} follows message {self._number}"
-                    self._gap = f"torn where {what}"
+                    jump = f"message {record.sequence} follows message {self._number}"
+                    self._gap = f"torn where {jump}"
                     return None
                 self._number = record.sequence
                 topic = self._topics.get(record.channel_id)

@@ -89,7 +89,6 @@ class RunWriter:
         return self._file.tell() if not self._file.closed else 0
 
     def add(self, entry: Entry) -> None:
-        """Append a message."""
         channel = self._channels.get(entry.topic)
         if channel is None:
             channel = self._channels[entry.topic] = self._channel(entry.topic)

@@ -55,7 +55,7 @@ class TornRecords:
     """
 
     def __init__(self, file: IO[bytes]) -> None:
-        self._whole = _Whole(file, fstat(file.fileno()).st_size)
+        self._source = _Whole(file, fstat(file.fileno()).st_size)
         self.tear: str | None = None
 
     def __iter__(self) -> Iterator[McapRecord]:
@@ -65,7 +65,7 @@ class TornRecords:
             ValueError: It is no MCAP file at all.
         """
         reader = StreamReader(
-            self._whole,  # type: ignore[arg-type] # it only reads
+            self._source,  # type: ignore[arg-type] # it only reads
             validate_crcs=True,
             record_size_limit=_LONGEST_RECORD,
         )
@@ -80,7 +80,7 @@ class TornRecords:
                 if n_records == 0 and isinstance(error, InvalidMagic | EOFError):
                     raise ValueError("is no MCAP file; expected a recording") from error
                 why = str(error) or type(error).__name__
-                self.tear = f"torn after {self._whole.n_read} bytes: {why}"
+                self.tear = f"torn after {self._source.n_read} bytes: {why}"
                 return
             n_records += 1
             if isinstance(record, Message):

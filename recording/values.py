@@ -46,7 +46,6 @@ class Samples:
         return len(self.counts)
 
     def part(self, rows: slice) -> "Samples":
-        """Take some of the samples."""
         times = {name: getattr(self, name)[rows] for name in TIMES}
         return Samples(**times, counts=self.counts[rows])
 

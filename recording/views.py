@@ -72,7 +72,6 @@ def pose_to_bytes(point: Point) -> bytes:
 
 
 def cloud_to_bytes(scan: Scan) -> bytes:
-    """Write a block of a scan's points."""
     n = len(scan.xyz_mm)
     packed = np.zeros(n, CLOUD_TYPE)
     for column, axis in enumerate("xyz"):
@@ -115,7 +114,6 @@ class Cloud:
 
     Attributes:
         time_ns: instant that `after_s` counts from. [UTC]
-        points: of `CLOUD_TYPE`.
     """
 
     session: str

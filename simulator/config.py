@@ -69,8 +69,8 @@ def _device_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
     for keys in (("id",), ("port", "ports")):
         seen: set[str] = set()
         for number, key in ((n, k) for n in range(len(devices)) for k in keys):
-            given = devices[number].get(key, [])
-            for name in map(str, given if isinstance(given, list) else [given]):
+            entries = devices[number].get(key, [])
+            for name in map(str, entries if isinstance(entries, list) else [entries]):
                 if name in seen:
                     message = f"'{name}' is used twice; each needs its own"
                     yield Problem(f"device[{number}].{key}", message)

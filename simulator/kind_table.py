@@ -31,7 +31,6 @@ class KindTable(StrictModel):
 
     @classmethod
     def variant(cls, table: object) -> type[Self]:
-        """Return the class of a table by its kind."""
         default = cls.model_fields["kind"].default
         kind = table.get("kind", default) if isinstance(table, Mapping) else None
         return cls.class_of(str(kind)) if str(kind) in cls.KINDS else _unknown(cls)

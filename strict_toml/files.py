@@ -82,8 +82,8 @@ def bytes_of(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     with open_regular(path) as file:
         content = file.read(most_bytes + 1)
     if len(content) > most_bytes:
-        what = f"is larger than {most_bytes // 2**20} MiB"
-        raise OSError(errno.EFBIG, what, str(path))
+        problem = f"is larger than {most_bytes // 2**20} MiB"
+        raise OSError(errno.EFBIG, problem, str(path))
     return content
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with a file, and where: every mistake at once, in our words.
+"""Mistakes of a file with their places: all at once, in our words.
 
 Rules of this file: no pydantic here; validation errors arrive as plain mappings
 (type, loc, msg, input, ctx) and leave as `Problem` values.
@@ -94,9 +94,9 @@ class FileError(ValueError):
         self, source: str | Path, problems: Iterable[Problem | str] | str
     ) -> None:
         self.source = str(source)
-        given = [problems] if isinstance(problems, str) else problems
+        entries = [problems] if isinstance(problems, str) else problems
         self.problems = tuple(
-            Problem("", each) if isinstance(each, str) else each for each in given
+            Problem("", each) if isinstance(each, str) else each for each in entries
         )
         super().__init__(self.source, self.problems)
 
@@ -163,10 +163,10 @@ def reason_of(error: BaseException) -> str:
     return str(error) or type(error).__name__
 
 
-def unknown_name_message(what: str, name: str, known: Collection[str]) -> str:
+def unknown_name_message(kind: str, name: str, known: Collection[str]) -> str:
     """Refuse a name, of a key for example, and say the nearest one that exists."""
     with_unit = [entry for entry in known if entry.startswith(f"{name}_")]
-    if with_unit and what == "key":
+    if with_unit and kind == "key":
         return (
             f"unknown key '{name}'; did you mean '{min(with_unit, key=len)}'? "
             "units are part of the name"
@@ -175,8 +175,8 @@ def unknown_name_message(what: str, name: str, known: Collection[str]) -> str:
     nearest = difflib.get_close_matches(name.lower(), by_lower_case, n=1)
     if nearest:
         meant = by_lower_case[nearest[0]]
-        return f"unknown {what} '{name}'; did you mean '{meant}'?"
-    return f"unknown {what} '{name}'; known here: {', '.join(sorted(known))}"
+        return f"unknown {kind} '{name}'; did you mean '{meant}'?"
+    return f"unknown {kind} '{name}'; known here: {', '.join(sorted(known))}"
 
 
 # Units of other people's files: to which, by what factor.
@@ -226,10 +226,10 @@ def problem_from_error(error: Mapping[str, Any], known: Collection[str]) -> Prob
     elif kind == "value_error":
         message = str(error["ctx"]["error"])
     elif kind in _WORDING:
-        found = shown(error["input"])
+        found_value = shown(error["input"])
         context = error.get("ctx", {})
         entries = counted(context.get("actual_length", 0), "entry")
-        message = _WORDING[kind].format(found=found, entries=entries, **context)
+        message = _WORDING[kind].format(found=found_value, entries=entries, **context)
         if kind == "too_long" and all(type(value) is int for value in error["input"]):
             message += "; a decimal comma separates entries: write 250.0, not 250,0"
     else:
@@ -265,9 +265,11 @@ def toml_text(path: Path) -> str:
         before = content[: error.start]
         line = before.count(b"\n") + 1
         column = len(before) - (before.rfind(b"\n") + 1) + 1
-        what = f"byte 0x{content[error.start]:02x} is not UTF-8; save the file as UTF-8"
-        problem = Problem(f"line {line}, column {column}", what)
-        raise FileError(path, [problem]) from error
+        where = f"line {line}, column {column}"
+        problem = (
+            f"byte 0x{content[error.start]:02x} is not UTF-8; save the file as UTF-8"
+        )
+        raise FileError(path, [Problem(where, problem)]) from error
 
 
 def toml_table(text: str, source: str) -> dict[str, Any]:
@@ -290,15 +292,15 @@ def toml_table(text: str, source: str) -> dict[str, Any]:
         if where == "end of document":
             lines = text.split("\n")
             where = f"line {len(lines)}, column {len(lines[-1]) + 1}"
-        what = _SYNTAX_PLACE.sub("", message).partition("; use sys.")[0]
+        problem = _SYNTAX_PLACE.sub("", message).partition("; use sys.")[0]
         if numbers := re.findall(r"\d+", where):
             line_number, column = map(int, numbers)
             line = text.split("\n")[line_number - 1]
             if re.search(r"=\s*[+-]?\d+,\d+\s*(#.*)?$", line):
-                what += "; a decimal comma: write a decimal point"
+                problem += "; a decimal comma: write a decimal point"
             elif odd := odd_characters(line[column - 1 : column]):
-                what += f"; {odd} is there"
-        raise FileError(source, [Problem(where, f"not TOML: {what}")]) from error
+                problem += f"; {odd} is there"
+        raise FileError(source, [Problem(where, f"not TOML: {problem}")]) from error
 
 
 def _depth(value: object) -> int:

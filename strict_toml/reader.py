@@ -86,12 +86,12 @@ def parse_strict(
         value = model.model_validate(tuples_for_lists(raw))
     except ValidationError as error:
         errors = error.errors(include_url=False)
-        wanted = next((e["ctx"]["expected"] for e in errors if _is_schema(e)), None)
-        found = str(raw.get("schema"))
-        kind = found.rpartition("/")[0]
-        if wanted and kind.startswith("traverse/") and f"{kind}/" not in wanted:
+        expected = next((e["ctx"]["expected"] for e in errors if _is_schema(e)), None)
+        found_schema = str(raw.get("schema"))
+        kind = found_schema.rpartition("/")[0]
+        if expected and kind.startswith("traverse/") and f"{kind}/" not in expected:
             # Whatever else is in it belongs to that other kind.
-            mismatch = f"this is a file {found!r}; expected {wanted}"
+            mismatch = f"this is a file {found_schema!r}; expected {expected}"
             raise FileError(source, [Problem("schema", mismatch)]) from error
         problems = [*problems, *_model_problems(model, raw, errors, problems)]
         raise FileError(source, in_file_order(problems, raw)) from error

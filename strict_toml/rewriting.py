@@ -25,10 +25,10 @@ def rewritten_text(values: Mapping[str, Any], before: str | None = None) -> str:
 
 def _fill(table: MutableMapping[str, Any], values: Mapping[str, Any]) -> None:
     """Make a table hold just these values; what holds already is not touched."""
-    wanted = {key: value for key, value in values.items() if value is not None}
-    for key in [key for key in table if key not in wanted]:
+    new_values = {key: value for key, value in values.items() if value is not None}
+    for key in [key for key in table if key not in new_values]:
         del table[key]
-    for key, value in wanted.items():
+    for key, value in new_values.items():
         if isinstance(value, Mapping):
             known = isinstance(table.get(key), MutableMapping)
             inner = table[key] if known else tomlkit.table()

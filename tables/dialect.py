@@ -88,9 +88,9 @@ def lines_of(path: Path) -> Iterator[Iterator[tuple[int, str]]]:
 
 
 def _encoding(path: Path, head: bytes) -> str:
-    for magic, what in _OTHER_FILES:
+    for magic, kind in _OTHER_FILES:
         if head.startswith(magic):
-            raise FileError(path, f"is {what}")
+            raise FileError(path, f"is {kind}")
     for mark, encoding in _BYTE_ORDER_MARKS:
         if head.startswith(mark):
             return encoding
@@ -120,15 +120,15 @@ def _undecodable(path: Path, error: UnicodeError) -> Problem:
             ):
                 try:
                     line.decode("utf-8")
-                except UnicodeDecodeError as found:
-                    byte = line[found.start : found.start + 1]
+                except UnicodeDecodeError as refusal:
+                    byte = line[refusal.start : refusal.start + 1]
                     meant = byte.decode("cp1252", "ignore")
                     as_windows = (
                         f" (in Windows-1252 {character_name(meant)})" if meant else ""
                     )
-                    where = f"line {number}, column {found.start + 1}"
-                    what = f"byte 0x{byte[0]:02x}{as_windows} is not UTF-8; {remedy}"
-                    return Problem(where, what)
+                    where = f"line {number}, column {refusal.start + 1}"
+                    problem = f"byte 0x{byte[0]:02x}{as_windows} is not UTF-8; {remedy}"
+                    return Problem(where, problem)
     return Problem("", f"begins like {encoding.upper()} but is not; {remedy}")
 
 

@@ -97,11 +97,6 @@ class NumberReader:
     def number(self, text: str, unit: Unit, line: int) -> float:
         """Read one cell.
 
-        Args:
-            text: Of the cell.
-            unit: Of the column.
-            line: Of the cell, for `doubt`.
-
         Raises:
             ValueError: It is not a finite number; says which characters it has.
             MixedMarksError: Its decimal mark is not that of the numbers before it.
@@ -147,28 +142,28 @@ class NumberReader:
         """
         characters = set("\n".join(cells))
         mark = "," if "," in characters else "."
-        other = "." if mark == "," else ","
-        is_plain = characters <= _FAST and other not in characters
+        foreign_mark = "." if mark == "," else ","
+        is_plain = characters <= _FAST and foreign_mark not in characters
         if (
             is_plain
-            and other not in self._first
+            and foreign_mark not in self._first
             and (mark == "." or self._separator == ";")
         ):
             values = _plain_values(cells)
             if values is not None:
                 if mark in characters and mark not in self._first:
-                    at = next(at for at, cell in enumerate(cells) if mark in cell)
-                    self._show(mark, cells[at], lines[at])
+                    row = next(row for row, cell in enumerate(cells) if mark in cell)
+                    self._show(mark, cells[row], lines[row])
                 return values, {}
         values = np.full(len(cells), np.nan)
         wrong: dict[int, str] = {}
-        for at, cell in enumerate(cells):
+        for row, cell in enumerate(cells):
             try:
-                values[at] = self.number(cell, unit, lines[at]) if cell else np.nan
+                values[row] = self.number(cell, unit, lines[row]) if cell else np.nan
             except MixedMarksError:  # of the whole table
                 raise
             except ValueError as error:
-                wrong[at] = str(error)
+                wrong[row] = str(error)
         return values, wrong
 
     def _with_point(self, bare: str, text: str, unit: Unit, line: int) -> str:
@@ -186,8 +181,8 @@ class NumberReader:
             else:
                 self._sure_of_comma = True
             self._show(",", text, line)
-            sign, whole, part, exponent = comma.groups()
-            return f"{sign}{whole}.{part}{exponent}"
+            sign, integer, part, exponent = comma.groups()
+            return f"{sign}{integer}.{part}{exponent}"
         raise ValueError(_what_is_wrong(text, unit))
 
     def _ungrouped(self, grouped: re.Match[str], text: str, line: int) -> str:
@@ -196,11 +191,10 @@ class NumberReader:
             shown_decimal = decimal or (",.".replace(mark, ""))
             self._sure_of_comma |= shown_decimal == ","
             self._show(shown_decimal, text, line)
-        whole = grouped["whole"].replace(mark, "")
-        return f"{whole}.{grouped['part']}" if decimal else whole
+        integer = grouped["whole"].replace(mark, "")
+        return f"{integer}.{grouped['part']}" if decimal else integer
 
     def _show(self, mark: str, text: str, line: int) -> None:
-        """Note a number's decimal mark."""
         self._first.setdefault(mark, f"{text.strip()!r} in line {line}")
         if len(self._first) > 1:
             raise MixedMarksError(
@@ -219,7 +213,9 @@ def _plain_values(cells: Sequence[str]) -> Floats | None:
     except ValueError:
         return None
     is_good = np.abs(values) <= LARGEST
-    if not is_good.all() and any(cells[at] for at in np.flatnonzero(~is_good).tolist()):
+    if not is_good.all() and any(
+        cells[row] for row in np.flatnonzero(~is_good).tolist()
+    ):
         return None
     return values
 
@@ -233,18 +229,18 @@ def _is_clear(grouped: re.Match[str]) -> bool:
 
 
 def _what_is_wrong(text: str, unit: Unit) -> str:
-    what = f"{shown(text)} is not a finite number"
+    problem = f"{shown(text)} is not a finite number"
     if unit == "rad":
-        what += " or a part of pi such as -pi/2"
+        problem += " or a part of pi such as -pi/2"
     if unit == "deg":
-        what += " of degrees"
+        problem += " of degrees"
     if unit != "deg" and text.rstrip().endswith(_DEGREE):
         expected = "radians" if unit == "rad" else "no angle"
-        what += f": expected {expected}"
+        problem += f": expected {expected}"
     elif unit != "rad" and part_of_pi(text.strip()) is not None:
-        what += ": parts of pi are radians"
+        problem += ": parts of pi are radians"
     if odd := odd_characters(text):
-        what += f"; it has {odd}"
+        problem += f"; it has {odd}"
     elif " " in text.strip():
-        what += "; it has U+0020 SPACE inside"
-    return f"{what}; {_REMEDY}"
+        problem += "; it has U+0020 SPACE inside"
+    return f"{problem}; {_REMEDY}"

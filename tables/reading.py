@@ -40,7 +40,6 @@ class Table:
     """A table that is being read.
 
     Attributes:
-        header: Names of the columns.
         dialect: How its cells are written.
     """
 
@@ -92,8 +91,10 @@ class Table:
         if self._problems:
             ordered = sorted(self._problems, key=lambda numbered: numbered[0])
             problems = [problem for _, problem in ordered[:_MOST_SHOWN]]
-            if more := self._n_problems - len(problems):
-                problems.append(Problem("", f"and {more} more problems like these"))
+            if n_unshown := self._n_problems - len(problems):
+                problems.append(
+                    Problem("", f"and {n_unshown} more problems like these")
+                )
             raise FileError(self._path, problems)
 
     def rows(self, filled: Collection[str] = ()) -> Iterator[tuple[int, list[str]]]:
@@ -229,9 +230,11 @@ def _begun(path: Path, lines: Lines, *, has_header: bool) -> Table:
             if not line.strip() or line.lstrip().startswith("#"):
                 continue
             separator = mark or separator_of(line)
-            other = [name for sign, name in SEPARATORS.items() if sign in line]
-            if mark and other and mark not in line:
-                raise ValueError(f"has {' and '.join(other)}, but line 1 names another")
+            in_line = [name for sign, name in SEPARATORS.items() if sign in line]
+            if mark and in_line and mark not in line:
+                raise ValueError(
+                    f"has {' and '.join(in_line)}, but line 1 names another"
+                )
         except ValueError as error:
             raise FileError(path, [Problem(f"line {number}", str(error))]) from error
         break
@@ -239,12 +242,12 @@ def _begun(path: Path, lines: Lines, *, has_header: bool) -> Table:
         raise FileError(path, _NO_TABLE)
     dialect = Dialect(separator, trailing=0, header_line=number)
     _, names = next(_split(path, iter([(number, line)]), dialect, 0), (0, []))
-    width = max((at for at, name in enumerate(names, 1) if name), default=0)
+    width = max((column for column, name in enumerate(names, 1) if name), default=0)
     if not width:
         raise FileError(path, _NO_TABLE)
     header = tuple(names[:width])
     if not has_header:
-        header = tuple(f"column {at}" for at in range(1, width + 1))
+        header = tuple(f"column {n}" for n in range(1, width + 1))
         lines = chain([(number, line)], lines)
     table = Table(path, header, replace(dialect, trailing=len(names) - width), lines)
     for name in dict.fromkeys(name for name in header if header.count(name) > 1):
@@ -267,11 +270,11 @@ def _split(
             if not bare.startswith("#"):
                 yield line
             elif bare[1:2].strip() and bare.count(mark) + 1 == width > 1:
-                what = (
+                problem = (
                     f"begins with {shown(bare.split(mark)[0])}: a comment, or a row? "
                     "put a blank behind '#', or the cell into quotes"
                 )
-                raise FileError(path, [Problem(f"line {number}", what)])
+                raise FileError(path, [Problem(f"line {number}", problem)])
 
     reader = csv.reader(texts(), delimiter=mark, skipinitialspace=True, strict=True)
     while True:

@@ -1,4 +1,4 @@
-"""What every driver must do, as suites: subclass them and say how to build a rig.
+"""Duties of every driver, as suites: subclass them and say how to build a rig.
 
 A rig is a driver with a simulated device that a test can command. Each suite requires
 of it only what it needs; a device's own habits are tested beside it.
@@ -30,7 +30,7 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
-from traverse.testing.taken import Taken
+from traverse.testing.deliveries import Deliveries
 from traverse.testing.waiting import until
 
 
@@ -90,29 +90,29 @@ def driver_threads(rig: Rig) -> list[threading.Thread]:
     return [thread for thread in threading.enumerate() if thread.name == name]
 
 
-async def up(rig: Rig, rate_hz: float = 500.0) -> Taken:
+async def up(rig: Rig, rate_hz: float = 500.0) -> Deliveries:
     """Wait until the device is up and, if it can, has been requested to stream."""
-    taken = Taken(rig.delivery_queue)
-    await taken.until(lambda: taken.of(DeviceUp), "the device is up")
+    deliveries = Deliveries(rig.delivery_queue)
+    await deliveries.until(lambda: deliveries.of(DeviceUp), "the device is up")
     rig.driver.request_stream(rate_hz)
-    return taken
+    return deliveries
 
 
-async def streaming(rig: Rig, rate_hz: float = 500.0) -> Taken:
-    taken = await up(rig, rate_hz)
-    await taken.until(lambda: taken.of(StreamStarted), "the stream")
-    return taken
+async def streaming(rig: Rig, rate_hz: float = 500.0) -> Deliveries:
+    deliveries = await up(rig, rate_hz)
+    await deliveries.until(lambda: deliveries.of(StreamStarted), "the stream")
+    return deliveries
 
 
-async def unplugged(rig: Rig, taken: Taken) -> None:
+async def unplugged(rig: Rig, deliveries: Deliveries) -> None:
     """Remove the port until that is noticed; it may have been lost once before."""
-    n_lost = len(taken.of(DeviceLost))
+    n_lost = len(deliveries.of(DeviceLost))
     rig.unplug()
-    await taken.until(lambda: len(taken.of(DeviceLost)) > n_lost, "the loss")
+    await deliveries.until(lambda: len(deliveries.of(DeviceLost)) > n_lost, "the loss")
 
 
 def missing_samples(blocks: Sequence[CountSamples]) -> int:
-    """How many samples the numbers say were lost, or the status lacks something."""
+    """Count samples missing by their numbers, or incomplete by their status."""
     seqs = [int(seq) for block in blocks for seq in block.seq]
     marked = sum(
         int(((block.status & STATUS_MISSING) != 0).any(axis=1).sum())
@@ -128,13 +128,15 @@ class DriverContract:
         self, rig: Rig
     ) -> None:
         with rig.driver:
-            taken = await up(rig)
-            await unplugged(rig, taken)
-            n_up = len(taken.of(DeviceUp))
+            deliveries = await up(rig)
+            await unplugged(rig, deliveries)
+            n_up = len(deliveries.of(DeviceUp))
             rig.plug()
-            await taken.until(lambda: len(taken.of(DeviceUp)) > n_up, "it is back")
-        assert all(lost.remedy for lost in taken.of(DeviceLost))
-        assert not any(up.restarted for up in taken.of(DeviceUp))
+            await deliveries.until(
+                lambda: len(deliveries.of(DeviceUp)) > n_up, "it is back"
+            )
+        assert all(lost.remedy for lost in deliveries.of(DeviceLost))
+        assert not any(up.restarted for up in deliveries.of(DeviceUp))
 
     async def test_closing_ends_the_thread_and_may_be_repeated(self, rig: Rig) -> None:
         rig.driver.start()
@@ -156,18 +158,18 @@ class DriverContract:
     ) -> None:
         rig.unplug()
         with rig.driver:
-            taken = Taken(rig.delivery_queue)
-            await taken.until(lambda: taken.of(DeviceLost), "the loss")
+            deliveries = Deliveries(rig.delivery_queue)
+            await deliveries.until(lambda: deliveries.of(DeviceLost), "the loss")
             rig.plug()
-            await taken.until(lambda: taken.of(DeviceUp), "the device")
-        (lost,) = taken.of(DeviceLost)
+            await deliveries.until(lambda: deliveries.of(DeviceUp), "the device")
+        (lost,) = deliveries.of(DeviceLost)
         assert rig.port in lost.reason
         assert lost.remedy
 
     async def test_what_it_says_of_itself_agrees_with_itself(self, rig: Rig) -> None:
         with rig.driver:
-            taken = await up(rig)
-        identity = taken.of(DeviceUp)[0].identity
+            deliveries = await up(rig)
+        identity = deliveries.of(DeviceUp)[0].identity
         assert identity.name
         assert all(modulus > 1 for modulus in identity.moduli_counts)
         assert len(identity.counts_per_turn) in (0, len(identity.moduli_counts))
@@ -178,7 +180,6 @@ class StreamContract:
     """Drivers that stream.
 
     Attributes:
-        rate_hz: requested rate.
         parts: samples that are sent, one after the other.
         dropped: counters of answers that were too late for their requests; each of
             these may be missing between two samples, and nothing else.
@@ -193,11 +194,11 @@ class StreamContract:
     ) -> None:
         n = sum(self.parts)
         with rig.driver:
-            taken = await streaming(rig, self.rate_hz)
+            deliveries = await streaming(rig, self.rate_hz)
             for part in self.parts:
                 rig.emit(part)
-            await taken.until(lambda: len(taken.seqs()) >= n, f"{n} samples")
-            seqs, blocks = taken.seqs(), taken.of(CountSamples)
+            await deliveries.until(lambda: len(deliveries.seqs()) >= n, f"{n} samples")
+            seqs, blocks = deliveries.seqs(), deliveries.of(CountSamples)
             # A missing one is marked, and has the count before it.
             status = np.concatenate([block.status[:, 0] for block in blocks])
             counts = np.concatenate([block.counts[:, 0] for block in blocks])
@@ -207,11 +208,11 @@ class StreamContract:
             # What a board's full queue has dropped is missing from its numbers.
             gaps = np.diff(np.array(seqs)[is_read])
             if missing := int(np.maximum(steps - gaps, 0).sum()):
-                await taken.until(
+                await deliveries.until(
                     lambda: (
                         sum(
                             counters.values.get(name, 0)
-                            for counters in taken.of(DeviceCounters)[-1:]
+                            for counters in deliveries.of(DeviceCounters)[-1:]
                             for name in self.dropped
                         )
                         >= missing
@@ -220,11 +221,11 @@ class StreamContract:
                 )
         assert (np.diff(seqs) >= 1).all()
         assert seqs[0] >= 0
-        stream = taken.of(StreamStarted)[0].stream
+        stream = deliveries.of(StreamStarted)[0].stream
         assert {block.stream for block in blocks} == {stream}
         times_ns = [int(t) for block in blocks for t in block.sample_time_ns]
         assert times_ns == sorted(times_ns)
-        identity = taken.of(DeviceUp)[0].identity
+        identity = deliveries.of(DeviceUp)[0].identity
         for block in blocks:
             shape = (len(block.seq), len(identity.moduli_counts))
             assert block.counts.shape == block.status.shape == shape
@@ -237,37 +238,42 @@ class StreamContract:
         self, rig: StreamRig
     ) -> None:
         with rig.driver:
-            taken = await streaming(rig, self.rate_hz)
+            deliveries = await streaming(rig, self.rate_hz)
             rig.emit(5)
-            await taken.until(lambda: len(taken.seqs()) >= 5, "5 samples")
+            await deliveries.until(lambda: len(deliveries.seqs()) >= 5, "5 samples")
             rig.lose(3)
             rig.emit(5)
-            await taken.until(
-                lambda: missing_samples(taken.of(CountSamples)) >= 3, "the loss"
+            await deliveries.until(
+                lambda: missing_samples(deliveries.of(CountSamples)) >= 3, "the loss"
             )
-            await taken.until(lambda: told_lost(taken) >= 3, "its count")
-        assert missing_samples(taken.of(CountSamples)) >= 3
+            await deliveries.until(
+                lambda: reported_losses(deliveries) >= 3, "its count"
+            )
+        assert missing_samples(deliveries.of(CountSamples)) >= 3
 
     async def test_the_stream_continues_after_an_outage(self, rig: StreamRig) -> None:
         with rig.driver:
-            taken = await streaming(rig, self.rate_hz)
-            await unplugged(rig, taken)
-            first, n_started = taken.of(StreamStarted)[0], len(taken.of(StreamStarted))
-            rig.plug()
-            await taken.until(
-                lambda: len(taken.of(StreamStarted)) > n_started, "its stream"
+            deliveries = await streaming(rig, self.rate_hz)
+            await unplugged(rig, deliveries)
+            first, n_started = (
+                deliveries.of(StreamStarted)[0],
+                len(deliveries.of(StreamStarted)),
             )
-            second = taken.of(StreamStarted)[-1]
+            rig.plug()
+            await deliveries.until(
+                lambda: len(deliveries.of(StreamStarted)) > n_started, "its stream"
+            )
+            second = deliveries.of(StreamStarted)[-1]
             rig.emit(3)
-            await taken.until(
+            await deliveries.until(
                 lambda: (
-                    taken.of(CountSamples)
-                    and taken.of(CountSamples)[-1].stream == second.stream
+                    deliveries.of(CountSamples)
+                    and deliveries.of(CountSamples)[-1].stream == second.stream
                 ),
                 "samples again",
             )
         assert second.stream != first.stream
-        ups = taken.of(DeviceUp)
+        ups = deliveries.of(DeviceUp)
         for up, started in ((ups[0], first), (ups[-1], second)):
             # A busy computer may find a line slower than it did before.
             assert up.identity is not None
@@ -275,12 +281,12 @@ class StreamContract:
             assert started.rate_hz == pytest.approx(expected_hz, rel=1e-9)
 
 
-def told_lost(taken: Taken) -> int:
-    """How many samples or readings the driver says were lost."""
+def reported_losses(deliveries: Deliveries) -> int:
+    """Count samples or readings that the driver reports as lost."""
     codes = ("samples_lost", "readings_missing")
-    faults = [fault for fault in taken.of(DeviceFault) if fault.code in codes]
+    faults = [fault for fault in deliveries.of(DeviceFault) if fault.code in codes]
     # Several in a row become an alarm instead, which says how many they are.
-    alarms = [a for a in taken.of(DeviceAlarm) if a.code == "encoder_missing"]
+    alarms = [a for a in deliveries.of(DeviceAlarm) if a.code == "encoder_missing"]
     return sum(f.count for f in faults) + sum(a.value for a in alarms if a.raised)
 
 
@@ -289,17 +295,19 @@ class EdgeContract:
 
     async def test_edges_come_once_and_in_order(self, rig: EdgeRig) -> None:
         with rig.driver:
-            taken = await up(rig)
+            deliveries = await up(rig)
             tokens = [rig.press() for _ in range(3)]
-            await taken.until(lambda: len(taken.of(LatchedCounts)) >= 3, "3 edges")
-        latches = taken.of(LatchedCounts)
+            await deliveries.until(
+                lambda: len(deliveries.of(LatchedCounts)) >= 3, "3 edges"
+            )
+        latches = deliveries.of(LatchedCounts)
         assert len(latches) == 3
         numbers = [latch.token for latch in latches]
         assert len(set(numbers)) == 3
         assert all(t in (None, got) for t, got in zip(tokens, numbers, strict=True))
         times_ns = [latch.sample_time_ns for latch in latches]
         assert times_ns == sorted(times_ns)
-        identity = taken.of(DeviceUp)[0].identity
+        identity = deliveries.of(DeviceUp)[0].identity
         n = len(identity.moduli_counts) if identity.latches else 0
         for latch in latches:
             assert latch.input in range(identity.inputs)
@@ -315,38 +323,44 @@ class KeptEdgeContract(EdgeContract):
         self, rig: KeptEdgeRig
     ) -> None:
         with rig.driver:
-            taken = await up(rig)
+            deliveries = await up(rig)
             tokens = [rig.press() for _ in range(3)]
-            await taken.until(lambda: len(taken.of(LatchedCounts)) >= 3, "3 edges")
+            await deliveries.until(
+                lambda: len(deliveries.of(LatchedCounts)) >= 3, "3 edges"
+            )
             rig.emit(2)  # the device has repeated them meanwhile
-            await taken.until(lambda: len(taken.seqs()) >= 2, "samples after them")
+            await deliveries.until(
+                lambda: len(deliveries.seqs()) >= 2, "samples after them"
+            )
             assert rig.unacknowledged() == set(tokens)  # none is acknowledged
             rig.driver.acknowledge(tokens[1])
             await until(lambda: rig.unacknowledged() == {tokens[2]}, "two forgotten")
             rig.driver.acknowledge(tokens[2])
             await until(lambda: not rig.unacknowledged(), "all forgotten")
-        assert [latch.token for latch in taken.of(LatchedCounts)] == tokens
+        assert [latch.token for latch in deliveries.of(LatchedCounts)] == tokens
 
     async def test_a_broken_edge_does_not_change_the_order(
         self, rig: KeptEdgeRig
     ) -> None:
         with rig.driver:
-            taken = await up(rig)
+            deliveries = await up(rig)
             rig.break_next()
             tokens = [rig.press(), rig.press()]
-            await taken.until(lambda: len(taken.of(LatchedCounts)) >= 2, "2 edges")
-        assert [latch.token for latch in taken.of(LatchedCounts)] == tokens
+            await deliveries.until(
+                lambda: len(deliveries.of(LatchedCounts)) >= 2, "2 edges"
+            )
+        assert [latch.token for latch in deliveries.of(LatchedCounts)] == tokens
 
     async def test_an_edge_during_an_outage_is_delivered_afterwards(
         self, rig: KeptEdgeRig
     ) -> None:
         with rig.driver:
-            taken = await up(rig)
-            await unplugged(rig, taken)
+            deliveries = await up(rig)
+            await unplugged(rig, deliveries)
             token = rig.press()
             rig.plug()
-            await taken.until(lambda: taken.of(LatchedCounts), "the edge")
-        assert [latch.token for latch in taken.of(LatchedCounts)] == [token]
+            await deliveries.until(lambda: deliveries.of(LatchedCounts), "the edge")
+        assert [latch.token for latch in deliveries.of(LatchedCounts)] == [token]
 
 
 class LatchContract:
@@ -354,10 +368,12 @@ class LatchContract:
 
     async def test_a_latch_by_request_brings_its_token(self, rig: Rig) -> None:
         with rig.driver:
-            taken = await up(rig)
+            deliveries = await up(rig)
             tokens = [rig.driver.request_latch() for _ in range(3)]
-            await taken.until(lambda: len(taken.of(LatchedCounts)) >= 3, "3 latches")
-        latches = taken.of(LatchedCounts)
+            await deliveries.until(
+                lambda: len(deliveries.of(LatchedCounts)) >= 3, "3 latches"
+            )
+        latches = deliveries.of(LatchedCounts)
         assert [latch.token for latch in latches] == tokens
         assert {latch.input for latch in latches} == {None}
-        assert taken.of(DeviceUp)[0].identity.latches
+        assert deliveries.of(DeviceUp)[0].identity.latches

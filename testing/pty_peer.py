@@ -55,22 +55,22 @@ class Peer(ABC):
 
     @abstractmethod
     def _open(self) -> None:
-        """Be there for a host."""
+        """Open the port."""
 
     @abstractmethod
     def _close(self) -> None:
-        """Be gone."""
+        """Close the port."""
 
     @abstractmethod
     def _live(self) -> None:
-        """Answer until it is no longer plugged in."""
+        """Answer until unplugged."""
 
 
 class PtyPeer(Peer):
     """The device's end of a pty.
 
     Args:
-        link: where the host finds the port; it keeps its name when plugged again.
+        link: where the host finds the port; the name stays when it is plugged again.
     """
 
     def __init__(self, link: Path) -> None:

@@ -9,11 +9,11 @@ LOOK_S = 0.005
 
 
 async def until(
-    condition: Callable[[], object], what: str = "", timeout_s: float = PATIENCE_S
+    condition: Callable[[], object], awaited: str = "", timeout_s: float = PATIENCE_S
 ) -> None:
-    """Let the loop run until a condition holds; fail with ``what`` if it never does."""
+    """Run the loop until a condition holds; fail with ``awaited`` if it never does."""
     end_s = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > end_s:
-            raise AssertionError(f"not within {timeout_s:g} s: {what}")
+            raise AssertionError(f"not within {timeout_s:g} s: {awaited}")
         await asyncio.sleep(LOOK_S)

@@ -14,7 +14,6 @@ def joint_text(
     *,
     more: str = "",
 ) -> str:
-    """The table of a joint."""
     text = f'[[joints]]\nname = "{name}"\naxis = {list(axis)}\n'
     text += f"link_mm = {list(link_mm)}\nzero_rad = {zero_rad}\n{more}"
     if encoder is not None:

@@ -11,8 +11,6 @@ CURVE = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
 
 @dataclass(frozen=True)
 class Pair:
-    """A certificate and its key."""
-
     certificate: Path
     key: Path
 

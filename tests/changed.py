@@ -42,7 +42,6 @@ def all_files(root: Path) -> set[str]:
 
 
 def _imported(root: Path, name: str) -> set[str]:
-    """Dotted names that a module imports, anywhere in it."""
     imported: set[str] = set()
     for node in ast.walk(ast.parse((root / name).read_text("utf-8"))):
         if isinstance(node, ast.Import):
@@ -102,10 +101,9 @@ def _named_alike(test: str, changed: Iterable[str]) -> bool:
 
 
 def selected(root: Path, changed: set[str]) -> list[str]:
-    """Test files of what has changed, nearest first."""
     files = all_files(root)
     away = distances(root, changed, files)
-    others = {PurePosixPath(n).name for n in changed if not n.endswith(".py")}
+    changed_names = {PurePosixPath(n).name for n in changed if not n.endswith(".py")}
     ranks: dict[str, float] = {}
     for test in filter(_is_test, files):
         text = (root / test).read_text("utf-8")
@@ -115,7 +113,7 @@ def selected(root: Path, changed: set[str]) -> list[str]:
             ranks[test] = 0.5
         elif test in away:
             ranks[test] = away[test]
-        elif any(name in text for name in others):
+        elif any(name in text for name in changed_names):
             ranks[test] = 1
     words = {part for name in changed for part in PurePosixPath(name).parts[:-1]}
 
@@ -129,17 +127,21 @@ def selected(root: Path, changed: set[str]) -> list[str]:
 def main(root: Path, options: list[str]) -> None:
     """Print what is selected, then become pytest."""
     chosen = selected(root, changed_files(root))
-    taken, left = chosen[:MOST_FILES], chosen[MOST_FILES:]
-    lines = [f"tests of what has changed: {len(taken)} files", *taken, "for make test:"]
+    selected_files, left = chosen[:MOST_FILES], chosen[MOST_FILES:]
+    lines = [
+        f"tests of what has changed: {len(selected_files)} files",
+        *selected_files,
+        "for make test:",
+    ]
     if left:
         lines.append(f"{len(left)} files further away, such as {left[0]};")
     lines.append("tests marked slow; all that is no near importer of what has changed")
     sys.stderr.write("\n  ".join(lines) + "\n")
     sys.stderr.flush()
-    if taken:
+    if selected_files:
         left = "not slow"
         pytest = [sys.executable, "-m", "pytest", "-q", "-m", left, *options]
-        os.execv(sys.executable, [*pytest, *taken])
+        os.execv(sys.executable, [*pytest, *selected_files])
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What all tests share: nothing survives a test, and a real broker."""
+"""Fixtures of all tests: nothing survives a test, and a real broker."""
 
 import asyncio
 import contextlib
@@ -54,7 +54,6 @@ def pytest_xdist_setupnodes(config: pytest.Config, specs: list[Any]) -> None:
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """Remove it."""
     if WORKERS in config.stash:
         config.stash[WORKERS].close()
     if SHARED in config.stash:
@@ -202,9 +201,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         folder = folder if folder in LONG else parts[0]
         folders.setdefault(folder, {})[item.path] = None
     ranks = {
-        path: at / len(files) * (0.6 if folder in LONG else 1.0)
+        path: position / len(files) * (0.6 if folder in LONG else 1.0)
         for folder, files in folders.items()
-        for at, path in enumerate(files)
+        for position, path in enumerate(files)
     }
     items.sort(key=lambda item: (ranks[item.path], item.path))
     gc.freeze()  # what was imported and collected is not looked through again

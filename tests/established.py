@@ -40,8 +40,8 @@ def identify(path: Path, deviation: float = TINY_MM) -> Path:
         values=np.zeros(len(names)),
         covariance=np.eye(len(names)) * deviation**2,
     )
-    given = arm.identification or Identification()
-    known = given.model_copy(update={"covariance_file": file.name})
+    reference = arm.identification or Identification()
+    known = reference.model_copy(update={"covariance_file": file.name})
     write_arm(path, arm.model_copy(update={"identification": known}))
     return path
 

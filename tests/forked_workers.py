@@ -46,11 +46,10 @@ class ForkedWorkers:
 
     @property
     def interpreter(self) -> str:
-        """What execnet is to start as a worker's Python."""
+        """The interpreter that execnet starts for a worker."""
         return f"{sys.executable} -I -S {__file__} worker {self._socket}"
 
     def close(self) -> None:
-        """End the process."""
         self._process.terminate()
         self._process.communicate()
 

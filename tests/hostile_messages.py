@@ -11,18 +11,17 @@ from hypothesis import strategies as st
 SCHEMA = "traverse/command/1"
 
 
-def envelope(request: Any = "r", args: Any = None, **more: Any) -> dict[str, Any]:
-    return {"schema": SCHEMA, "request": request, "args": args or {}, **more}
+def envelope(request: Any = "r", args: Any = None, **fields: Any) -> dict[str, Any]:
+    return {"schema": SCHEMA, "request": request, "args": args or {}, **fields}
 
 
-def both(value: Any) -> Iterator[bytes]:
+def in_both_encodings(value: Any) -> Iterator[bytes]:
     """A value in JSON and in MessagePack."""
     yield json.dumps(value).encode()
     yield msgpack.packb(value)
 
 
 def deep(levels: int) -> Iterator[bytes]:
-    """Maps or lists inside each other."""
     head, tail = json.dumps(envelope("deep", {"x": 0}))[:-1].split('"x": 0')
     yield (head + '"x": ' + "[" * levels + "]" * levels + tail + "}").encode()
     yield (head + '"x": ' + '{"a":' * levels + "1" + "}" * levels + tail + "}").encode()
@@ -83,11 +82,11 @@ def fixed() -> list[bytes]:
         {"k" * 64: "v" * 2000},
     ]
     for args in wrong:
-        payloads += both(envelope(f"w{len(payloads)}", args))
+        payloads += in_both_encodings(envelope(f"w{len(payloads)}", args))
     for request in ("", "r" * 65, 7, None, ["r"], {"r": 1}, "r\0\n\x1b[2J"):
-        payloads += both(envelope(request))
-    payloads += both({**envelope(), "schema": "traverse/command/2"})
-    payloads += both(envelope(f"m{len(payloads)}", more=1))
+        payloads += in_both_encodings(envelope(request))
+    payloads += in_both_encodings({**envelope(), "schema": "traverse/command/2"})
+    payloads += in_both_encodings(envelope(f"m{len(payloads)}", more=1))
     return payloads
 
 

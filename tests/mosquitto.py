@@ -71,14 +71,13 @@ class Mosquitto:
         self._process: subprocess.Popen[bytes] | None = None
 
     def allow_writing(self, *topics: str) -> None:
-        """What may be published, from the next start on; all may be read."""
+        """Allow topics for publishing, from the next start on; all may be read."""
         may = ["topic read #", *(f"topic write {topic}" for topic in topics)]
         # Without a user's name they apply to no one; as patterns to all.
         text = "\n".join(line.replace("topic", "pattern") for line in may)
         self._acl.write_text(text + "\n")
 
     def start(self) -> None:
-        """Start it and wait until it listens."""
         with self._log.open("ab") as log:
             self._process = subprocess.Popen(
                 [self._program, "-c", str(self._config)], stdout=log, stderr=log

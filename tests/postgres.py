@@ -50,7 +50,6 @@ class Postgres:
         return f"postgresql://postgres@{HOST}:{self.port}/{name}"
 
     def start(self) -> None:
-        """Start it and wait until it answers."""
         with (self.folder / "log").open("ab") as log:
             self._process = subprocess.Popen(
                 [
@@ -62,8 +61,15 @@ class Postgres:
                 stderr=log,
             )
         until_s = time.monotonic() + START_S
-        asked = [self._programs / "pg_isready", "-q", "-h", HOST, "-p", str(self.port)]
-        while subprocess.run(asked, check=False).returncode:
+        is_ready = [
+            self._programs / "pg_isready",
+            "-q",
+            "-h",
+            HOST,
+            "-p",
+            str(self.port),
+        ]
+        while subprocess.run(is_ready, check=False).returncode:
             if self._process.poll() is not None or time.monotonic() > until_s:
                 log_end = (self.folder / "log").read_text()[-2000:]
                 raise AssertionError(f"PostgreSQL did not start: {log_end}")
@@ -83,7 +89,6 @@ class Postgres:
         self._process = None
 
     def close(self) -> None:
-        """End it, and remove its data."""
         self.kill()
         shutil.rmtree(self.folder)
 

@@ -21,7 +21,6 @@ EVERYWHERE = f"{os.environ['PATH']}:/usr/sbin:/sbin"
 
 @cache
 def groups() -> dict[str, list[str]]:
-    """Read which programs each group of the installer contains."""
     ran = subprocess.run(
         ["sh", str(INSTALLER), "--list"], capture_output=True, text=True, check=True
     )
@@ -33,12 +32,10 @@ def groups() -> dict[str, list[str]]:
 
 
 def find(program: str) -> str | None:
-    """Return the path of a program of this machine."""
     return shutil.which(program, path=EVERYWHERE)
 
 
 def missing(group: str) -> list[str]:
-    """List the programs of a group that this machine lacks."""
     return [name for name in groups()[group] if find(name) is None]
 
 
@@ -80,7 +77,6 @@ def _base_programs() -> tuple[str, ...]:
 def _linked(
     folder: Path, name: str, programs: list[str] | tuple[str, ...]
 ) -> str | None:
-    """Make a folder of links, once in a session."""
     place = folder / name
     if not programs and name == "base":
         return None

@@ -15,7 +15,6 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 
 def new_folder() -> Path:
-    """Make a folder that stays until the session ends."""
     return Path(tempfile.mkdtemp(dir=os.environ.get(FOLDER)))
 
 

@@ -31,11 +31,11 @@ def checkout(tmp_path: Path) -> Path:
         (tmp_path / name).write_text(text, "utf-8")
     (tmp_path / "src" / "root").mkdir(parents=True)
     (tmp_path / "src" / "root" / "store").symlink_to("../../store")
-    who = ("-c", "user.name=a", "-c", "user.email=a@b.c")
+    author = ("-c", "user.name=a", "-c", "user.email=a@b.c")
     for words in (
         ("init", "-q", "-b", "main"),
         ("add", "."),
-        (*who, "commit", "-qm", "1"),
+        (*author, "commit", "-qm", "1"),
     ):
         subprocess.run(["git", "-C", tmp_path, *words], check=True)
     return tmp_path

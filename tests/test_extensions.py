@@ -1,5 +1,3 @@
-"""What other packages add: the template in `examples/extension`, and broken ones."""
-
 import json
 import os
 import shutil
@@ -37,7 +35,6 @@ def installed(tmp_path_factory) -> Path:
 
 
 def run(site: Path, *words: object, status: int | None = 0, cwd: Path = CHECKOUT):
-    """Run a module with a folder of packages in its path."""
     environment = os.environ | {"PYTHONPATH": str(site), "OPENBLAS_NUM_THREADS": "1"}
     return run_program(
         *(sys.executable, "-m", *words), status=status, env=environment, cwd=cwd
@@ -45,7 +42,6 @@ def run(site: Path, *words: object, status: int | None = 0, cwd: Path = CHECKOUT
 
 
 def offers(site: Path, status: int = 0) -> dict[tuple[str, str], str]:
-    """Problems by group and name."""
     listed = run(site, "traverse", "extensions", "--json", status=status)
     return {(o["group"], o["name"]): o["problem"] for o in json.loads(listed.stdout)}
 

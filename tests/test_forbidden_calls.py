@@ -1,5 +1,3 @@
-"""What the programs never do, looked up in their syntax trees: docs/security.md."""
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path
@@ -37,7 +35,6 @@ FORBIDDEN = {
 
 
 def forbidden(tree: ast.AST) -> list[str]:
-    """Each forbidden call with its line."""
     return [
         f"{node.lineno}: {name}"
         for node in ast.walk(tree)
@@ -47,7 +44,7 @@ def forbidden(tree: ast.AST) -> list[str]:
 
 
 def names_of(node: ast.AST) -> Iterator[str]:
-    """What a node calls, imports, names or sets, in words of `FORBIDDEN`."""
+    """Names that a node calls, imports or sets, in words of `FORBIDDEN`."""
     match node:
         case ast.Call(func=ast.Name(id=name)):
             yield f"{name}()"
@@ -72,10 +69,10 @@ def test_there_are_sources_to_look_at():
 @pytest.mark.parametrize("package", PACKAGES)
 def test_no_source_runs_text_or_unpacks_objects_or_calls_a_shell(package):
     calls = [
-        f"{path.relative_to(CHECKOUT)}:{what}"
+        f"{path.relative_to(CHECKOUT)}:{call}"
         for path in SOURCES
         if path.relative_to(CHECKOUT).parts[0] == package
-        for what in forbidden(ast.parse(path.read_text("utf-8")))
+        for call in forbidden(ast.parse(path.read_text("utf-8")))
     ]
     assert calls == []
 

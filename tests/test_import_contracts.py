@@ -1,5 +1,3 @@
-"""The arrows of the design are checked by import-linter; a planted violation fails."""
-
 import os
 import re
 import shutil
@@ -20,7 +18,6 @@ PACKAGES = sorted(initial.parent.name for initial in ROOT.glob("*/__init__.py"))
 
 
 def lint_imports(folder: Path, status: int = 0) -> subprocess.CompletedProcess[str]:
-    """Check the contracts of the packages in a folder."""
     program = Path(sys.executable).parent / "lint-imports"
     return run_program(
         program,
@@ -101,7 +98,7 @@ PLANTED = {
         ("simulator/pacing.py", "traverse.recording.reader"),
     ],
     "the simulator does not read": [
-        ("simulator/arm/physics.py", "traverse.kinematics.effect_table"),
+        ("simulator/arm/physics.py", "traverse.kinematics.effect_table")
     ],
     "folders of kinematics": [
         ("kinematics/arm_file/arm.py", "traverse.kinematics.model.forward"),
@@ -140,19 +137,16 @@ PLANTED = {
         ("lab/identification/solution.py", "traverse.lab.adjustment.system"),
     ],
     "the diagnosis needs no": [
-        (
-            "lab/diagnosis/model/planted.py",
-            "traverse.lab.identification.results.result",
-        ),
+        ("lab/diagnosis/model/planted.py", "traverse.lab.identification.results.result")
     ],
     "folders of the diagnosis": [
-        ("lab/diagnosis/model/planted.py", "traverse.lab.diagnosis.diagnose"),
+        ("lab/diagnosis/model/planted.py", "traverse.lab.diagnosis.diagnose")
     ],
     "folders of the identification": [
         (
             "lab/identification/certificates.py",
             "traverse.lab.identification.results.files",
-        ),
+        )
     ],
     "folders of the daemon": [
         ("daemon/pose/pipeline.py", "traverse.daemon.acquisition.interpolation"),
@@ -204,7 +198,6 @@ UNKNOWN = [
 
 
 def sections(checked: subprocess.CompletedProcess[str]) -> dict[str, str]:
-    """What is said of every contract that does not hold."""
     _, _, report = checked.stdout.partition("Broken contracts")
     headed = re.split(r"^(.+)\n-+\n", report, flags=re.MULTILINE)
     return dict(zip(headed[1::2], headed[2::2], strict=True))

@@ -63,8 +63,8 @@ def test_every_package_is_linked() -> None:
 
 
 def test_the_root_has_nothing_else() -> None:
-    others = {entry.name for entry in ROOT.iterdir() if not entry.is_symlink()}
-    assert others - {"__pycache__"} == {
+    entries = {entry.name for entry in ROOT.iterdir() if not entry.is_symlink()}
+    assert entries - {"__pycache__"} == {
         "__init__.py",
         "__main__.py",
         "arrays.py",
@@ -94,7 +94,7 @@ def test_every_other_file_of_a_package_is_package_data() -> None:
         .resolve()
         .glob(pattern)
     }
-    others = {
+    data_files = {
         file
         for name in PACKAGES
         for file in (CHECKOUT / name).rglob("*.*")
@@ -102,8 +102,8 @@ def test_every_other_file_of_a_package_is_package_data() -> None:
         in {".css", ".html", ".jinja", ".js", ".json"}
         | {".mplstyle", ".sql", ".template", ".toml", ".xsd"}
     }
-    assert len(others) > 10
-    assert others <= data
+    assert len(data_files) > 10
+    assert data_files <= data
 
 
 @pytest.mark.slow

@@ -1,12 +1,10 @@
-"""Numbers with their nouns and verbs."""
-
 import pytest
 
 from traverse.plurals import counted
 
 
 @pytest.mark.parametrize(
-    ("count", "noun", "verb", "said"),
+    ("count", "noun", "verb", "expected"),
     [
         (1, "point", "", "1 point"),
         (0, "pose", "", "0 poses"),
@@ -21,6 +19,6 @@ from traverse.plurals import counted
     ],
 )
 def test_nouns_and_verbs_agree_with_the_number(
-    count: float, noun: str, verb: str, said: str
+    count: float, noun: str, verb: str, expected: str
 ) -> None:
-    assert counted(count, noun, verb) == said
+    assert counted(count, noun, verb) == expected

@@ -1,5 +1,3 @@
-"""Programs that tests need are those that the installer installs."""
-
 import os
 import re
 import shutil
@@ -66,7 +64,6 @@ def test_an_unknown_group_is_an_error_that_names_the_installer(tmp_path):
 def installer(
     *words: str, path: str, status: int = 0
 ) -> subprocess.CompletedProcess[str]:
-    """Run the installer as a user who may not install."""
     drop = ["setpriv", "--clear-groups", f"--reuid={NOBODY}"]
     return run_program(
         *drop if os.geteuid() == 0 else [],

@@ -43,7 +43,6 @@ class Process:
         self.returncode: int | None = None
 
     def poll(self) -> int | None:
-        """Its exit status, None while it runs."""
         if self.returncode is None:
             pid, status = os.waitpid(self.pid, os.WNOHANG)
             if pid:
@@ -51,7 +50,6 @@ class Process:
         return self.returncode
 
     def wait(self, timeout: float = math.inf) -> int:
-        """Wait for its end."""
         end_s = time.monotonic() + timeout
         while (status := self.poll()) is None:
             if time.monotonic() > end_s:
@@ -60,16 +58,13 @@ class Process:
         return status
 
     def send_signal(self, number: int) -> None:
-        """Send a signal unless it has ended."""
         if self.poll() is None:
             os.kill(self.pid, number)
 
     def terminate(self) -> None:
-        """Ask it to end."""
         self.send_signal(signal.SIGTERM)
 
     def kill(self) -> None:
-        """End it at once."""
         self.send_signal(signal.SIGKILL)
 
 
@@ -142,7 +137,6 @@ def pids() -> set[int]:
 
 
 def close() -> None:
-    """End it."""
     while _started:
         _started.pop().close()
 

@@ -63,8 +63,6 @@ class Tested:
     Attributes:
         true_mm: Its figures by exact standards, by key.
         expanded_mm: Their stated U, by key; of 95.45 %.
-        found_mm: Its figures as measured.
-        standard_mm: Their stated standard uncertainties.
         limit_mm: A limit near each, by key.
         procedure: Verdict on E_UNI with the ten repeats of the standard, by rule.
         lengths: Every measured length: true error, found error, u, U.

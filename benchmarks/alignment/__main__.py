@@ -134,9 +134,9 @@ def _shown(report: dict[str, Any]) -> Iterator[str]:
             f"{row['residual_mm']:.4f} |"
         )
     yield f"\nrefused: {correlations['refused']}"
-    for what, key in (("the index", "index"), ("residuals", "fit")):
+    for quantity, key in (("the index", "index"), ("residuals", "fit")):
         value = correlations[key]
-        yield f"rank correlation of {what} with the true error: {value:.4f}"
+        yield f"rank correlation of {quantity} with the true error: {value:.4f}"
     yield (
         "with the error of a single measurement: predicted "
         f"{correlations['predicted_single']:.4f}, residuals "
@@ -144,8 +144,8 @@ def _shown(report: dict[str, Any]) -> Iterator[str]:
     )
     yield "\n| points | said, of 200 | for example |\n|---|---|---|"
     for kind, row in report["degenerate"].items():
-        said = ", ".join(f"{code} {n}" for code, n in row["said"].items())
-        yield f"| {kind} | {said} | {row['example']} |"
+        codes = ", ".join(f"{code} {n}" for code, n in row["said"].items())
+        yield f"| {kind} | {codes} | {row['example']} |"
 
 
 def _is_kept(report: dict[str, Any]) -> bool:

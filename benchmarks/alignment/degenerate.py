@@ -1,4 +1,4 @@
-"""Messages about common points that determine nothing, or hardly."""
+"""Reports on common points that determine nothing, or barely."""
 
 from collections import Counter
 from typing import Any
@@ -33,17 +33,17 @@ def degenerate(n_each: int) -> dict[str, dict[str, Any]]:
     rng = np.random.default_rng(7)
     by_kind = {}
     for kind, (n, widths_mm) in KINDS.items():
-        said: Counter[str] = Counter()
+        n_of_code: Counter[str] = Counter()
         example = ""
         for _ in range(n_each):
-            codes, text = _said(rng, kind, n, widths_mm)
-            said.update(codes)
+            codes, text = _refusals(rng, kind, n, widths_mm)
+            n_of_code.update(codes)
             example = example or text
-        by_kind[kind] = {"said": dict(said), "of": n_each, "example": example}
+        by_kind[kind] = {"said": dict(n_of_code), "of": n_each, "example": example}
     return by_kind
 
 
-def _said(
+def _refusals(
     rng: np.random.Generator, kind: str, n: int, widths_mm: tuple[float, float]
 ) -> tuple[list[str], str]:
     sides_mm = np.array([1000.0, *widths_mm])

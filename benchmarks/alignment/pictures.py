@@ -73,9 +73,9 @@ def _example(title: str, to_mm: Floats, residual_mm: float) -> Example:
     std_mm = residual_mm * np.sqrt(len(to_mm) / (3 * len(to_mm) - 6))
     for _ in range(_N_DRAWS):
         drawn = _aligned(title, to_mm, true, rng.normal(0.0, std_mm, to_mm.shape))
-        given = drawn["alignment"]
+        fitted = drawn["alignment"]
         alignment = Helmert(
-            np.array(given["rotation"]), np.array(given["translation_mm"])
+            np.array(fitted["rotation"]), np.array(fitted["translation_mm"])
         )
         off_mm = alignment.places_mm(true.inverse().places_mm(places_mm)) - places_mm
         squares.append(np.mean(np.sum(off_mm**2, axis=1)))
@@ -148,13 +148,13 @@ def _prediction(outcomes: Sequence[Outcome], figure: Figure) -> None:
     left.set_xlabel("predicted error in the volume [mm]")
     left.set_ylabel("observed error [mm]")
     edges = np.quantile(predicted, np.linspace(0.0, 1.0, _N_BINS + 1))
-    which = np.clip(np.searchsorted(edges, predicted) - 1, 0, _N_BINS - 1)
+    bin_number = np.clip(np.searchsorted(edges, predicted) - 1, 0, _N_BINS - 1)
     squares = (observed / predicted) ** 2
     middles, ratios, bars = [], [], []
     for number in range(_N_BINS):
-        part = squares[which == number]
+        part = squares[bin_number == number]
         ratio = np.sqrt(part.mean())
-        middles.append(np.median(predicted[which == number]))
+        middles.append(np.median(predicted[bin_number == number]))
         ratios.append(ratio)
         bars.append(part.std() / np.sqrt(len(part)) / (2.0 * ratio))
     right.axhspan(0.95, 1.05, color=GREY, alpha=0.2)

@@ -26,7 +26,6 @@ class Disposition:
     Attributes:
         to_mm: in the part's system, (n, 3).
         true: from the arm's system to the part's.
-        with_scale: a scale is adjusted.
     """
 
     to_mm: Floats

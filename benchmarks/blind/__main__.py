@@ -42,9 +42,9 @@ def _not_named(lines: Sequence[Line]) -> list[str]:
     ]
 
 
-def _series(asked: argparse.Namespace) -> list[Series[Case]]:
-    counts = FULL if asked.full else QUICK
-    return series(counts, knows_masses=not asked.without_masses)
+def _series(arguments: argparse.Namespace) -> list[Series[Case]]:
+    counts = FULL if arguments.full else QUICK
+    return series(counts, knows_masses=not arguments.without_masses)
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -108,8 +108,8 @@ def sparse_regression(rows: ObservationEquations, bank: Bank) -> BaselineResult:
     for _ in range(_SWEEPS):
         largest = 0.0
         for column in range(n_columns):
-            wanted = gradient[column] + amplitudes[column]
-            new = float(np.sign(wanted) * max(abs(wanted) - penalty, 0.0))
+            unpenalised = gradient[column] + amplitudes[column]
+            new = float(np.sign(unpenalised) * max(abs(unpenalised) - penalty, 0.0))
             step = new - amplitudes[column]
             if step:
                 gradient -= products[:, column] * step
@@ -117,9 +117,9 @@ def sparse_regression(rows: ObservationEquations, bank: Bank) -> BaselineResult:
                 largest = max(largest, abs(step))
         if largest < 1e-3 * sigma:
             break
-    whole = np.zeros(len(lengths))
-    whole[seen] = amplitudes
-    sizes = np.array([np.linalg.norm(whole[part]) for part in bank.slices])
+    full_amplitudes = np.zeros(len(lengths))
+    full_amplitudes[seen] = amplitudes
+    sizes = np.array([np.linalg.norm(full_amplitudes[part]) for part in bank.slices])
     order = [int(column) for column in np.argsort(-sizes) if sizes[column] > 0.0]
     return BaselineResult(
         bool(order), tuple(bank.candidates[column].identity for column in order)

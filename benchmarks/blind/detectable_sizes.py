@@ -40,7 +40,6 @@ class SizeScale:
     """Measures effects on a set of poses.
 
     Attributes:
-        exact: Their campaign without noise.
         rows: Of a fit to these, of the poses that are used for choosing.
         library: All names but steps, to find aliases.
     """

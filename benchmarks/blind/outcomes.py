@@ -92,7 +92,7 @@ def find_and_score(case: Case, *, knows_masses: bool = True) -> Line:
     return {
         **_hidden(case),
         "seconds": seconds,
-        **_found(diagnosis),
+        **_named_terms(diagnosis),
         "score": asdict(scored(case.truths, diagnosis)),
         "gap": gap_of(case, diagnosis),
         "rivals": _rivals(case, diagnosis),
@@ -116,7 +116,7 @@ def _hidden(case: Case) -> Line:
     return {"pose_seed": case.pose_seed, "hidden": hidden}
 
 
-def _found(diagnosis: Diagnosis) -> Line:
+def _named_terms(diagnosis: Diagnosis) -> Line:
     terms = [
         {
             "name": term.candidate.name,

@@ -59,8 +59,6 @@ class Score:
         right_joint: the strongest term is at the joint of a true one.
         in_set: a true name is among the strongest term's name and alternatives.
         set_size: number of names of the strongest term, aliases counted as one.
-        single: it has one name.
-        unknown: a term is unknown.
         unknown_right_joint: an unknown term is at the joint of a true one.
         confident_wrong: a term is called named, and its name is wrong.
         n_matched: true terms whose names were found.
@@ -201,19 +199,19 @@ def _matches(
 
 
 def _set_of(term: Term) -> frozenset[Identity]:
-    others = (other.candidate.identity for other in term.alternatives)
-    return frozenset(others) | {term.candidate.identity}
+    identities = (other.candidate.identity for other in term.alternatives)
+    return frozenset(identities) | {term.candidate.identity}
 
 
 def _set_size(term: Term, truths: tuple[TrueTerm, ...]) -> int:
     """Count the names that a term leaves, its aliases and the truth's as one."""
     name = term.candidate.identity
-    others = {
+    rival_identities = {
         other.candidate.identity for other in term.alternatives if not other.alias
     } - {name}
     for truth in truths:
         if name in truth.names:
-            others -= truth.names
-        elif others & truth.names:
-            others = (others - truth.names) | {truth.identity}
-    return 1 + len(others)
+            rival_identities -= truth.names
+        elif rival_identities & truth.names:
+            rival_identities = (rival_identities - truth.names) | {truth.identity}
+    return 1 + len(rival_identities)

@@ -139,10 +139,10 @@ def single_round(
 
     What was hidden is revealed only at the end. Exit status 0, whatever was found.
     """
-    given = _arm(arm)
+    arm_in_file = _arm(arm)
     scenario = Scenario("blind", effects, size, outside=outside)
     try:
-        case = hide(given, scenario, seed)
+        case = hide(arm_in_file, scenario, seed)
     except UnreachableError as error:
         _refuse(f"this arm cannot touch what is measured: {error}")
     progress = _show_progress if sys.stderr.isatty() else None
@@ -172,8 +172,8 @@ def _write(case: Case, diagnosis: Diagnosis, out: Path) -> None:
     write_diagnosis(out, diagnosis, folder / "arm.toml")
 
 
-def _show_progress(what: str, share: float) -> None:
-    typer.echo(f"{share:4.0%} {what}", err=True)
+def _show_progress(stage: str, share: float) -> None:
+    typer.echo(f"{share:4.0%} {stage}", err=True)
 
 
 def _refuse(message: str) -> NoReturn:

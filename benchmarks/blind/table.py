@@ -22,16 +22,15 @@ class Row:
 
     Attributes:
         n: number of runs, or of counted objects in them.
-        found: the rate or ratio.
         interval: of 95 %.
         holds: the interval contains the figure, or is better.
-        rivals: their rates, None for a question without meaning for them.
+        baselines: their rates, None for a question without meaning for them.
     """
 
-    what: str
+    label: str
     figure: str
     n: int
-    found: float
+    share: float
     interval: tuple[float, float]
     holds: bool
     baselines: tuple[float | None, ...] = (None,) * len(BASELINES)
@@ -41,7 +40,7 @@ class Row:
         low, high = self.interval
         theirs = " | ".join("" if r is None else f"{r:.0%}" for r in self.baselines)
         return (
-            f"| {self.what} | {self.figure} | {self.n} | {self.found:.1%} | "
+            f"| {self.label} | {self.figure} | {self.n} | {self.share:.1%} | "
             f"{low:.1%} to {high:.1%} | {'yes' if self.holds else 'NO'} | {theirs} |"
         )
 
@@ -61,14 +60,14 @@ class Runs:
     def of(self, scenario: str) -> list[Line]:
         return self._lines.get(scenario, [])
 
-    def asked(self, scenarios: Sequence[str], question: Question) -> list[bool]:
+    def answers(self, scenarios: Sequence[str], question: Question) -> list[bool]:
         """Collect the answers of all runs of some scenarios."""
         answers = (question(line) for name in scenarios for line in self.of(name))
         return [answer for answer in answers if answer is not None]
 
 
 def binomial_row(
-    what: str,
+    label: str,
     answers: Sequence[bool],
     at_least: float | None,
     at_most: float | None,
@@ -77,7 +76,7 @@ def binomial_row(
     """Count the answers of yes, and compare with a figure.
 
     Args:
-        what: Is counted.
+        label: Is counted.
         answers: At least one.
         at_least: The figure, or None.
         at_most: The figure where there is no least one.
@@ -90,7 +89,7 @@ def binomial_row(
     else:
         most = at_most or 0.0
         holds, figure = low <= most, f"<= {most:.0%}"
-    return Row(what, figure, n, yes / n, (low, high), holds, baselines)
+    return Row(label, figure, n, yes / n, (low, high), holds, baselines)
 
 
 def share(answers: Sequence[bool]) -> float | None:
@@ -118,7 +117,7 @@ def rows(lines: Sequence[Line]) -> Iterator[Row]:
     runs = Runs(lines)
 
     def row(
-        what: str,
+        label: str,
         names: Sequence[str],
         question: Question,
         *,
@@ -126,14 +125,14 @@ def rows(lines: Sequence[Line]) -> Iterator[Row]:
         at_most: float | None = None,
         rival: str | None = None,
     ) -> Iterator[Row]:
-        answers = runs.asked(names, question)
+        answers = runs.answers(names, question)
         if not answers:
             return
         theirs = tuple(
-            share(runs.asked(names, _of_rival(rival_name, rival)))
+            share(runs.answers(names, _of_rival(rival_name, rival)))
             for rival_name in BASELINES
         )
-        yield binomial_row(what, answers, at_least, at_most, theirs)
+        yield binomial_row(label, answers, at_least, at_most, theirs)
 
     for name, most in zip(
         ("noise known", "noise 1.4 x stated", "noise serial"),
@@ -145,7 +144,7 @@ def rows(lines: Sequence[Line]) -> Iterator[Row]:
         yield from row(
             f"false alarms, {name}", [of], detected, at_most=most, rival="detected"
         )
-    for what, key, figures, rival in (
+    for label, key, figures, rival in (
         ("detection", "detected", {6: 0.95, 8: 0.99}, "detected"),
         ("exact name", "exact", {6: 0.85, 8: 0.93, 10: 0.95, 14: 0.97}, "exact"),
         ("right joint", "right_joint", {6: 0.95, 8: 0.98}, None),
@@ -153,7 +152,7 @@ def rows(lines: Sequence[Line]) -> Iterator[Row]:
         for size, least in figures.items():
             of = f"one at {size}"
             yield from row(
-                f"{what} at {size}", [of], _score(key), at_least=least, rival=rival
+                f"{label} at {size}", [of], _score(key), at_least=least, rival=rival
             )
     yield from row(
         "truth in the set",
@@ -214,7 +213,7 @@ def _broke(line: Line) -> bool:
 
 
 def _of_rival(name: str, question: str | None) -> Question:
-    def asked(line: Line) -> bool | None:
+    def answer_of(line: Line) -> bool | None:
         answer = (line.get("rivals") or {}).get(name)
         if answer is None or question is None:
             return None
@@ -222,7 +221,7 @@ def _of_rival(name: str, question: str | None) -> Question:
             return None  # it has no names
         return bool(answer["detected" if question == "named" else question])
 
-    return asked
+    return answer_of
 
 
 def _worse_with_blunders(runs: Runs) -> Iterator[Row]:
@@ -243,24 +242,26 @@ def _worse_with_blunders(runs: Runs) -> Iterator[Row]:
         # Where no run differs, a single one might have: Laplace's rule.
         spread = max(float(np.std(worse)), 1.0 / len(worse)) / np.sqrt(len(worse))
         interval = (mean - _NORMAL * spread, mean + _NORMAL * spread)
-        what = f"exact name at 8 lost by {part} blunders"
+        label = f"exact name at 8 lost by {part} blunders"
         holds = interval[0] <= 0.03
-        yield Row(what, "<= 3 points", len(worse), mean, interval, holds)
+        yield Row(label, "<= 3 points", len(worse), mean, interval, holds)
 
 
 def _gap(size: int, lines: Sequence[Line], least: float) -> Iterator[Row]:
     gaps = [tuple(line["gap"]) for line in lines if line.get("gap")]
-    whole = pooled_gap(gaps)
-    if whole is None or len(gaps) < 2:
+    pooled = pooled_gap(gaps)
+    if pooled is None or len(gaps) < 2:
         return
     without = [
         pooled_gap(gaps[:number] + gaps[number + 1 :]) for number in range(len(gaps))
     ]
     left = np.array([gap for gap in without if gap is not None])
     spread = float(np.sqrt((len(left) - 1) * np.var(left)))
-    interval = (whole - _NORMAL * spread, whole + _NORMAL * spread)
-    what = f"gap closed at {size}, pooled against the oracle"
-    yield Row(what, f">= {least:.0%}", len(gaps), whole, interval, interval[1] >= least)
+    interval = (pooled - _NORMAL * spread, pooled + _NORMAL * spread)
+    label = f"gap closed at {size}, pooled against the oracle"
+    yield Row(
+        label, f">= {least:.0%}", len(gaps), pooled, interval, interval[1] >= least
+    )
 
 
 def _deviations(lines: Sequence[Line]) -> Iterator[Row]:

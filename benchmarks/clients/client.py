@@ -91,13 +91,13 @@ async def _subscribed(
     async with aiomqtt.Client("127.0.0.1", port) as client:
         await client.subscribe(point_topic(arm), qos=1)
         ready.set()
-        taken = 0
+        n_received = 0
         async for message in client.messages:
-            if not taken:
+            if not n_received:
                 begun_s = time.process_time()
             use(bytes(message.payload))
-            taken += 1
-            if taken == n:
+            n_received += 1
+            if n_received == n:
                 break
         return time.process_time() - begun_s
 

@@ -56,8 +56,8 @@ def typed(folder: Path, options: tuple[str, ...], out: Path) -> None:
 async def live(folder: Path, broker: str, options: tuple[str, ...], out: Path) -> None:
     """Measure and scan until a viewer has seen enough."""
     port = rig.free_port()
-    more = ("--listen", str(port), "--magnify", str(MAGNIFIED))
-    with rig.program(folder / "live.log", *RUN, "live", *options, *more):
+    live_options = ("--listen", str(port), "--magnify", str(MAGNIFIED))
+    with rig.program(folder / "live.log", *RUN, "live", *options, *live_options):
         rig.wait_for(lambda: rig.listens(port), "the server")
         async with (
             Viewer(f"ws://127.0.0.1:{port}") as viewer,

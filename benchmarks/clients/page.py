@@ -174,7 +174,7 @@ async def stream(page: Page, port: int, minutes: float) -> None:
         await arm.stop_scan()
 
 
-async def main(what: str = "all", amount: float | None = None) -> None:
+async def main(part: str = "all", amount: float | None = None) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder, port = Path(name), rig.free_port()
         with (
@@ -183,11 +183,11 @@ async def main(what: str = "all", amount: float | None = None) -> None:
             rig.daemon(folder, port),
         ):
             async with browser(folder, port) as (page, _):
-                if what in ("latency", "all"):
+                if part in ("latency", "all"):
                     await latency(page, port, int(amount or N_POINTS))
-                if what in ("million", "all"):
+                if part in ("million", "all"):
                     await million(page, port)
-                if what in ("stream", "all"):
+                if part in ("stream", "all"):
                     await stream(page, port, amount or STREAM_MIN)
 
 

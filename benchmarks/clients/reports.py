@@ -91,8 +91,8 @@ def certificates(out: Path) -> None:
     verified("figures", out / "certificate-refused.png")
     write_arm(Path("arm.toml"), arm.model_copy(update={"serial_number": "D7-0042"}))
     file = Path("acceptance/campaign.toml")
-    head, table, rest = file.read_text("utf-8").partition("\n[")
-    text = f"{head}\n{STATED}{table[1:]}{rest}"
+    head, table, tail = file.read_text("utf-8").partition("\n[")
+    text = f"{head}\n{STATED}{table[1:]}{tail}"
     for kind, (number, certificate, material) in STANDARDS.items():
         lines = CERTIFICATE.format(
             number=number, certificate=certificate, material=material

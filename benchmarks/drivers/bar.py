@@ -59,12 +59,7 @@ TINY_NAMES = tuple(BY_NAME)[:2]
 
 
 class Taker:
-    """Requests a stream and takes the driver's deliveries, in the driver's thread.
-
-    Attributes:
-        up: the device was found.
-        driver: source of the deliveries.
-    """
+    """Requests a stream and takes the driver's deliveries, in the driver's thread."""
 
     dropped_samples = dropped_others = 0
     max_samples = 1 << 20
@@ -100,10 +95,8 @@ class Measured:
     """Result of a driver.
 
     Attributes:
-        off_mm: error of the length.
         rounding_mm: standard deviation of the length by rounding.
         noise_mm: the same of a point, all directions together.
-        rate_hz: samples received per second.
         skew_us: from the first to the last reading of a sample, median.
     """
 
@@ -158,15 +151,15 @@ def measured_virtually(
         device: Any = stage.device()
     now.devices = [device]
 
-    def open_port(path: str, *others: object, **more: object) -> HostEnd:
-        del others, more
+    def open_port(path: str, *arguments: object, **options: object) -> HostEnd:
+        del arguments, options
         return HostEnd(cables[path].held_by_host(), path)
 
-    given: dict[str, Any] = {"monotonic_ns": now.monotonic_ns}
+    services: dict[str, Any] = {"monotonic_ns": now.monotonic_ns}
     if make.is_polled:
-        given["ports"] = PortAccess(open_port, now.wait_for_any)
+        services["ports"] = PortAccess(open_port, now.wait_for_any)
     taker = Taker(min(make.asked_hz, asked_hz), now.over)
-    taker.driver = make.driver(taker, folder, **given)
+    taker.driver = make.driver(taker, folder, **services)
     patched = f"{type(taker.driver).__module__}.SerialPort"
     with nullcontext() if make.is_polled else patch(patched, open_port):
         played(taker.driver, now.over)
@@ -269,18 +262,18 @@ def main() -> None:
         "--points", type=int, default=sized(10, 5), help="on each sphere"
     )
     parser.add_argument("--real", action="store_true", help="all in real time")
-    asked = parser.parse_args()
-    print(f"ball bar of 500 mm, {asked.points} points on each sphere, seven joints")
+    arguments = parser.parse_args()
+    print(f"ball bar of 500 mm, {arguments.points} points on each sphere, seven joints")
     print("| driver | line | bits | rate | skew of a sample | point noise |", end="")
     print(" length off | expected of rounding |\n|---|---|---|---|---|---|---|---|")
     for make in [
-        BY_NAME[name] for name in asked.names or sized(tuple(BY_NAME), TINY_NAMES)
+        BY_NAME[name] for name in arguments.names or sized(tuple(BY_NAME), TINY_NAMES)
     ]:
-        really = make.latches or asked.real
+        really = make.latches or arguments.real
         measured = measured_really if really else measured_virtually
         try:
             with tempfile.TemporaryDirectory() as name:
-                row = measured(make, asked.points, Path(name))
+                row = measured(make, arguments.points, Path(name))
         except (RuntimeError, TimeoutError) as error:
             print(f"| `{make.name}` | {make.line} | not measured: {error} |")
             continue

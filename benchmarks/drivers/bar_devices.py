@@ -83,7 +83,7 @@ class Make:
         return ports
 
     def driver(
-        self, delivery_queue: DeliveryQueue, folder: Path, **more: object
+        self, delivery_queue: DeliveryQueue, folder: Path, **services: object
     ) -> Driver:
         options = dict(self.options)
         if "port" in options:
@@ -92,7 +92,7 @@ class Make:
             options["ports"] = tuple(str(folder / port) for port in options["ports"])
         make: Callable[..., Driver] = driver_class(self.name)
         valid = driver_class(self.name).options_class(**options)
-        return make(self.name, valid, delivery_queue, **more)
+        return make(self.name, valid, delivery_queue, **services)
 
 
 MAKES = (

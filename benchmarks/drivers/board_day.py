@@ -26,7 +26,7 @@ from traverse.drivers.base.values import (
     DeviceUp,
     LatchedCounts,
 )
-from traverse.testing.taken import Taken
+from traverse.testing.deliveries import Deliveries
 from traverse.testing.waiting import until
 
 COUNTS_PER_TURN = 10_000  # divides no power of two: an overflow would show
@@ -92,7 +92,7 @@ async def hour_end(board: MegaBoard) -> Edge:
     rig = ProcessorRig(board, debounce_us=5000)
     board.do(*(f"turn {n} {rate}" for n, rate in enumerate(COUNTS_PER_S)))
     with rig.driver:
-        received = Taken(rig.delivery_queue)
+        received = Deliveries(rig.delivery_queue)
         await received.until(lambda: received.of(DeviceUp), "the board is up")
         rig.driver.request_stream(RATE_HZ)
         await received.until(lambda: len(received.seqs()) > N_SAMPLES, "samples")

@@ -1,4 +1,4 @@
-"""What each kind of encoder reaches at the two boards of the firmware.
+"""Rates and noise of each kind of encoder at the firmware's two boards.
 
 The compiled firmware runs in its emulators, with models of seven encoders, beside
 nothing else: the button is pressed and released, with bounces. *Edge to latch* counts
@@ -33,18 +33,14 @@ from traverse.drivers.base.values import DeviceUp, LatchedCounts
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.simulator.arm.physics import centre_rates
 from traverse.simulator.arm.truth import Deviations, true_arm
-from traverse.testing.taken import Taken
+from traverse.testing.deliveries import Deliveries
 
 INCREMENTAL = EncoderKind("QUADRATURE", "quadrature", 13, ())
 
 
 @dataclass(frozen=True, slots=True)
 class Processor:
-    """One of the two boards.
-
-    Attributes:
-        cycles_per_us: of its clock.
-    """
+    """One of the two boards."""
 
     name: str
     cycles_per_us: int
@@ -60,11 +56,7 @@ PROCESSORS = (
 
 @dataclass(frozen=True, slots=True)
 class Reached:
-    """What a board reached with a kind of encoders.
-
-    Attributes:
-        cycles: from each contact to the latch of each encoder.
-    """
+    """Figures that a board reached with a kind of encoders."""
 
     cycles: tuple[int, ...]
     max_rate_hz: float
@@ -83,16 +75,16 @@ async def reached(
         rig = ProcessorRig(board, debounce_us=5000)
         board.do("turn 0 0")
         with rig.driver:
-            taken = Taken(rig.delivery_queue)
-            await taken.until(lambda: taken.of(DeviceUp), "the board is up")
+            deliveries = Deliveries(rig.delivery_queue)
+            await deliveries.until(lambda: deliveries.of(DeviceUp), "the board is up")
             for n in range(n_changes):
                 board.do(f"bounce 0 {1 - n % 2} 5")
                 presses.append(board.last_press())
-                await taken.until(
-                    lambda: len(taken.of(LatchedCounts)) == len(presses), "an edge"
+                await deliveries.until(
+                    lambda: len(deliveries.of(LatchedCounts)) == len(presses), "an edge"
                 )
-                rig.driver.acknowledge(taken.of(LatchedCounts)[-1].token)
-            identity = taken.of(DeviceUp)[0].identity
+                rig.driver.acknowledge(deliveries.of(LatchedCounts)[-1].token)
+            identity = deliveries.of(DeviceUp)[0].identity
     cycles = [
         cycles
         for press in presses
@@ -125,7 +117,7 @@ def main() -> None:
     parser.add_argument(
         "--changes", type=int, default=sized(20, 2), help="of the button"
     )
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     print("| encoders | bits | point noise |", end="")
     print(*(f" {p.name}: edge to latch | largest rate |" for p in PROCESSORS), sep="")
     print("|---" * 7 + "|")
@@ -136,7 +128,9 @@ def main() -> None:
         )
         for processor in PROCESSORS:
             with tempfile.TemporaryDirectory() as name:
-                row = asyncio.run(reached(processor, kind, asked.changes, Path(name)))
+                row = asyncio.run(
+                    reached(processor, kind, arguments.changes, Path(name))
+                )
             print(f" {cell(processor, row)} |", end="", flush=True)
         print()
 

@@ -54,11 +54,11 @@ class CheapNodes(FakeNodes):
     def put(self, frames: list[tuple[int, bytes]]) -> None:
         """Deliver frames to all other nodes on the bus."""
         own_queue = getattr(self._bus, "queue", None)  # of python-can's virtual bus
-        others = [queue for queue in channels[CHANNEL] if queue is not own_queue]
+        receivers = [queue for queue in channels[CHANNEL] if queue is not own_queue]
         for can_id, data in frames:
             message = can.Message(time.time(), can_id, False)
             message.data, message.dlc = bytearray(data), len(data)
-            for queue in others:
+            for queue in receivers:
                 queue.put(message)
 
 
@@ -143,24 +143,24 @@ async def measure(seconds: float, sync: Literal["host", "external"]) -> list[str
         CanOpenOptions(channel=CHANNEL, interface="virtual", nodes=NODES, sync=sync),
         delivery_queue,
     )
-    taken: list[object] = []
+    deliveries: list[object] = []
     nodes = CheapNodes(CHANNEL, NODES)
     with nodes, driver:
         nodes.answers_sync = sync == "host"
-        while not any(isinstance(d, DeviceUp) for d in taken):
-            taken += await delivery_queue.take()
+        while not any(isinstance(d, DeviceUp) for d in deliveries):
+            deliveries += await delivery_queue.take()
         library = LibraryReader()
         ours, theirs = thread_named("driver-arm"), thread_named("Notifier")
         begun = busy_s(ours), busy_s(theirs), time.monotonic()
         driver.request_stream(RATE_HZ)
         master = Master(nodes)
-        while not any(isinstance(d, StreamStarted) for d in taken):
-            taken += await delivery_queue.take()
+        while not any(isinstance(d, StreamStarted) for d in deliveries):
+            deliveries += await delivery_queue.take()
         await asyncio.sleep(0.1)
         if sync == "external":
             master.start()
         while time.monotonic() - begun[2] < seconds:
-            taken += await delivery_queue.take()
+            deliveries += await delivery_queue.take()
         elapsed_s = time.monotonic() - begun[2]
         ours_s, theirs_s = busy_s(ours) - begun[0], busy_s(theirs) - begun[1]
         master.stopped = True
@@ -169,22 +169,22 @@ async def measure(seconds: float, sync: Literal["host", "external"]) -> list[str
         await asyncio.sleep(0.2)
         n_library = library.n_frames
         library.network.disconnect()
-    taken += delivery_queue.take_waiting()  # if there is anything left
+    deliveries += delivery_queue.take_waiting()  # if there is anything left
     return [
         f"CANopen, {len(NODES)} nodes, SYNC at {RATE_HZ:g} Hz by "
         f"{'the driver' if sync == 'host' else 'another, as by the kernel'}, "
         f"{elapsed_s:.0f} s on a virtual bus:",
-        f"  {stream_line(taken)}",
+        f"  {stream_line(deliveries)}",
         f"  driver, all it does: {ours_s / elapsed_s:.1%} of a core",
         "  canopen library, a callback for each PDO, no sets, no SYNCs: "
         f"{theirs_s / elapsed_s:.1%} of a core ({n_library} frames)",
     ]
 
 
-def stream_line(taken: list[object]) -> str:
-    blocks = [d for d in taken if isinstance(d, CountSamples)]
+def stream_line(deliveries: list[object]) -> str:
+    blocks = [d for d in deliveries if isinstance(d, CountSamples)]
     faults = Counter[str]()
-    for fault in (d for d in taken if isinstance(d, DeviceFault)):
+    for fault in (d for d in deliveries if isinstance(d, DeviceFault)):
         faults[fault.code] += fault.count
     n = sum(len(block.seq) for block in blocks)
     last = int(blocks[-1].seq[-1]) + 1

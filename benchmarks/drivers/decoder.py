@@ -92,7 +92,7 @@ def corrupted() -> str:
 
 
 def speed(n_frames: int = sized(200_000, 2_000)) -> str:
-    """Whole reads beside a plain loop that decodes one frame after the other."""
+    """Compare decoding of whole reads with a loop that decodes frame by frame."""
     seqs = np.arange(n_frames, dtype=np.uint32)
     counts = np.random.default_rng(3).integers(0, 2**23, (n_frames, 7), dtype=np.uint32)
     frames = wire.samples(

@@ -130,8 +130,8 @@ def interpolated_mm(
         )
         for column in counts.T
     ]
-    whole = np.column_stack([column.counts for column in columns])
-    angles_rad = counts_to_angles(model.encoders, whole)
+    interpolated = np.column_stack([column.counts for column in columns])
+    angles_rad = counts_to_angles(model.encoders, interpolated)
     fractions = np.column_stack([column.fractions for column in columns])
     angles_rad += fractions * model.per_count_rad
     return np.asarray(probe_centre(model.geometry, angles_rad))

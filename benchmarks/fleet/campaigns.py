@@ -30,7 +30,7 @@ N_CAMPAIGNS, N_POSES = 8, 240
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.fleet.campaigns")
     parser.add_argument("--rounds", type=int, default=3)
-    given = parser.parse_args(arguments)
+    chosen = parser.parse_args(arguments)
     n_cores = os.cpu_count() or 1
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             ("diagnose", DiagnosisOptions()),
         ):
             rates: dict[str, list[float]] = {name: [] for name in ways}
-            for number in range(given.rounds):
+            for number in range(chosen.rounds):
                 for name, workers in ways.items():
                     out = base / f"{command}-{number}-{len(rates[name])}-{name}"
                     request = Request(base / "design.toml", None, (), options, out)

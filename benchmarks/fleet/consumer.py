@@ -62,7 +62,7 @@ async def consume(port: int, name: str) -> dict[str, object]:
 
 
 def main(port: int, name: str, file: Path) -> None:
-    """Consume until ended, then write what came."""
+    """Consume until ended, then write what was received."""
     consumed = asyncio.run(consume(port, name))
     file.write_text(json.dumps(consumed), "utf-8")
 

@@ -249,12 +249,12 @@ KINDS = (
 N_TRIALS = 30
 
 
-def series(asked: argparse.Namespace) -> list[Series[Case]]:
+def series(arguments: argparse.Namespace) -> list[Series[Case]]:
     """Learn the family, and make trials of every kind of arm."""
-    prior = prior_of(Workers(asked.processes, asked.scheduler))
+    prior = prior_of(Workers(arguments.processes, arguments.scheduler))
     print("| poses | effects seen alone | with the family | times smaller, median |")
     print("|---|---|---|---|")
-    for n_poses in asked.plans:
+    for n_poses in arguments.plans:
         row = smallest_sizes(prior, n_poses)
         print(
             f"| {n_poses} | {row['seen_alone']} of {row['effects']} | "
@@ -269,7 +269,7 @@ def series(asked: argparse.Namespace) -> list[Series[Case]]:
             N_TRIALS,
             first=_FIRST_SEED,
         )
-        for n_poses in asked.poses
+        for n_poses in arguments.poses
         for number, (name, size, is_strange) in enumerate(KINDS)
     ]
 

@@ -51,9 +51,9 @@ def messages(n: int, start: int) -> list[IncomingMessage]:
     return payloads
 
 
-def rows_of(given: Sequence[IncomingMessage]) -> list[Sequence[object]]:
+def rows_of(messages: Sequence[IncomingMessage]) -> list[Sequence[object]]:
     rows = Rows()
-    for message in given:
+    for message in messages:
         rows.add("point", message.topic.split("/")[1], message.payload)
     return list(rows.points)
 
@@ -67,19 +67,19 @@ def bare(url: str) -> Iterator[tuple[str, Work]]:
         "model, message"
     )
 
-    def copy(given: Sequence[IncomingMessage]) -> None:
+    def copy(batch: Sequence[IncomingMessage]) -> None:
         statement = f"COPY point ({columns}) FROM STDIN"
         with connection.cursor() as cursor, cursor.copy(statement) as target:
-            for row in made[given[0].topic, id(given)]:
+            for row in made[batch[0].topic, id(batch)]:
                 target.write_row(row)
         connection.commit()
 
-    def many(given: Sequence[IncomingMessage]) -> None:
+    def many(batch: Sequence[IncomingMessage]) -> None:
         marks = ", ".join(["%s"] * 20)
         with connection.cursor() as cursor:
             cursor.executemany(
                 f"INSERT INTO point ({columns}) VALUES ({marks})",
-                made[given[0].topic, id(given)],
+                made[batch[0].topic, id(batch)],
             )
         connection.commit()
 
@@ -94,7 +94,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--points", type=int, default=10_000)
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     postgres = Postgres()
     by_variant: dict[str, list[float]] = {}
     try:
@@ -109,23 +109,21 @@ def main() -> None:
                 migrate(database)
                 works[name] = Store(database, ScanFiles(folder, "m")).write
             start = 0
-            for _ in range(asked.rounds):
+            for _ in range(arguments.rounds):
                 for name, work in works.items():
-                    given = messages(asked.points, start)
-                    start += asked.points
-                    batches = [
-                        given[n : n + BATCH] for n in range(0, len(given), BATCH)
-                    ]
+                    sent = messages(arguments.points, start)
+                    start += arguments.points
+                    batches = [sent[n : n + BATCH] for n in range(0, len(sent), BATCH)]
                     for batch in batches:
                         made[batch[0].topic, id(batch)] = rows_of(batch)
                     begun_s = time.perf_counter()
                     for batch in batches:
                         work(batch)
                     took_s = time.perf_counter() - begun_s
-                    by_variant.setdefault(name, []).append(asked.points / took_s)
+                    by_variant.setdefault(name, []).append(arguments.points / took_s)
                     made.clear()
             size = Path(folder, "store.db").stat().st_size
-            stored = asked.rounds * asked.points
+            stored = arguments.rounds * arguments.points
             with psycopg.connect(url) as connection:
                 ((total, rows),) = connection.execute(
                     "SELECT pg_total_relation_size('point'), count(*) FROM point"

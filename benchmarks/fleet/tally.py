@@ -79,7 +79,7 @@ class Sent:
 class Run:
     """Programs of a run."""
 
-    what: str
+    subject: str
     arms: int
     rate_hz: float
     seconds: float
@@ -98,7 +98,7 @@ class Fleet:
         daemon_mb, daemon_own_mb: resident of one daemon, and without shared pages.
     """
 
-    what: str
+    subject: str
     arms: int
     rate_hz: float
     seconds: float
@@ -121,8 +121,8 @@ class Fleet:
 
     def lines(self) -> str:
         text = (
-            f"{self.arms} {self.what} at {self.rate_hz:g} Hz for {self.seconds:g} s: "
-            f"{self.messages} messages, {self.numbers} points, "
+            f"{self.arms} {self.subject} at {self.rate_hz:g} Hz for {self.seconds:g} s"
+            f": {self.messages} messages, {self.numbers} points, "
             f"{self.megabytes:.1f} MB; "
             f"{self.missing} missing, {self.doubled} doubled; "
             f"consumers {self.per_consumer}\n"
@@ -157,14 +157,14 @@ def tally(
     missing = doubled = numbers = 0
     seen: dict[tuple[str, str], int] = defaultdict(int)
     for (arm, kind, _), blocks in had.items():
-        reached, gaps, again = gaps_of(blocks)
-        missing, doubled = missing + gaps, doubled + again
+        reached, gaps, repeated = gaps_of(blocks)
+        missing, doubled = missing + gaps, doubled + repeated
         seen[arm, kind] += reached
         numbers += sum(n for _, n in blocks)
     for key, expected in sent.expected.items():
         missing += max(0, expected - seen[key])
     return Fleet(
-        run.what,
+        run.subject,
         run.arms,
         run.rate_hz,
         run.seconds,

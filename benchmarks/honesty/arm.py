@@ -141,7 +141,6 @@ class Pace:
     Attributes:
         rest_s: longest rest between two moves; 0: it never rests.
         reach: of `REACH_RAD` in one move.
-        press_s: mean interval between presses.
     """
 
     rest_s: float
@@ -170,7 +169,7 @@ def play(
     `HOME_S`.
     """
     n_joints = len(AXES)
-    here = np.zeros(n_joints)
+    posture_rad = np.zeros(n_joints)
     time_s, ends_s, pieces = 0.0, [], []
     homes = list(homes_s)
     slowest_s = 2.0 * pace.move_s  # one that has begun must not end too late
@@ -179,25 +178,25 @@ def play(
             if at_s := homes.pop(0):
                 time_s = max(time_s + HURRY_S, at_s)
                 ends_s.append(time_s)
-                pieces.append(move_pieces(here, np.zeros(n_joints)))
-            here = np.zeros(n_joints)
+                pieces.append(move_pieces(posture_rad, np.zeros(n_joints)))
+            posture_rad = np.zeros(n_joints)
             time_s += HOME_S
             ends_s.append(time_s)
-            pieces.append(rest_pieces(here))
+            pieces.append(rest_pieces(posture_rad))
         if pace.rest_s:
             rest_s = float(rng.uniform(0.2, 1.0)) * pace.rest_s
             left_s = homes[0] - LEAVE_S - time_s if homes else duration_s
             time_s += max(0.05, min(rest_s, left_s))
             ends_s.append(time_s)
-            pieces.append(rest_pieces(here))
+            pieces.append(rest_pieces(posture_rad))
         if not pace.reach:
             continue
         step = pace.reach * REACH_RAD * rng.uniform(-1.0, 1.0, n_joints)
-        target = np.clip(here + step, -REACH_RAD, REACH_RAD)
+        target = np.clip(posture_rad + step, -REACH_RAD, REACH_RAD)
         time_s += pace.move_s * float(rng.uniform(1.0, 2.0))
         ends_s.append(time_s)
-        pieces.append(move_pieces(here, target))
-        here = target
+        pieces.append(move_pieces(posture_rad, target))
+        posture_rad = target
     events, at_s = [], float(rng.uniform(0.5, pace.press_s))
     while at_s < duration_s - 1.0:
         events.append(ScriptEvent(at_s, "button", 1))

@@ -133,12 +133,10 @@ class DeviceEnd:
 
     @property
     def held(self) -> bool:
-        """Whether a host has its end open."""
         return self._cable.held
 
     @property
     def backlog(self) -> bool:
-        """Whether bytes wait for the host."""
         return bool(self._cable.to_host)
 
     def host_changed(self) -> bool:
@@ -212,7 +210,6 @@ class HostEnd:
 
     @property
     def ready(self) -> bool:
-        """Whether a read would return something, or fail."""
         return self.is_gone or self._cable.host_due_s() <= self._cable.hub.now_s
 
     def fileno(self) -> int:

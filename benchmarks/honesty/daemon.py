@@ -170,7 +170,7 @@ class DaemonRun:
         hub = self._hub
         queue = DeliveryQueue(loop, monotonic_ns=hub.monotonic_ns)
         kind = driver_class(section.driver)
-        more: dict[str, Any] = {}
+        services: dict[str, Any] = {}
         if issubclass(kind, PolledDriver):
 
             def open_port(
@@ -185,9 +185,13 @@ class DaemonRun:
                 hub.wait(seconds, lambda: any(end.ready for end in ends))
                 return [index for index, end in enumerate(ends) if end.ready]
 
-            more["ports"] = PortAccess(open_port, wait_for_any)
+            services["ports"] = PortAccess(open_port, wait_for_any)
         driver = kind(
-            section.id, section.options, queue, monotonic_ns=hub.monotonic_ns, **more
+            section.id,
+            section.options,
+            queue,
+            monotonic_ns=hub.monotonic_ns,
+            **services,
         )
         return Device(section, queue, driver)
 

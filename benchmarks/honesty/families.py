@@ -39,7 +39,6 @@ class Family:
     """How an arm is read.
 
     Attributes:
-        button: Source of its button.
         latches: All joints are latched at one instant.
         has_clock: Some device has a timer of its own.
         can_swap: Two devices, or two lines of one, can change places.

@@ -217,13 +217,13 @@ class Hub:
     def _run_readers(self) -> None:
         if self.now_s < self.readers_stalled_s:
             return
-        again, spins = True, 0
-        while again:
-            again = False
+        is_called, spins = True, 0
+        while is_called:
+            is_called = False
             for reader in tuple(self.readers):
                 if reader.greenlet.dead or not reader.can_run(self.now_s):
                     continue
-                again, self._current = True, reader
+                is_called, self._current = True, reader
                 reader.due_s = NEVER_S
                 reader.greenlet.switch()
                 self._current = None

@@ -34,7 +34,7 @@ DIAGONAL = (0, 3, 5)  # of xx, xy, xz, yy, yz, zz
 class Lie:
     """An unmarked number that is wrong."""
 
-    what: str
+    kind: str
     at_s: float
     off_mm: float
     allowed_mm: float
@@ -42,7 +42,7 @@ class Lie:
 
     def __str__(self) -> str:
         text = (
-            f"{self.what} at {self.at_s:.3f} s: {self.off_mm:.3f} mm off, "
+            f"{self.kind} at {self.at_s:.3f} s: {self.off_mm:.3f} mm off, "
             f"{self.allowed_mm:.3f} allowed"
         )
         if abs(self.utc_off_s) > LEAST_UTC_S:
@@ -54,16 +54,16 @@ class Lie:
 class Claims:
     """Claims of a message at n instants: times [UTC], places (n, 3), and doubt."""
 
-    what: str
+    kind: str
     times_ns: Integers
     xyz_mm: Floats
     ok: Booleans
     flags: list[str]
 
     @classmethod
-    def of(cls, what: str, pose: Point | Live) -> "Claims":
+    def of(cls, kind: str, pose: Point | Live) -> "Claims":
         return cls(
-            what,
+            kind,
             np.array([pose.time_ns]),
             np.array([pose.xyz_mm]),
             np.array([pose.quality.ok]),
@@ -135,8 +135,8 @@ class Judge:
         if point.retracts is not None:
             return
         std_mm = self._std_mm(point.covariance_mm2)
-        what = "mean" if point.samples > 1 else point.trigger
-        for lie in self._judge(Claims.of(what, point), std_mm, utc_offset_ns):
+        kind = "mean" if point.samples > 1 else point.trigger
+        for lie in self._judge(Claims.of(kind, point), std_mm, utc_offset_ns):
             self._unnamed[point.id] = lie
 
     def live(self, live: Live, utc_offset_ns: int) -> None:
@@ -165,7 +165,7 @@ class Judge:
 
     def _judge(self, claims: Claims, std_mm: Floats, utc_offset_ns: int) -> list[Lie]:
         """Count numbers and lies; return what would be lies but for the pardon."""
-        what, times_ns, xyz_mm = claims.what, claims.times_ns, claims.xyz_mm
+        kind, times_ns, xyz_mm = claims.kind, claims.times_ns, claims.xyz_mm
         ok, flags = claims.ok, claims.flags
         offsets = self._offsets_ns
         if utc_offset_ns not in offsets:
@@ -174,10 +174,10 @@ class Judge:
         off_mm, at_s, utc_off_s = self._errors(times_ns, xyz_mm)
         for other_ns in offsets[1:]:  # a block may have begun before UTC was set
             if (np.abs(utc_off_s) > 60.0).any() or len(times_ns) > 1:
-                others = self._errors(times_ns, xyz_mm, other_ns)
-                better = others[0] < off_mm
-                off_mm = np.where(better, others[0], off_mm)
-                at_s = np.where(better, others[1], at_s)
+                otherwise = self._errors(times_ns, xyz_mm, other_ns)
+                better = otherwise[0] < off_mm
+                off_mm = np.where(better, otherwise[0], off_mm)
+                at_s = np.where(better, otherwise[1], at_s)
         allowed_mm = SLACK_MM + SIGMAS * std_mm
         back_s, ahead_s = self._utc_tolerance_s()
         wrong = (off_mm > allowed_mm) | (utc_off_s < -back_s) | (utc_off_s > ahead_s)
@@ -185,33 +185,33 @@ class Judge:
         pardoned = wrong & (at_s >= from_s) & (at_s <= until_s)
         wrong &= ~pardoned
         tally = self.tally
-        tally.ok[what] += int(ok.sum())
-        tally.doubt[what] += int((~ok).sum())
+        tally.ok[kind] += int(ok.sum())
+        tally.doubt[kind] += int((~ok).sum())
         if ok.any():
             tally.worst = max(tally.worst, float((off_mm / allowed_mm)[ok].max()))
         for row in np.flatnonzero(~ok).tolist():
             if at_s[row] > SETTLED_S:
-                tally.settled[what] += 1
+                tally.settled[kind] += 1
                 tally.doubts[flags[row]] += 1
         columns = at_s, off_mm, allowed_mm, utc_off_s
 
         def lie_of(row: int) -> Lie:
-            return Lie(what, *(float(column[row]) for column in columns))
+            return Lie(kind, *(float(column[row]) for column in columns))
 
         for row in np.flatnonzero(ok & wrong).tolist():
             self._add_lie(lie_of(row))
-        if what not in ("live", "scan") or (ok & wrong).any() or (~ok).any():
+        if kind not in ("live", "scan") or (ok & wrong).any() or (~ok).any():
             worst = int(np.argmax(off_mm * (1 + ok)))
             state = "LIE" if (ok & wrong).any() else "ok" if ok.all() else "doubt"
             self._note(
-                f"{self._hub.now_s:9.4f} {state:5} {what} of {at_s[worst]:.4f}: "
+                f"{self._hub.now_s:9.4f} {state:5} {kind} of {at_s[worst]:.4f}: "
                 f"{off_mm[worst]:.4f} mm off, {allowed_mm[worst]:.4f} allowed, "
                 f"UTC {utc_off_s[worst]:.3g} s, {flags[worst] or 'no flags'}"
             )
         return [lie_of(row) for row in np.flatnonzero(ok & pardoned).tolist()]
 
     def _add_lie(self, lie: Lie) -> None:
-        self.tally.lies[lie.what] += 1
+        self.tally.lies[lie.kind] += 1
         if len(self.tally.examples) < MOST_EXAMPLES:
             self.tally.examples.append(lie)
 

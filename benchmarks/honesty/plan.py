@@ -16,7 +16,6 @@ class PlannedFault:
     """A planned fault.
 
     Attributes:
-        kind: see `FAULT_KINDS`.
         lasts_s: duration; 0 for an instant.
         size: by kind: seconds, counts, or a share.
         device: number of the device concerned.
@@ -43,7 +42,6 @@ class Plan:
     """A world before it begins.
 
     Attributes:
-        rates_ppm: of each device's clock.
         drifts_ppm_s: change of that in a second.
         delays_s: least, usual and bunch of each device's cable.
         pace: how the arm is led, see `PACES`.

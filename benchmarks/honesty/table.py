@@ -41,11 +41,11 @@ def verdict(lines: Sequence[Line]) -> Verdict:
             + ", ".join(f"{n} {flag}" for flag, n in flags.most_common(MOST_FLAGS))
         )
     for line in [*liars, *doubters][:MOST_LIARS]:
-        what = line["examples"][0] if line in liars else "doubt without a fault"
+        example = line["examples"][0] if line in liars else "doubt without a fault"
         parts.append(
             f"world {line['world']}, {line['family']} ({', '.join(line['kinds'])}, "
             f"{line['pace']}): {_sum([line], 'lies')} lies, "
-            f"{_unexplained(line)} in doubt; {what}\n"
+            f"{_unexplained(line)} in doubt; {example}\n"
             f"    python -m benchmarks.honesty --seed {line['world']} -v"
         )
     parts += [f"world {line['world']}: nothing was measured" for line in silent]
@@ -96,7 +96,7 @@ def _table(title: str, groups: dict[str, list[Line]]) -> list[str]:
     return rows
 
 
-def _sum(lines: Iterable[Line], key: str, what: str | None = None) -> int:
-    if what is not None:
-        return sum(line[key].get(what, 0) for line in lines)
+def _sum(lines: Iterable[Line], key: str, kind: str | None = None) -> int:
+    if kind is not None:
+        return sum(line[key].get(kind, 0) for line in lines)
     return sum(sum(line[key].values()) for line in lines)

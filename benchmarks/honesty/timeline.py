@@ -16,7 +16,6 @@ class ClockFault:
     """A clock is stopped or slewed for a time, or is set.
 
     Attributes:
-        stands_s: duration of the standstill.
         rate: that remains of its own meanwhile.
         set_s: by how much it is set ahead; negative: back.
     """

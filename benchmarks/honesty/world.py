@@ -75,7 +75,7 @@ CHANGE_S, RETRY_S = 0.1, 0.5  # of a probe that is changed; of a start that is r
 
 @dataclass(eq=False)
 class Outcome:
-    """What came of a world."""
+    """Outcome of a world."""
 
     plan: Plan
     tally: Tally = field(default_factory=Tally)
@@ -154,7 +154,7 @@ class World:
             return MemoryLine(self._cables[f"/ports/{channel}"], channel)
 
         def can_bus(
-            interface: str, channel: str, bit_rate: int, **more: Any
+            interface: str, channel: str, bit_rate: int, **options: Any
         ) -> HostBus:
             return HostBus(hub.ports[f"/ports/{channel}"], channel)
 
@@ -334,14 +334,14 @@ class World:
             picked = self._rng.choice(groups[0], 2, replace=False).tolist()
         else:
             picked = [groups[0][0], groups[1][0]]
-        first, other = (self._cables[str(port)] for port in picked)
+        first, second = (self._cables[str(port)] for port in picked)
 
         def swap() -> None:
-            hub.ports[picked[0]], hub.ports[picked[1]] = other, first
+            hub.ports[picked[0]], hub.ports[picked[1]] = second, first
             self._swapped = True
-            _each([first, other], Cable.plug)
+            _each([first, second], Cable.plug)
 
-        hub.at(fault.at_s, lambda: _each([first, other], Cable.unplug))
+        hub.at(fault.at_s, lambda: _each([first, second], Cable.unplug))
         hub.at(fault.at_s + fault.lasts_s, swap)
 
     def _utc_s(self) -> float:
@@ -359,7 +359,7 @@ class World:
         return max(believed_s, now_s)  # Linux refuses a time before its own start
 
     def _is_synchronised(self) -> bool:
-        """Whether the kernel says that a program keeps UTC."""
+        """Return whether the kernel says that a program keeps UTC."""
         now_s = self.hub.now_s
         return not any(
             (fault.kind == "utc_step" and now_s >= fault.at_s)
@@ -510,7 +510,7 @@ class World:
         self.judge.pardon(begun_s - CHANGE_S, self.hub.now_s + CHANGE_S)
 
     def _may_confirm(self) -> bool:
-        """Whether the arm's positions are right: only then the operator confirms."""
+        """Return whether the arm's positions are right, which the operator checks."""
         return not self._swapped and all(m.source.is_right for m in self._mounted)
 
 

@@ -44,15 +44,17 @@ REPEATS = sized(3, 1)  # of the small ones; the best counts
 def measured(method: str, campaign: Campaign) -> dict[str, Any]:
     """Time one method."""
     arm = demo_arm()
-    given = problem(campaign, arm)
+    start_problem = problem(campaign, arm)
     before_kb = _peak_kb()
     times_s: list[float] = []
-    geometry, n_iterations = given.start.arm.geometry, 0
+    geometry, n_iterations = start_problem.start.arm.geometry, 0
     n_repeats = REPEATS if len(campaign.poses) <= 5_000 else 1
     while len(times_s) < n_repeats:
         begun_s = time.process_time()
         if method == "adjust":
-            adjusted = adjust(given.network, given.start, given.start.arm)
+            adjusted = adjust(
+                start_problem.network, start_problem.start, start_problem.start.arm
+            )
             geometry = adjusted.state.arm.geometry
             n_iterations = len(adjusted.iterations)
         elif method == "identify":
@@ -60,7 +62,7 @@ def measured(method: str, campaign: Campaign) -> dict[str, Any]:
             geometry = result.adjustment.state.arm.geometry
             n_iterations = len(result.iterations)
         else:
-            fit = DensePeer(given).solve(numerical=method != "dense")
+            fit = DensePeer(start_problem).solve(numerical=method != "dense")
             geometry, n_iterations = fit.state.arm.geometry, fit.n_jacobians
         times_s.append(time.process_time() - begun_s)
     return {
@@ -80,23 +82,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--campaign", type=Path, help="one that was made before")
     parser.add_argument("--sizes", type=int, nargs="*", default=SIZES)
     parser.add_argument("--scan", type=int, default=SCAN_POSES)
-    given = parser.parse_args(arguments)
-    if given.method is not None:
+    options = parser.parse_args(arguments)
+    if options.method is not None:
         # What is read here was written a moment ago by this program.
-        campaign = pickle.loads(given.campaign.read_bytes())
-        print(json.dumps(measured(given.method, campaign)))
+        campaign = pickle.loads(options.campaign.read_bytes())
+        print(json.dumps(measured(options.method, campaign)))
         return
     print(f"load of the machine: {os.getloadavg()[0]:.2f}, cores: {os.cpu_count()}")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "campaign.pickle"
-        _compare(given.sizes, path)
-        if given.scan:
-            path.write_bytes(pickle.dumps(large_campaign("scan", given.scan)))
+        _compare(options.sizes, path)
+        if options.scan:
+            path.write_bytes(pickle.dumps(large_campaign("scan", options.scan)))
             for method in ("adjust", "identify"):
                 result = _in_a_process(method, path)
-                print(
-                    f"scan of one sphere, {given.scan} poses: {_shown(method, result)}"
-                )
+                shown = _shown(method, result)
+                print(f"scan of one sphere, {options.scan} poses: {shown}")
     print(f"load afterwards: {os.getloadavg()[0]:.2f}")
 
 

@@ -36,7 +36,6 @@ class Problem:
     """Start of every method.
 
     Attributes:
-        network: observations, free parameters, noise.
         start: the design, and the artefacts' unknowns that follow from it.
     """
 
@@ -103,8 +102,8 @@ class PeerResult:
 class DensePeer:
     """A problem in scipy's form: one vector in, one vector or dense matrix out."""
 
-    def __init__(self, given: Problem) -> None:
-        self._network, self._start = given.network, given.start
+    def __init__(self, problem: Problem) -> None:
+        self._network, self._start = problem.network, problem.start
         self._whiteners = linearise(self._network, self._start).whiteners
         self._n_free = self._network.parameters.n_free
         widths = [len(station.scales) for station in self._network.stations]

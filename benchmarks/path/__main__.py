@@ -13,7 +13,7 @@ from benchmarks.path.whole import (
     LIKE_A_LINE,
     WholePath,
     stages,
-    whole,
+    whole_path,
 )
 from benchmarks.tools.command_line import run_main
 from benchmarks.tools.rig import ARM
@@ -64,13 +64,14 @@ def tables(
     largest_mm = check_agreement(payloads, PlainLoop(model).run(some))
     print(f"plain loop and path agree within {largest_mm:.1e} mm")
     ways = [
-        whole(model, RATE_HZ, data, n_samples, w) for w in (FROM_MEMORY, LIKE_A_LINE)
+        whole_path(model, RATE_HZ, data, n_samples, w)
+        for w in (FROM_MEMORY, LIKE_A_LINE)
     ]
     plain = Task("plain loop", lambda: PlainLoop(model).run(some), n_plain, True)
     yield timed("bytes to payloads, a sample", [*ways, plain], rounds)
     for way in (FROM_MEMORY, LIKE_A_LINE):
         tasks = [
-            whole(model, RATE_HZ, data, n_samples, way),
+            whole_path(model, RATE_HZ, data, n_samples, way),
             *stages(model, RATE_HZ, data, n_samples, way),
         ]
         yield timed(f"stages, {way.name}", tasks, rounds)

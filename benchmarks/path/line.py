@@ -1,4 +1,4 @@
-"""What a board with seven encoders sends during a timed scan."""
+"""Bytes of a board with seven encoders during a timed scan."""
 
 import numpy as np
 

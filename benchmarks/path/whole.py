@@ -105,7 +105,7 @@ def scanner(model: ArmModel, rate_hz: float, offer: ScanSink) -> Scanner:
     return started
 
 
-def whole(
+def whole_path(
     model: ArmModel, rate_hz: float, data: bytes, n: int, delivery: Delivery
 ) -> Task:
     """All stages together."""

@@ -39,7 +39,7 @@ Add = Callable[[Sequence[NewMessage]], object]
 
 
 class LmdbStore:
-    """What the outbox stores, in LMDB: four trees in one file."""
+    """The outbox's content in LMDB: four trees in one file."""
 
     def __init__(self, path: Path) -> None:
         self._environment = lmdb.open(str(path), map_size=LMDB_BYTES, max_dbs=4)
@@ -169,12 +169,12 @@ def stores(folder: Path) -> None:
         contextlib.closing(LmdbStore(folder / "lmdb")) as peer,
     ):
         for size in SIZES:
-            taken: dict[str, list[Any]] = {"SQLite": [], "LMDB": []}
-            sources = {name: entries(payload) for name in taken}
+            times_of: dict[str, list[Any]] = {"SQLite": [], "LMDB": []}
+            sources = {name: entries(payload) for name in times_of}
             for _ in range(ROUNDS):
                 for name, add in (("SQLite", sqlite.add), ("LMDB", peer.add)):
-                    taken[name] += transactions_s(add, sources[name], size)
-            for name, times_s in taken.items():
+                    times_of[name] += transactions_s(add, sources[name], size)
+            for name, times_s in times_of.items():
                 cpu_us, elapsed_us = np.array(times_s).T * 1e6
                 p50, p99 = np.percentile(elapsed_us, (50, 99))
                 print(

@@ -1,4 +1,6 @@
-"""`python -m benchmarks.peers.mqtt_clients [FILE]`: our MQTT client beside others.
+"""`python -m benchmarks.peers.mqtt_clients [FILE]`: our MQTT client beside peers.
+
+Paho is the quickest known that waits for acknowledgements, gmqtt the quickest receiver.
 
 Through one mosquitto, by turns: CPU time (all threads) of 1,000 messages of 500 bytes
 published at quality of service 1, each waited for by its sender, 16 of them at a time;
@@ -15,7 +17,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import AsyncIterable, AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -34,14 +36,13 @@ PAYLOAD = bytes(PAYLOAD_BYTES)
 # Of the library itself, without its tests and examples.
 PACKAGES = {
     "Traverse": ("traverse.broker.client", "traverse.broker.packets"),
-    "aiomqtt": ("aiomqtt", "paho.mqtt"),
     "paho": ("paho.mqtt",),
     "gmqtt": ("gmqtt",),
 }
 
 
 class Client:
-    """What is measured of each: sending, and receiving until all are there."""
+    """Measured figures of a client: sending, and receiving until all have arrived."""
 
     def __init__(self, publish: Callable[[], Awaitable[object]]) -> None:
         self.publish = publish
@@ -56,40 +57,19 @@ class Client:
 
 
 @asynccontextmanager
-async def counting(
-    client: Client, messages: AsyncIterable[object]
-) -> AsyncIterator[None]:
-    """Count the messages of an asynchronous iterator meanwhile."""
-
-    async def receive() -> None:
-        async for _ in messages:
-            client.received()
-
-    task = asyncio.create_task(receive())
-    yield
-    task.cancel()
-
-
-@asynccontextmanager
 async def ours(port: int) -> AsyncIterator[Client]:
     """Connect our own."""
     async with MqttClient("127.0.0.1", port) as link:
         client = Client(lambda: link.publish(OUT, PAYLOAD, 1))
         await link.subscribe((IN, 1))
-        async with counting(client, link.messages):
-            yield client
 
+        async def receive() -> None:
+            async for _ in link.messages:
+                client.received()
 
-@asynccontextmanager
-async def aiomqtt(port: int) -> AsyncIterator[Client]:
-    """Connect aiomqtt, which is paho below."""
-    library = importlib.import_module("aiomqtt")
-    async with library.Client("127.0.0.1", port) as link:
-        link.pending_calls_threshold = 2 * AT_ONCE
-        client = Client(lambda: link.publish(OUT, PAYLOAD, 1))
-        await link.subscribe(IN, 1)
-        async with counting(client, link.messages):
-            yield client
+        task = asyncio.create_task(receive())
+        yield client
+        task.cancel()
 
 
 @asynccontextmanager
@@ -107,7 +87,7 @@ async def paho(port: int) -> AsyncIterator[Client]:
         room.release()
 
     async def publish() -> None:
-        """From its own thread, as paho is used; all acknowledged at the end."""
+        """Publish from its own thread, as paho is used; all acknowledged at the end."""
 
     link.on_publish = published
     client = Client(publish)
@@ -154,7 +134,7 @@ async def gmqtt(port: int) -> AsyncIterator[Client]:
     await link.disconnect()
 
 
-CLIENTS = {"Traverse": ours, "aiomqtt": aiomqtt, "paho": paho, "gmqtt": gmqtt}
+CLIENTS = {"Traverse": ours, "paho": paho, "gmqtt": gmqtt}
 
 
 async def send_all(client: Client) -> None:
@@ -207,14 +187,14 @@ def main(path: Path | None = None) -> None:
     """Print a table, and keep it in a file where one is named."""
     print(load())
     names = [name for name in CLIENTS if _is_there(name)]
-    found: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
+    values_of: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
     with tempfile.TemporaryDirectory() as folder:
         port = rig.free_port()
         with rig.mosquitto(Path(folder), port):
             for _ in range(ROUNDS):
                 for name in names:
-                    found[name].append(asyncio.run(measured(name, port)))
-    for name, values in found.items():
+                    values_of[name].append(asyncio.run(measured(name, port)))
+    for name, values in values_of.items():
         sent, received = (sorted(column) for column in zip(*values, strict=True))
         middle = len(values) // 2
         print(
@@ -223,7 +203,7 @@ def main(path: Path | None = None) -> None:
             f"({received[0]:.0f} to {received[-1]:.0f}); {n_lines(name)} lines"
         )
     print(load())
-    write_json(path, found)
+    write_json(path, values_of)
 
 
 def _is_there(name: str) -> bool:

@@ -46,11 +46,16 @@ def placed(robot: Robot, angles_rad: np.ndarray, places_mm: np.ndarray) -> np.nd
 
 
 def main() -> None:
-    given = json.load(sys.stdin)
-    angles_rad, places_mm = np.array(given["angles_rad"]), np.array(given["places_mm"])
-    kept = np.array(given["is_kept"])
-    robot = Robot(MDHKinematicChain.from_parameters(modified(np.array(given["rows"]))))
-    robot.tool.position = np.array(given["tool_mm"])
+    request = json.load(sys.stdin)
+    angles_rad, places_mm = (
+        np.array(request["angles_rad"]),
+        np.array(request["places_mm"]),
+    )
+    kept = np.array(request["is_kept"])
+    robot = Robot(
+        MDHKinematicChain.from_parameters(modified(np.array(request["rows"])))
+    )
+    robot.tool.position = np.array(request["tool_mm"])
     robot.world_frame = placed(robot, angles_rad[~kept], places_mm[~kept])
     handler = OptimizationHandler(
         robot,
@@ -67,7 +72,7 @@ def main() -> None:
     )
     handler.apply_optimization_vector(fit.x)
     best = handler.robot
-    if given["was_moved"]:
+    if request["was_moved"]:
         best.world_frame = placed(best, angles_rad[kept], places_mm[kept])
     distances_mm = compute_absolute_errors(angles_rad[kept], places_mm[kept], best)
     json.dump({"distances_mm": distances_mm.tolist()}, sys.stdout)

@@ -81,9 +81,9 @@ def _condition(travel: str, orders: tuple[int, ...], seed: int) -> float:
         coarse_start=False,
         n_suggestions=0,
     )
-    wanted = arm.model_copy(update={"effects": _harmonics(arm, orders)})
+    with_harmonics = arm.model_copy(update={"effects": _harmonics(arm, orders)})
     return identify(
-        campaign_from_simulation(simulated.campaign), wanted, options
+        campaign_from_simulation(simulated.campaign), with_harmonics, options
     ).condition_number
 
 

@@ -156,9 +156,11 @@ class PlantedNoise:
             blocks += [
                 _wide(r.by_unknowns, r.by_parameters, places, width) for r in rows
             ]
-            said = self._network.certified(station, self._state.arm, unknowns)
+            certified = self._network.certified(station, self._state.arm, unknowns)
             n_own = len(station.scales)
-            blocks.append(_wide(said[:, :n_own], said[:, n_own:-1], places, width))
+            blocks.append(
+                _wide(certified[:, :n_own], certified[:, n_own:-1], places, width)
+            )
             start += n_own
         columns = np.vstack(blocks)
         sizes = np.linalg.norm(columns, axis=0)
@@ -204,10 +206,12 @@ class PlantedNoise:
             of_contacts = np.einsum("nij,nj->ni", rows.by_centre, shifts_mm)
             errors.append((of_readings + of_contacts).ravel())
         # Lengths as they are, less what the campaign says of them.
-        said = campaign.artefacts[station.index].certificate(
+        certificate = campaign.artefacts[station.index].certificate(
             self._state.unknowns[number], station.touches
         )
-        return np.concatenate([*errors, said.misclosures_mm / said.std_mm])
+        return np.concatenate(
+            [*errors, certificate.misclosures_mm / certificate.std_mm]
+        )
 
 
 def _without_errors(poses: PoseSet, noise: NoiseTable) -> Campaign:
@@ -277,15 +281,12 @@ class Outcome:
     """Result of one campaign.
 
     Attributes:
-        converged: the last adjustment converged.
         passed: the global test of sigma0.
         sum_of_squares: weighted, of the last adjustment.
         foreseen: sum of squares by the planted errors, if all poses take part without
             blunders; else None.
         foreseen_chi_square: by the planted errors; else None.
-        mean_square_mm2: of the distances' errors.
         n_determined: directions of the arm's parameters.
-        n_kept: of these, not removed.
         n_lost: good poses that were removed.
     """
 

@@ -38,7 +38,7 @@ MAX_GROWTH = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """What the daemon holds at a time."""
+    """Memory and descriptors of the daemon at a time."""
 
     after_s: float
     rss_mb: float

@@ -49,7 +49,7 @@ def begin_scan(port: int, rate_hz: float) -> None:
 
 
 def by_command_ms(port: int, name: str, n: int = POINTS) -> list[float]:
-    """From sending a command to its answer."""
+    """Measure from sending a command to its answer [ms]."""
     client = RawClient(port, name)
     client.subscribe(f"traverse/{ARM}/reply/point")
     answers = client.payloads()
@@ -94,7 +94,7 @@ def flood(port: int) -> Iterator[list[int]]:
 
 
 def blocks_ms(port: int, seconds: float, name: str) -> list[float]:
-    """From a block's last sample to a subscriber that has decoded it, for so long."""
+    """Measure from a block's last sample to a subscriber that has decoded it [ms]."""
     client = RawClient(port, name)
     client.subscribe(f"traverse/{ARM}/scan")
     end_s = time.monotonic() + seconds

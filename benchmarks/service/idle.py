@@ -29,7 +29,6 @@ class Idle:
         moves: the arm moves; else it rests.
         threads_share: of each thread of the daemon, in the order of their start.
         switches_hz: their voluntary switches, in the same order.
-        memory_mb: resident.
     """
 
     moves: bool

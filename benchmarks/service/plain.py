@@ -85,9 +85,6 @@ class Turn:
         latency: from the last byte of a press to the subscriber.
         behind_us: the median of the last tenth.
         cpu_us: CPU time a point, without the program's own when nobody presses.
-        all_cpu_us: with it.
-        threads_us: the latter by thread.
-        switches: a point.
     """
 
     program: str
@@ -108,7 +105,7 @@ class Turn:
 
 
 def idle_share(name: str, folder: Path, port: int) -> float:
-    """Share of a core that a program takes while nobody presses."""
+    """Return the share of a core that a program takes while nobody presses."""
     _, program = PROGRAMS[name]
     with edge_board(folder, NEVER_HZ), program(folder, port) as process:
         time.sleep(IDLE_AFTER_S)
@@ -146,12 +143,14 @@ def turn(name: str, folder: Path, port: int, idle: float) -> Iterator[Turn]:
         begun.append(Spent.by(process.pid))
     client.close()
     pressed_ns = [int(line) for line in log.read_text("ascii").split()]
-    for at, ((rate_hz, n), first) in enumerate(zip(PHASES, firsts[:-1], strict=True)):
+    for number, ((rate_hz, n), first) in enumerate(
+        zip(PHASES, firsts[:-1], strict=True)
+    ):
         at_ns = [
             (p, arrivals_ns[p]) for p in range(first, first + n) if p in arrivals_ns
         ]
         latencies_ns = [arrival_ns - pressed_ns[press] for press, arrival_ns in at_ns]
-        spent = ended.get(first + n - 1, begun[at + 1]).since(begun[at])
+        spent = ended.get(first + n - 1, begun[number + 1]).since(begun[number])
         came = len(at_ns)
         all_cpu_us = sum(spent.cpu_ns) / (came - 1) * 1e-3
         elapsed_us = (at_ns[-1][1] - at_ns[0][1]) * 1e-3
@@ -188,11 +187,11 @@ def lines(turns: list[Turn], rate_hz: float) -> Iterator[str]:
         "p99, us": lambda t: t.latency["p99_us"],
     }
     yield f"{rate_hz:.0f} presses a second, {len(of[PLAIN])} rounds"
-    for what, value in columns.items():
+    for title, value in columns.items():
         plain, ours = ([value(t) for t in of[name]] for name in (PLAIN, TRAVERSE))
         ratios = [mine / its for mine, its in zip(ours, plain, strict=True)]
         yield (
-            f"  {what:17} {PLAIN} {spread(plain)}; {TRAVERSE} {spread(ours)}; "
+            f"  {title:17} {PLAIN} {spread(plain)}; {TRAVERSE} {spread(ours)}; "
             f"ratio {spread(ratios, 2)}"
         )
     kept = ", ".join(
@@ -217,12 +216,14 @@ def main(path: Path | None = None) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder, port = Path(name), rig.free_port()
         with rig.mosquitto(folder, port):
-            idle = {who: idle_share(who, folder, port) for who in PROGRAMS}
-            idle_shares = ", ".join(f"{who} {share:.2%}" for who, share in idle.items())
+            idle = {program: idle_share(program, folder, port) for program in PROGRAMS}
+            idle_shares = ", ".join(
+                f"{program} {share:.2%}" for program, share in idle.items()
+            )
             print(f"share of a core while nobody presses: {idle_shares}", flush=True)
             for _ in range(ROUNDS):
-                for who, share in idle.items():
-                    turns.extend(turn(who, folder, port, share))
+                for program, share in idle.items():
+                    turns.extend(turn(program, folder, port, share))
     for rate_hz, _ in PHASES:
         print("\n".join(lines(turns, rate_hz)))
     print(load())

@@ -63,7 +63,7 @@ def main(  # noqa: PLR0915 - one script, as it would be written
     client = Client(
         CallbackAPIVersion.VERSION2, f"plain-{arm['name']}", protocol=MQTTv5
     )
-    client.on_publish = lambda client, data, mid, *rest: sent.append(mid)
+    client.on_publish = lambda client, data, mid, *details: sent.append(mid)
     client.connect("127.0.0.1", int(broker_port))
     client.loop_start()
     topic = f"plain/{arm['name']}/point"

@@ -38,7 +38,7 @@ NOISE = "noise_rad = 4e-6"  # as of real encoders: noise is what takes room
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What was measured; shares are of one core.
+    """Measured cost; shares are of one core.
 
     Attributes:
         without, with_it: of the daemon, medians of the rounds, a scan published in all.

@@ -31,7 +31,7 @@ PATIENCE_S = 120.0
 
 @dataclass(frozen=True, slots=True)
 class Outage:
-    """What was received of one scan.
+    """Received part of one scan.
 
     Attributes:
         total: points of the scan, by its last block.
@@ -39,7 +39,6 @@ class Outage:
         gaps: stretches of numbers that are missing.
         reported: points of these that the blocks report as dropped or lost.
         blocks_in_order: whether blocks first arrived in the order of their numbers.
-        samples_lost: between device and daemon.
         after_s: from the broker's return until nothing was missing, or none arrived.
     """
 

@@ -52,8 +52,8 @@ def one_round(folder: Path, port: int) -> dict[str, float]:
         later: float(np.median(table[later] - table[earlier])) * 1e-3
         for earlier, later in pairwise(table)
     }
-    whole = table[RECEIVED] - table[PRESSED]
-    return medians_us | {"whole": float(np.median(whole)) * 1e-3}
+    total = table[RECEIVED] - table[PRESSED]
+    return medians_us | {"whole": float(np.median(total)) * 1e-3}
 
 
 def main(path: Path | None = None) -> None:

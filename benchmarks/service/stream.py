@@ -19,7 +19,7 @@ ARM = "demo-7"
 
 @dataclass
 class Followed:
-    """What a subscriber saw of one scan."""
+    """One scan as a subscriber received it."""
 
     samples: int = 0
     expected_seq: int = 0
@@ -72,7 +72,7 @@ async def follow_scan(
     """Scan until ``n_samples`` instants have passed.
 
     Returns:
-        What was received, the daemon's CPU share of one core, and its seconds.
+        The received part, the daemon's CPU share of one core, and its seconds.
     """
     followed = Followed()
     async with ConfiguredClient(BrokerAddress("127.0.0.1", port)) as client:
@@ -106,7 +106,6 @@ class Streamed:
 
     Attributes:
         ready_s: from starting the daemon to its report that it measures.
-        start_cpu_s: CPU time until then.
     """
 
     rate_hz: float

@@ -42,7 +42,7 @@ async def crash(
             begun_s = time.time()
             await outages.happen(kills, _log)
             span = Span(begun_s, time.time(), bench.daemon.starts)
-            said = await _disks(bench) if has_disk else []
+            disk_faults = await _disks(bench) if has_disk else []
             for killed, task in zip(bench.programs(), list(keeping), strict=True):
                 if killed in (bench.operator, bench.board):
                     task.cancel()
@@ -59,7 +59,7 @@ async def crash(
             for killed in reversed(list(bench.programs())):
                 if killed.starts:
                     killed.stop()
-    return span, said
+    return span, disk_faults
 
 
 def _log(text: str) -> None:
@@ -74,7 +74,7 @@ async def _first_points(bench: Bench) -> None:
 
 async def _disks(bench: Bench) -> list[str]:
     """Return failures with a full disk, then with a read-only one."""
-    said = []
+    faults = []
     troubles = {
         "full disk": disk.full(bench.state),
         "read-only disk": disk.read_only(bench.state, bench.daemon),
@@ -83,9 +83,9 @@ async def _disks(bench: Bench) -> list[str]:
         _log(f"     {name}")
         bench.note_disk(is_sound=False)
         async with disk.arm_for(bench.port) as arm:
-            said += [f"{name}: {text}" for text in await disk.refusal(arm, trouble)]
+            faults += [f"{name}: {text}" for text in await disk.refusal(arm, trouble)]
         bench.note_disk(is_sound=True)
-    return said
+    return faults
 
 
 async def _drained(bench: Bench) -> None:
@@ -143,7 +143,7 @@ def main(options: argparse.Namespace) -> int:
         has_disk = stack.enter_context(disk.small_disk(state))
         bench = Bench(folder, state, options.rate)
         outages = Outages(bench, options.seed)
-        span, said = asyncio.run(crash(bench, outages, options.kills, has_disk))
+        span, disk_faults = asyncio.run(crash(bench, outages, options.kills, has_disk))
         outbox = state / "outbox.db"
         _, n_commanded = witness.seen(bench.witness_store)
         verdict = judge(folder, outbox, bench.lives, span, n_commanded)
@@ -152,9 +152,9 @@ def main(options: argparse.Namespace) -> int:
         verdict.faults.extend(foreign)
         if has_disk and options.folder is not None:
             shutil.copytree(state, folder / "kept")  # the disk itself disappears
-    faults = said + verdict.faults
+    faults = disk_faults + verdict.faults
     disks = "refused, told, recovered" if has_disk else "not tried: mounting needs root"
-    disks = "; ".join(said) or disks
+    disks = "; ".join(disk_faults) or disks
     print(table(bench, outages, verdict, time.monotonic() - begun_s, disks))
     for fault in faults:
         print(f"FAULT: {fault}")

@@ -23,9 +23,7 @@ class Kept:
     """A program that is kept running.
 
     Args:
-        folder: of work and log.
         command: returns the command line of the next life.
-        environment: in addition to ours.
 
     Attributes:
         down_s: pause after a kill.
@@ -159,13 +157,11 @@ class Bench:
     """An arm, its daemon, a broker, networks, an operator, a consumer.
 
     Args:
-        state: for the daemon's outbox.
         rate_hz: of the points that the operator commands.
 
     Attributes:
         lives: names of the lives of the board so far.
         witness_store: what the consumer of foreign make keeps.
-        is_quiet: it commands no points.
     """
 
     def __init__(self, folder: Path, state: Path, rate_hz: float) -> None:

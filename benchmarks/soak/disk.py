@@ -85,29 +85,29 @@ async def refusal(
         Failures.
     """
     events = arm.events()
-    said: list[str] = []
+    faults: list[str] = []
     async with asyncio.timeout(PATIENCE_S):
         await _taken_again(arm)  # the board may have been killed a moment ago
     async with trouble:
         refused = await _first_refusal(arm)
         if refused is None:
-            said.append("points were acknowledged although nothing could be kept")
+            faults.append("points were acknowledged although nothing could be kept")
         elif refused.code != "outbox.failed":
-            said.append(f"refused with {refused.code}, expected outbox.failed")
+            faults.append(f"refused with {refused.code}, expected outbox.failed")
         elif not refused.remedy:
-            said.append(f"refused without a remedy: {refused.text}")
+            faults.append(f"refused without a remedy: {refused.text}")
         try:
             async with asyncio.timeout(PATIENCE_S):
                 await _wait_for_event(events, active=True)
         except TimeoutError:
-            said.append("no event outbox.failed was raised")
+            faults.append("no event outbox.failed was raised")
     try:
         async with asyncio.timeout(PATIENCE_S):
             await _taken_again(arm)
             await _wait_for_event(events, active=False)
     except TimeoutError:
-        said.append("did not recover")
-    return said
+        faults.append("did not recover")
+    return faults
 
 
 async def _first_refusal(arm: Arm) -> CommandRefused | None:

@@ -58,30 +58,24 @@ class Work:
 
     def faults(self) -> list[str]:
         """Return why the run shows too little; empty if it shows enough."""
-        said = []
+        faults = []
         if self.share < LEAST_SHARE:
-            said.append(
+            faults.append(
                 f"the daemon was measuring for {self.share:.0%} of {self.seconds:.0f} "
                 f"s, at least {LEAST_SHARE:.0%} is needed to show anything; run again "
                 "with --folder and see daemon.log, tap.log and board.log there"
             )
         if self.sessions < LEAST_SHARE * self.starts:
-            said.append(
+            faults.append(
                 f"{self.sessions} sessions with points in {self.starts} starts of the "
                 f"daemon, at least {LEAST_SHARE:.0%} of them are needed to show "
                 "anything; run again with --folder and see why in daemon.log there"
             )
-        return said
+        return faults
 
 
 def measuring_s(times_s: Iterable[float], begun_s: float, ended_s: float) -> float:
-    """Return how long edges were acknowledged between two instants, without pauses.
-
-    Args:
-        times_s: of acknowledgements, in order.
-        begun_s: first instant that counts.
-        ended_s: last instant that counts.
-    """
+    """Return how long edges were acknowledged between two instants, without pauses."""
     within = [begun_s - 2 * QUIET_S]
     within += [time_s for time_s in times_s if begun_s <= time_s <= ended_s]
     return sum(b - a for a, b in pairwise(within) if b - a <= QUIET_S)
@@ -92,7 +86,7 @@ MAX_TOLD = 10
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What was found.
+    """Faults that were found.
 
     Attributes:
         figures: names to numbers, for the table.
@@ -129,7 +123,7 @@ def stored(path: Path) -> list[tuple[str, str, int]]:
 
 
 def judge(
-    folder: Path, outbox: Path, lives: list[str], span: Span, others: int = 0
+    folder: Path, outbox: Path, lives: list[str], span: Span, n_other: int = 0
 ) -> Verdict:
     """Compare what was acknowledged to the operator, stored, and received.
 
@@ -138,7 +132,7 @@ def judge(
         outbox: the daemon's database.
         lives: of the board.
         span: while programs were killed.
-        others: points that others than the operator commanded.
+        n_other: points that others than the operator commanded.
     """
     points = outbox_points(outbox)
     received = stored(folder / "store.db")
@@ -166,9 +160,9 @@ def judge(
         *order[:MAX_TOLD],
     ]
     n_commanded = sum(point.trigger == "command" for point in points)
-    if n_commanded > len(answers) + others + 100:
+    if n_commanded > len(answers) + n_other + 100:
         faults.append(
-            f"{n_commanded} commanded points, {len(answers) + others} requests"
+            f"{n_commanded} commanded points, {len(answers) + n_other} requests"
         )
     figures = _figures(folder)
     if figures["lost"]:
@@ -283,8 +277,8 @@ def _figures(folder: Path) -> Counter[str]:
     return total
 
 
-def _some(what: str, which: set[Any]) -> list[str]:
+def _some(fault: str, cases: set[Any]) -> list[str]:
     """Summarise all of a kind in a line."""
-    if not which:
+    if not cases:
         return []
-    return [f"{len(which)} {what}: {sorted(which)[:3]}"]
+    return [f"{len(cases)} {fault}: {sorted(cases)[:3]}"]

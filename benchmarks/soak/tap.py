@@ -130,9 +130,9 @@ def pass_on(board: int, host: int, edges: Edges, is_board: Callable[[], bool]) -
                 os.write(board, data)
 
 
-def tell(what: str) -> None:
+def tell(text: str) -> None:
     """Write a line of the tap's own log."""
-    print(f"{time.time():.3f} {what}", flush=True)
+    print(f"{time.time():.3f} {text}", flush=True)
 
 
 def main(board_link: Path, host_link: Path, log_path: Path) -> None:

@@ -75,8 +75,8 @@ class Witness:
                 looked_s = time.monotonic()
                 self._command("resend", {})  # answered with all sessions
 
-    def _on_connect(self, client: Client, *rest: object) -> None:
-        del rest
+    def _on_connect(self, client: Client, *details: object) -> None:
+        del details
         root = f"traverse/{self._arm}"
         client.subscribe([(f"{root}/point", 1), (f"{root}/reply/+", 0)])
 
@@ -107,8 +107,8 @@ class Witness:
                 (session["session"],),
             ).fetchall()
         has = {seq for (seq,) in rows}
-        whole = range(session["first_seq"], session["last_seq"] + 1)
-        missing = [seq for seq in whole if seq not in has]
+        numbers = range(session["first_seq"], session["last_seq"] + 1)
+        missing = [seq for seq in numbers if seq not in has]
         if missing:
             yield missing[0], missing[-1]
 
@@ -140,12 +140,7 @@ def seen(store: Path) -> tuple[int, int]:
 
 
 def faults(store: Path, outbox: Path) -> tuple[dict[str, int], list[str]]:
-    """Return figures and failures: acknowledged points lost, doubled, altered.
-
-    Args:
-        store: of a witness.
-        outbox: the daemon's `outbox.db`.
-    """
+    """Return figures and failures: acknowledged points lost, doubled, altered."""
     with closing(sqlite3.connect(store, PATIENCE_S)) as database:
         arrived = database.execute("SELECT session, seq, id, digest FROM arrivals")
         digests: dict[str, set[str]] = defaultdict(set)

@@ -19,12 +19,12 @@ from benchmarks.trials.series import Series
 KINDS = {"table": table, "choices": choices, "subsets": subsets}
 
 
-def series(asked: argparse.Namespace) -> list[Series[Any]]:
+def series(arguments: argparse.Namespace) -> list[Series[Any]]:
     """Make the trials of a kind, of every set in the folder."""
-    sets = list(read_sets(asked.folder))
-    if asked.kind == "table":
-        return table.series(sets, asked.pybotics, diagnose=asked.diagnose)
-    return choices.series(sets) if asked.kind == "choices" else subsets.series(sets)
+    sets = list(read_sets(arguments.folder))
+    if arguments.kind == "table":
+        return table.series(sets, arguments.pybotics, diagnose=arguments.diagnose)
+    return choices.series(sets) if arguments.kind == "choices" else subsets.series(sets)
 
 
 def judge(lines: Sequence[Line]) -> Verdict:

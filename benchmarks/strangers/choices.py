@@ -30,21 +30,21 @@ N_USED, N_CHOICES, N_THIRDS = 800, 12, 3
 def series(sets: Sequence[Measured]) -> list[Series[Measured]]:
     by_name = {measured.name: measured for measured in sets}
     thirds = [
-        Series(f"choices: {name}", partial(other_places, measured), both, N_THIRDS)
+        Series(f"choices: {name}", partial(other_places, measured), compared, N_THIRDS)
         for name, measured in by_name.items()
         if measured.places_mm is None
     ]
     if not {WITHIN, ACROSS} <= by_name.keys():
         return thirds
     draw = partial(other_postures, by_name[WITHIN], by_name[ACROSS])
-    return [*thirds, Series(f"choices: {ACROSS}", draw, both, N_CHOICES)]
+    return [*thirds, Series(f"choices: {ACROSS}", draw, compared, N_CHOICES)]
 
 
-def both(measured: Measured) -> Line:
+def compared(measured: Measured) -> Line:
     """Fit one choice in both ways: mean and largest distance of poses kept aside."""
-    arm, given = nominal_and_campaign(measured)
+    arm, campaign = nominal_and_campaign(measured)
     _, theirs_mm = plain_fits(arm, measured)
-    result = identify(given, arm)
+    result = identify(campaign, arm)
     mine_mm = distances_mm(measured, result.arm)
     return {
         "held_by": measured.held_by,

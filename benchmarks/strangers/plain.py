@@ -27,7 +27,6 @@ class Chain:
     links_mm: Floats
 
     def places_mm(self, angles_rad: Floats) -> Floats:
-        """Where the ball is, (n_poses, 3)."""
         positions_mm = np.zeros((len(angles_rad), 3))
         for joint in reversed(range(len(self.axes))):
             turn = Rotation.from_rotvec(angles_rad[:, joint, None] * self.axes[joint])

@@ -32,7 +32,6 @@ class Measured:
     """One arm's measurements.
 
     Attributes:
-        held_by: what was kept aside.
         owners: the owners' own figures, in words.
         arm: options of `traverse arm from-urdf` or `from-dh`, by the words before them.
         angles_rad: readings, (n, n_joints).
@@ -70,22 +69,22 @@ class Measured:
         n_joints = self.angles_rad.shape[1]
         lines = ['schema = "traverse/campaign/1"', 'poses = "poses.csv"']
         lines.append('time = "order"')
-        taken = np.flatnonzero(rows)
+        selected = np.flatnonzero(rows)
         if self.places_mm is None:
-            for place in dict.fromkeys(self.sockets[int(row)][0] for row in taken):
+            for place in dict.fromkeys(self.sockets[int(row)][0] for row in selected):
                 lines += ["[[artefacts]]", f'id = "{place}"', 'kind = "seats"']
                 lines += [f"distance_mm = {GAUGE_MM}"]
         else:
             lines += ["[[artefacts]]", 'id = "tracker"', 'kind = "points"']
             lines += ['frame = "own"', 'points_mm = "points.csv"']
-            named = [[f"p{row}", *self.places_mm[row].tolist()] for row in taken]
+            named = [[f"p{row}", *self.places_mm[row].tolist()] for row in selected]
             _write(folder / "points.csv", ["feature", "x_mm", "y_mm", "z_mm"], named)
         (folder / "campaign.toml").write_text("\n".join(lines) + "\n", "utf-8")
         head = ["time_s", "artefact", "feature"]
         head += [f"{name}_rad" for name in self.joints(n_joints)]
         poses = [
             [row, *self._touched(row), *map(repr, self.angles_rad[row].tolist())]
-            for row in taken.tolist()
+            for row in selected.tolist()
         ]
         _write(folder / "poses.csv", head, poses)
         return folder

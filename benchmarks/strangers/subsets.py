@@ -75,10 +75,10 @@ def outcome_of(case: Case) -> Line:
         return {"n_poses": n_poses, "outcome": f"refused: {error}"}
     words = " ".join(judge(result).outcome.sentences)
     if "units" in words:
-        said = f"false units: {words}"
+        outcome = f"false units: {words}"
     else:
-        said = "converged" if result.converged else f"not converged: {words}"
-    return {"n_poses": n_poses, "outcome": said, "is_wrong": "units" in words}
+        outcome = "converged" if result.converged else f"not converged: {words}"
+    return {"n_poses": n_poses, "outcome": outcome, "is_wrong": "units" in words}
 
 
 def report(lines: Sequence[Line]) -> list[str]:
@@ -93,5 +93,7 @@ def report(lines: Sequence[Line]) -> list[str]:
             text.append(f"{where}: {line['outcome']}")
     counts["all"] = sum(counts.values(), Counter())
     for name, count in counts.items():
-        text.append(f"{name}: {', '.join(f'{n} {what}' for what, n in count.items())}")
+        text.append(
+            f"{name}: {', '.join(f'{n} {outcome}' for outcome, n in count.items())}"
+        )
     return text

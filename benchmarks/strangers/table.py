@@ -59,17 +59,17 @@ def report(lines: Sequence[Line]) -> list[str]:
 
 
 def row(pybotics: str | None, with_diagnosis: bool, measured: Measured) -> Line:
-    arm, given = nominal_and_campaign(measured)
+    arm, campaign = nominal_and_campaign(measured)
     tool, rival = plain_fits(arm, measured)
     return {
         "cells": [
             measured.name,
-            str(len(given.poses)),
+            str(len(campaign.poses)),
             f"{measured.held_by}: {np.count_nonzero(measured.is_kept)}",
             figures(tool),
             figures(rival),
             by_pybotics(measured, pybotics),
-            *ours(measured, given, arm, with_diagnosis),
+            *ours(measured, campaign, arm, with_diagnosis),
             measured.owners,
         ]
     }
@@ -95,7 +95,7 @@ def nominal_and_campaign(measured: Measured) -> tuple[Arm, Campaign]:
 def by_pybotics(measured: Measured, python: str | None) -> str:
     if python is None or measured.places_mm is None:
         return "-"
-    given = {
+    request = {
         "rows": measured.classic_rows,
         "tool_mm": measured.tool_mm,
         "angles_rad": measured.angles_rad.tolist(),
@@ -107,7 +107,7 @@ def by_pybotics(measured: Measured, python: str | None) -> str:
     ran = subprocess.run(
         [python, script],
         check=False,
-        input=json.dumps(given),
+        input=json.dumps(request),
         capture_output=True,
         text=True,
     )
@@ -117,12 +117,12 @@ def by_pybotics(measured: Measured, python: str | None) -> str:
 
 
 def ours(
-    measured: Measured, given: Campaign, arm: Arm, with_diagnosis: bool
+    measured: Measured, campaign: Campaign, arm: Arm, with_diagnosis: bool
 ) -> tuple[str, str]:
     """Identify, and diagnose the remainder; return the predictions of each arm."""
     begun_s = time.monotonic()
     try:
-        identified = identify(given, arm).arm
+        identified = identify(campaign, arm).arm
     except IdentificationError as error:
         return str(error), "-"
     plainly = figures(distances_mm(measured, identified))
@@ -130,7 +130,7 @@ def ours(
     if not with_diagnosis:
         return plainly, "-"
     begun_s = time.monotonic()
-    diagnosis = diagnose(given, identified, DiagnosisOptions())
+    diagnosis = diagnose(campaign, identified, DiagnosisOptions())
     diagnosed = figures(distances_mm(measured, arm_with_provenance(diagnosis)))
     n = sum(term.accepted for term in diagnosis.terms)
     taken_s = time.monotonic() - begun_s

@@ -102,8 +102,8 @@ def _of_tables(path: Path) -> Iterator[tuple[str, Figure]]:
 def _of_presses(path: Path) -> Iterator[tuple[str, Figure]]:
     for rate_hz, ratios in press_ratios(path).items():
         for name, values in ratios.items():
-            what = f"{rate_hz:.0f} presses/s, {name}: times"
-            yield what, _figure(values, "the plain script")
+            label = f"{rate_hz:.0f} presses/s, {name}: times"
+            yield label, _figure(values, "the plain script")
 
 
 def _of_streams(path: Path) -> Iterator[tuple[str, Figure]]:
@@ -116,8 +116,8 @@ def _of_streams(path: Path) -> Iterator[tuple[str, Figure]]:
     for moves in (False, True):
         mine = [run for run in values["idle"] if run["moves"] is moves]
         ratios = [run["daemon_share"] / run["board_share"] for run in mine]
-        what = f"idle, the arm {'moves' if moves else 'rests'}: times the CPU"
-        yield what, _figure(ratios, "the simulator" if moves else "the board")
+        label = f"idle, the arm {'moves' if moves else 'rests'}: times the CPU"
+        yield label, _figure(ratios, "the simulator" if moves else "the board")
     ready = [stream["ready_s"] / values["bare_start_s"] for stream in streams]
     yield "start: times as long", _figure(ready, "an interpreter with numpy")
     memory = [stream["memory_mb"] / values["bare_memory_mb"] for stream in streams]
@@ -159,13 +159,7 @@ def _host_id() -> str:
 def not_comparable(
     now: Mapping[str, str], kept: Mapping[str, str] | None, load: float
 ) -> str:
-    """Say why figures cannot be compared with the stored ones; empty: they can.
-
-    Args:
-        now: This machine.
-        kept: That of the stored figures.
-        load: Runnable programs for each core.
-    """
+    """Say why figures cannot be compared with the stored ones; empty: they can."""
     if IS_TINY:
         return "sizes were tiny"
     if kept is None:
@@ -185,13 +179,7 @@ def not_comparable(
 def report(
     now: dict[str, Figure], before: dict[str, Figure], reason: str = ""
 ) -> tuple[list[str], int]:
-    """Compare; lines for people, and how many figures got worse.
-
-    Args:
-        now: Figures of this run.
-        before: Stored ones.
-        reason: Why they are not comparable, if so.
-    """
+    """Compare; lines for people, and how many figures got worse."""
     lines, n_worse = [], 0
     for name in sorted({*now, *before}):
         if name not in now or name not in before:
@@ -217,26 +205,26 @@ def main() -> int:
     parser.add_argument(
         "--keep", action="store_true", help="store, for the next release"
     )
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     try:
-        now = headlines(asked.folder)
+        now = headlines(arguments.folder)
     except FileNotFoundError as error:
         print(f"{error.filename}: missing; run make bench first", file=sys.stderr)
         return 2
-    here = machine()
-    if asked.keep:
+    this_machine = machine()
+    if arguments.keep:
         values = {
             "version": version("traverse-cmm"),
-            "machine": here,
+            "machine": this_machine,
             "figures": {name: asdict(figure) for name, figure in now.items()},
         }
-        write_json(asked.kept, values)
-        print(f"{len(now)} figures kept in {asked.kept.name}")
+        write_json(arguments.kept, values)
+        print(f"{len(now)} figures kept in {arguments.kept.name}")
         return 0
-    stored = json.loads(asked.kept.read_text("utf-8"))
+    stored = json.loads(arguments.kept.read_text("utf-8"))
     before = {name: Figure(**values) for name, values in stored["figures"].items()}
     load = os.getloadavg()[1] / (os.cpu_count() or 1)
-    reason = not_comparable(here, stored.get("machine"), load)
+    reason = not_comparable(this_machine, stored.get("machine"), load)
     lines, n_worse = report(now, before, reason)
     print(f"Ratios to peers, beside those of {stored['version']}:", *lines, sep="\n")
     if reason:

@@ -1,4 +1,4 @@
-"""What the disk itself takes: the bar beside which points are measured."""
+"""Times of the disk alone, the bar beside which points are measured."""
 
 import os
 import time

@@ -112,9 +112,9 @@ class EdgeBoard:
 
     def _send_again(self, now_ns: int) -> None:
         """Send all edges again that are not acknowledged: the first one was missed."""
-        for at, (number, _, data) in enumerate(self._kept):
+        for index, (number, _, data) in enumerate(self._kept):
             os.write(self._port, data)
-            self._kept[at] = number, now_ns, data
+            self._kept[index] = number, now_ns, data
 
     def _send_sample(self, request: int) -> None:
         self._write_sample(0, request, self._sample_seq)

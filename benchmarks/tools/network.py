@@ -11,7 +11,6 @@ class Network:
     """Passes bytes between clients of `port` and a server on loopback.
 
     Args:
-        server_port: where the bytes go.
         port: of this side; 0 takes a free one.
 
     Attributes:

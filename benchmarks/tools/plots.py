@@ -21,7 +21,7 @@ Tables = dict[str, dict[str, tuple[list[float], bool]]]
 
 
 def tables(path: Path) -> Tables:
-    """What pyperf's file holds: by table and name the times [s], and whose they are."""
+    """Read times [s] and owner by table and name from pyperf's file."""
     by_table: Tables = {}
     for benchmark in json.loads(path.read_text("utf-8"))["benchmarks"]:
         metadata = benchmark.get("metadata") or benchmark["runs"][0]["metadata"]
@@ -71,7 +71,7 @@ def stacked(
 
 
 def press_ratios(path: Path) -> dict[float, dict[str, list[float]]]:
-    """By rate of presses and figure: Traverse's to the plain script's, by rounds."""
+    """Return ratios of Traverse's times to the plain script's, by rate and figure."""
     figures: dict[float, dict[str, dict[str, list[float]]]] = {}
     for turn in json.loads(path.read_text("utf-8"))["turns"]:
         of_rate = figures.setdefault(turn["rate_hz"], {})

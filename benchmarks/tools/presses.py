@@ -41,12 +41,7 @@ def edge_board(
 
 @dataclass(frozen=True, slots=True)
 class Spent:
-    """What a program has spent, or did between two moments.
-
-    Attributes:
-        cpu_ns: of each thread, in the order of their start.
-        switches: how often its threads were switched to.
-    """
+    """Resources that a program has used, or used between two moments."""
 
     cpu_ns: tuple[int, ...]
     switches: int
@@ -65,7 +60,7 @@ class Spent:
         """Subtract what was spent before; later threads had spent nothing."""
         begun_ns = before.cpu_ns + (0,) * (len(self.cpu_ns) - len(before.cpu_ns))
         spent_ns = tuple(
-            now - then for now, then in zip(self.cpu_ns, begun_ns, strict=True)
+            now - earlier for now, earlier in zip(self.cpu_ns, begun_ns, strict=True)
         )
         return Spent(spent_ns, self.switches - before.switches)
 

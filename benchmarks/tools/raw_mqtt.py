@@ -50,8 +50,8 @@ class RawClient:
 
     def subscribe(self, topic: str) -> None:
         """Ask for a topic at quality of service 1."""
-        asked = struct.pack(">H", 1) + text(topic) + b"\x01"
-        self._socket.sendall(packet(SUBSCRIBE, 2, asked))
+        content = struct.pack(">H", 1) + text(topic) + b"\x01"
+        self._socket.sendall(packet(SUBSCRIBE, 2, content))
         for kind, _ in self._packets():
             if kind >> 4 == SUBACK:
                 return
@@ -101,12 +101,12 @@ class RawClient:
                 yield data[0], data[offset : offset + length]
                 continue
             try:
-                more = self._socket.recv(READ_BYTES)
+                received = self._socket.recv(READ_BYTES)
             except TimeoutError:
                 return
-            if not more:
+            if not received:
                 raise ConnectionError("the broker has closed the connection")
-            self._rest += more
+            self._rest += received
 
 
 def main(port: int, topic: str, rate_hz: float, n: int) -> None:

@@ -62,18 +62,17 @@ def free_port() -> int:
 
 
 def wait_for(
-    condition: Callable[[], bool], what: str, seconds: float = READY_S
+    condition: Callable[[], bool], awaited: str, seconds: float = READY_S
 ) -> None:
     """Wait until the condition holds; raises TimeoutError."""
     until = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > until:
-            raise TimeoutError(f"{what} not within {seconds:g} s")
+            raise TimeoutError(f"{awaited} not within {seconds:g} s")
         time.sleep(0.02)
 
 
 def listens(port: int) -> bool:
-    """Whether something listens on a port of loopback."""
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
@@ -137,7 +136,7 @@ def simulator(
 def daemon(
     folder: Path,
     port: int,
-    more: str = "",
+    settings: str = "",
     run: tuple[str, ...] = ("traverse",),
     arm: Arm | None = None,
 ) -> Iterator["subprocess.Popen[bytes]"]:
@@ -146,7 +145,7 @@ def daemon(
     Args:
         folder: of the board, for all files.
         port: of the broker.
-        more: tables of its configuration.
+        settings: tables of its configuration.
         run: module, and its arguments before the daemon's.
         arm: that it measures with; else that of the board.
     """
@@ -155,7 +154,7 @@ def daemon(
     else:
         write_arm(folder / "arm.toml", arm)
     config = folder / "daemon.toml"
-    config.write_text(DAEMON.format(folder=folder, port=port) + more)
+    config.write_text(DAEMON.format(folder=folder, port=port) + settings)
     log = folder / "daemon.log"
     log.unlink(missing_ok=True)
     command = (sys.executable, "-m", *run, "run", str(config))

@@ -55,7 +55,7 @@ class Table:
         peers: names of those that are others'.
     """
 
-    what: str
+    title: str
     times_s: dict[str, list[float]]
     peers: tuple[str, ...]
 
@@ -73,7 +73,7 @@ class Table:
 
     def lines(self, unit: str = "ns", scale: float = 1e9) -> list[str]:
         """The table for people."""
-        lines = [self.what]
+        lines = [self.title]
         for name, taken_s in self.times_s.items():
             low, middle, high = np.percentile(taken_s, (10, 50, 90)) * scale
             ratio, least, most = self.ratios(name)
@@ -85,7 +85,7 @@ class Table:
         return lines
 
 
-def timed(what: str, tasks: Sequence[Task], rounds: int = ROUNDS) -> Table:
+def timed(title: str, tasks: Sequence[Task], rounds: int = ROUNDS) -> Table:
     """Time all tasks in turn; the garbage is collected between, not within."""
     repeats = {task.name: _repeats(task) for task in tasks}
     times_s: dict[str, list[float]] = {task.name: [] for task in tasks}
@@ -100,7 +100,7 @@ def timed(what: str, tasks: Sequence[Task], rounds: int = ROUNDS) -> Table:
     finally:
         gc.enable()
     peers = tuple(task.name for task in tasks if task.is_peer)
-    return Table(what, times_s, peers)
+    return Table(title, times_s, peers)
 
 
 def _once_s(task: Task, repeats: int) -> float:
@@ -152,8 +152,8 @@ def write(tables: Sequence[Table], path: Path) -> None:
     for table in tables:
         for name, taken_s in table.times_s.items():
             metadata = {
-                "name": f"{table.what} / {name}",
-                "table": table.what,
+                "name": f"{table.title} / {name}",
+                "table": table.title,
                 "who": name,
                 "peer": int(name in table.peers),
             }

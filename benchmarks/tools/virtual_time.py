@@ -25,7 +25,7 @@ BETWEEN_TRIES_S = 0.1  # that pass when the clock is looked at between two conne
 
 
 class Living(Protocol):
-    """What lives in virtual time; a simulated device does."""
+    """An inhabitant of virtual time, such as a simulated device."""
 
     def live(self, now_s: float) -> None:
         """Do what is due."""
@@ -35,15 +35,7 @@ class Living(Protocol):
 
 
 class VirtualTime:
-    """Monotonic time that advances in waits; it still advances after the end.
-
-    Args:
-        end_s: when `over` is set.
-
-    Attributes:
-        devices: that live in it.
-        over: set at the end.
-    """
+    """Monotonic time that advances in waits; it still advances after the end."""
 
     def __init__(self, end_s: float) -> None:
         self.now_s = 0.0
@@ -127,7 +119,6 @@ class HostEnd:
 
     @property
     def ready(self) -> bool:
-        """Whether a read would return something."""
         return bool(self._cable.to_host) or not self._cable.plugged
 
     def fileno(self) -> int:
@@ -169,12 +160,10 @@ class DeviceEnd:
         self._was_held = False
 
     def host_changed(self) -> bool:
-        """Whether a host connected or disconnected."""
         changed, self._was_held = self._cable.held != self._was_held, self._cable.held
         return changed
 
     def read(self) -> bytes:
-        """What the host has sent."""
         data, self._cable.to_device = self._cable.to_device, b""
         return data
 

@@ -55,15 +55,17 @@ class Program:
 
         Status 2: the workers cannot be used.
         """
-        asked = self._parser().parse_args(arguments)
+        options = self._parser().parse_args(arguments)
         begun_s = time.monotonic()
-        counts = wanted(self.series(asked), asked)
+        counts = chosen_seeds(self.series(options), options)
         # At the beginning: the code on the disk may change meanwhile.
         version = code_version(self.folders)
-        lines, n_other = _kept(asked.out, counts, None if asked.any_code else version)
+        lines, n_other = _kept(
+            options.out, counts, None if options.any_code else version
+        )
         if n_other:
             print(
-                f"{asked.out}: {n_other} trials were made by other code and do not "
+                f"{options.out}: {n_other} trials were made by other code and do not "
                 "count; --any-code takes them"
             )
         made = {(line["scenario"], line["seed"]) for line in lines}
@@ -72,15 +74,15 @@ class Program:
             for series, seeds in counts
         ]
         n_missing = sum(len(seeds) for _, seeds in missing)
-        print(f"{asked.out}: {len(lines)} trials; {n_missing} to go", flush=True)
-        ends_s = begun_s + 60.0 * asked.minutes
-        workers = Workers(asked.processes, asked.scheduler)
+        print(f"{options.out}: {len(lines)} trials; {n_missing} to go", flush=True)
+        ends_s = begun_s + 60.0 * options.minutes
+        workers = Workers(options.processes, options.scheduler)
         try:
             new = executed(workers, missing, lambda: time.monotonic() < ends_s)
             n_done, shown_s = 0, begun_s
             for outcomes in new:
                 batch = [{**line, "code": version} for line in outcomes]
-                append(asked.out, batch)
+                append(options.out, batch)
                 lines += batch
                 n_done += len(batch)
                 if time.monotonic() > shown_s + _PROGRESS_S:
@@ -91,11 +93,11 @@ class Program:
             return 2
         order = {series.scenario: number for number, (series, _) in enumerate(counts)}
         lines.sort(key=lambda line: (order[line["scenario"]], line["seed"]))
-        holds = self._report(lines, asked)
+        holds = self._report(lines, options)
         print(f"took {time.monotonic() - begun_s:.0f} s")
         return 0 if holds else 1
 
-    def _report(self, lines: Sequence[Line], asked: argparse.Namespace) -> bool:
+    def _report(self, lines: Sequence[Line], arguments: argparse.Namespace) -> bool:
         broken = [line for line in lines if line["error"] is not None]
         for line in broken[:_MOST_BROKEN]:
             last = line["error"].strip().splitlines()[-1]
@@ -108,9 +110,9 @@ class Program:
                 f"\n{len(lines)} trials, {len(broken)} broke; one took "
                 f"{np.median(times_s):.2f} s, {np.max(times_s):.2f} s at most"
             )
-        if self.paint is not None and asked.pictures is not None:
-            asked.pictures.mkdir(parents=True, exist_ok=True)
-            self.paint(lines, asked.pictures)
+        if self.paint is not None and arguments.pictures is not None:
+            arguments.pictures.mkdir(parents=True, exist_ok=True)
+            self.paint(lines, arguments.pictures)
         return (verdict.holds or IS_TINY) and not broken
 
     def _parser(self) -> argparse.ArgumentParser:
@@ -141,26 +143,26 @@ class Program:
         return parser
 
 
-def wanted(
-    series: Sequence[Series[Any]], asked: argparse.Namespace
+def chosen_seeds(
+    series: Sequence[Series[Any]], arguments: argparse.Namespace
 ) -> list[tuple[Series[Any], range]]:
     """Choose seeds of every series; of few series in tiny sizes."""
     chosen = [
         trials
         for trials in series
-        if not asked.scenarios
-        or any(part in trials.scenario for part in asked.scenarios)
+        if not arguments.scenarios
+        or any(part in trials.scenario for part in arguments.scenarios)
     ]
     chosen = chosen[:: sized(1, max(1, len(chosen) // 2))]
     total = sum(trials.n for trials in chosen)
     counts = []
     for trials in chosen:
         n = sized(trials.n, 1)
-        if asked.runs is not None:
-            n = max(1, n * asked.runs // total)
-        if asked.seeds is not None:
-            n = min(n, asked.seeds)
-        first = trials.first + asked.seed
+        if arguments.runs is not None:
+            n = max(1, n * arguments.runs // total)
+        if arguments.seeds is not None:
+            n = min(n, arguments.seeds)
+        first = trials.first + arguments.seed
         counts.append((trials, range(first, first + n)))
     return counts
 

@@ -58,20 +58,15 @@ class Series(Generic[Case]):
 
 def executed(
     workers: Workers,
-    wanted: Iterable[tuple[Series[Any], Sequence[int]]],
+    seeds_of_series: Iterable[tuple[Series[Any], Sequence[int]]],
     is_time_left: Callable[[], bool] = lambda: True,
 ) -> Iterator[list[Line]]:
     """Run trials, series in turns; yield the lines of every batch as it ends.
 
-    Args:
-        workers: Who runs them.
-        wanted: Seeds of each series, ascending.
-        is_time_left: Asked before every batch.
-
     Raises:
         WorkersError: The cluster cannot be used, or went away.
     """
-    by_series = [list(series.batches(seeds)) for series, seeds in wanted]
+    by_series = [list(series.batches(seeds)) for series, seeds in seeds_of_series]
     turns = (
         batch for turn in zip_longest(*by_series) for batch in turn if batch is not None
     )

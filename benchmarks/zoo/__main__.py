@@ -170,7 +170,7 @@ def _compared(case: Case, made: MadeArm, holds: Holds, tally: Tally) -> str:
 
 
 def main(folder: Path | None = None) -> int:
-    """Judge a folder; print what came of it."""
+    """Judge a folder, and print the result."""
     folder = folder or Path(sysconfig.get_path("purelib"), PACKAGE)
     files = sorted(folder.rglob("*.urdf"))
     if not files:

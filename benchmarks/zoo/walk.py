@@ -77,10 +77,10 @@ def read(path: Path) -> Description:
 
 
 def _joint(element: ElementTree.Element) -> Joint:
-    def link(which: str) -> str:
-        child = element.find(which)
+    def link(tag: str) -> str:
+        child = element.find(tag)
         if child is None:
-            raise ValueError(f"joint {element.get('name')} has no <{which}>")
+            raise ValueError(f"joint {element.get('name')} has no <{tag}>")
         return child.get("link", "")
 
     def numbers(of: ElementTree.Element | None, key: str, default: str) -> Matrix:

@@ -82,7 +82,6 @@ def compute_alignment(
 
 
 def _source(points: Path) -> ReportSource:
-    """The measured file, or the files of a campaign."""
     files = files_read(points) if points.is_dir() else (points,)
     return ReportSource(points.resolve().name, digest_of_files(files))
 

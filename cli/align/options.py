@@ -39,7 +39,7 @@ class AlignmentOptions:
 
     @property
     def problem(self) -> str | None:
-        """Why these do not go together; None where they do."""
+        """Return why the options are inconsistent; None if they are not."""
         if self.std is not None and not self.std > 0.0:
             return f"--std {self.std:g}: expected a length above zero"
         if self.method == "3-2-1" and (self.scale or self.spheres):

@@ -135,7 +135,6 @@ def _made(
     mimics: Sequence[Mimic | None] | None = None,
     doubts: Iterable[str] = (),
 ) -> MadeArm:
-    """Put an arm together, with remarks."""
     try:
         names, renamed = names_for_arm(joint_names, _renames(options.rename or ()))
     except ValueError as error:
@@ -174,14 +173,14 @@ def _made(
     return MadeArm(arm, renamed, tuple(remarks))
 
 
-def _renames(given: Iterable[str]) -> dict[str, str]:
-    """Take `--rename OLD=NEW` apart; a new name has no '='.
+def _renames(texts: Iterable[str]) -> dict[str, str]:
+    """Parse `--rename OLD=NEW`; a new name has no '='.
 
     Raises:
         ValueError: One has no '='.
     """
     renames: dict[str, str] = {}
-    for text in given:
+    for text in texts:
         old, equals, new = text.rpartition("=")
         if not equals:
             raise ValueError(f"'{text}' is not of the form OLD=NEW")
@@ -190,41 +189,48 @@ def _renames(given: Iterable[str]) -> dict[str, str]:
 
 
 def holds_of(mm: Iterable[str], rad: Iterable[str]) -> Holds:
-    """Take `--hold-mm` and `--hold-rad JOINT=VALUE` apart.
+    """Parse `--hold-mm` and `--hold-rad JOINT=VALUE`.
 
     Raises:
         typer.BadParameter: One has not this form.
     """
     values: dict[str, dict[str, float]] = {}
-    for option, given in (("--hold-mm", mm), ("--hold-rad", rad)):
+    for option, assignments in (("--hold-mm", mm), ("--hold-rad", rad)):
         values[option] = {}
-        for text in given:
+        for text in assignments:
             name, equals, number = text.rpartition("=")
             if not equals:
-                what = f"'{text}' is not of the form JOINT=VALUE"
-                raise typer.BadParameter(what, param_hint=option)
+                problem = f"'{text}' is not of the form JOINT=VALUE"
+                raise typer.BadParameter(problem, param_hint=option)
             values[option][name] = numbers_of(option, number, 1)[0]
     return Holds(values["--hold-mm"], values["--hold-rad"])
 
 
 def _convention(path: Path, file: DHFile, wished: str | None) -> Convention:
-    said = file.convention
-    if said is None and wished is None:
-        what = "is not given; use --convention classic or --convention modified"
-        raise FileError(path, [Problem("convention", what)])
-    if said is not None and wished is not None and said != wished:
-        what = f"is {said} in the file, but --convention says {wished}; drop one"
-        raise FileError(path, [Problem("convention", what)])
-    return "modified" if (said or wished) == "modified" else "classic"
+    in_file = file.convention
+    if in_file is None and wished is None:
+        problem = "is not given; use --convention classic or --convention modified"
+        raise FileError(path, [Problem("convention", problem)])
+    if in_file is not None and wished is not None and in_file != wished:
+        problem = f"is {in_file} in the file, but --convention says {wished}; drop one"
+        raise FileError(path, [Problem("convention", problem)])
+    return "modified" if (in_file or wished) == "modified" else "classic"
 
 
 def _placed(
-    which: str, said: Placement | None, xyz_mm: str | None, rpy_rad: str | None
+    option_stem: str,
+    placement_in_file: Placement | None,
+    xyz_mm: str | None,
+    rpy_rad: str | None,
 ) -> Floats:
-    said = said or Placement()
+    placement_in_file = placement_in_file or Placement()
     return transform(
-        numbers_of(f"--{which}-xyz-mm", xyz_mm, 3) if xyz_mm else said.xyz_mm,
-        numbers_of(f"--{which}-rpy-rad", rpy_rad, 3) if rpy_rad else said.rpy_rad,
+        numbers_of(f"--{option_stem}-xyz-mm", xyz_mm, 3)
+        if xyz_mm
+        else placement_in_file.xyz_mm,
+        numbers_of(f"--{option_stem}-rpy-rad", rpy_rad, 3)
+        if rpy_rad
+        else placement_in_file.rpy_rad,
     )
 
 
@@ -252,10 +258,10 @@ def _joints(
         if counts[k] is None and (signs[k], sources[k]) != (None, None)
     ]
     if idle:
-        what = (
+        problem = (
             f"{', '.join(idle)}: a sign or source, but no encoder; give counts per turn"
         )
-        raise FileError(path, what)
+        raise FileError(path, problem)
     return [
         JointParts(
             name=names[k],
@@ -307,7 +313,7 @@ def integers_of(option: str, text: str, count: int) -> tuple[int, ...]:
 def posture_of(
     rad: str | None, deg: str | None, default_rad: Sequence[float]
 ) -> tuple[float, ...]:
-    """Take the base posture from whichever option is given."""
+    """Return the base posture from the option that is given."""
     if rad is not None and deg is not None:
         raise typer.BadParameter(
             "is given in degrees too; give one of them", param_hint="--base-posture-rad"

@@ -26,16 +26,15 @@ _LENGTHS = ("e_uni", "e_bi")
 
 
 def qif_of_arm(arm: Arm, verification: Path | None) -> tuple[bytes, dict[str, Any]]:
-    """Write an arm, and what of a verification belongs to it; return a report, too.
+    """Write an arm with the tests of a verification; return also a report.
 
     Args:
-        arm: It.
         verification: Folder of `traverse verify --out`, or certificate.json in it; it
             is checked as `traverse verify --check` does.
 
     Raises:
-        ValueError: The verification is of another arm, was altered, or a text cannot
-            be written.
+        ValueError: The verification is of another arm, was altered, or a text cannot be
+            written.
         FileError: It is no certificate.
     """
     summary = arm_summary(arm)
@@ -123,10 +122,9 @@ def _checked(verification: Path, digest: str) -> dict[str, Any]:
 
 
 def _tests(values: Mapping[str, Any], tool: str | None) -> dict[str, Element]:
-    """Return tests with a tool, or without any named, by what they were made of."""
     measured, lengths = (
-        [tested for tested in values[what] if tested.get("tool") == tool]
-        for what in ("figures", "lengths")
+        [tested for tested in values[section] if tested.get("tool") == tool]
+        for section in ("figures", "lengths")
     )
     figures = {figure["key"]: figure for figure in measured}
     tests_by_title: dict[str, Element] = {}

@@ -62,7 +62,6 @@ def arm_summary(arm: Arm) -> dict[str, Any]:
 
 
 def summary_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Write a summary as lines of text."""
     probe = summary["probe"]
     joints = summary["joints"]
     width = max(5, *(len(joint["name"]) for joint in joints))

@@ -83,7 +83,7 @@ def collect(
 def _copied(campaign: Path, out: Path) -> Path:
     """Copy a campaign.toml, its plan and lists of points; return the copy.
 
-    A copy that is there is what an earlier collection began with, and has to be equal.
+    An existing copy has to be equal.
     """
     from traverse.lab.artefacts.points import Points
     from traverse.lab.campaign.campaign_file import CampaignFile

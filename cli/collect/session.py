@@ -43,7 +43,7 @@ ANSWERS = "y: yes, count it; b: yes, and the others were not; else touch again."
 def collection_of(
     file: CampaignFile, folder: Path, arm: Arm, each: int = 1
 ) -> Collection:
-    """Collect into the folder of a campaign: by the plan in it, or so many of each."""
+    """Collect into a campaign's folder, by its plan or `each` touches of a feature."""
     path = folder / plans.PLAN
     plan = read_strict(path, plans.PlanFile) if path.is_file() else None
     if plan is None:
@@ -87,7 +87,7 @@ class _Session:
     def __init__(self, collection: Collection, allowed: frozenset[str]) -> None:
         self._collection = collection
         self.flagged = FlaggedPoints(allowed)
-        self._said: deque[str] = deque(maxlen=LINES_SHOWN)
+        self._lines: deque[str] = deque(maxlen=LINES_SHOWN)
         self._live: LivePicture | None = None
         self._trail = JointMotionTracker(
             np.full(len(collection.joint_names), APPROACH_BAND_RAD)
@@ -102,7 +102,6 @@ class _Session:
 
     @contextlib.contextmanager
     def picture(self) -> Iterator[None]:
-        """Show the picture where there is a terminal, else lines."""
         if not sys.stdout.isatty():
             self._say(instruction(self._collection, self._current))
             yield
@@ -210,10 +209,10 @@ class _Session:
         self._say(self._question)
 
     def _believe(self, suspect: CollectedTouch, *, without_others: bool) -> None:
-        """The suspect was the right place; alone: the others were not."""
+        """Count the suspect; with `without_others`, retract the others of its place."""
         if without_others:
-            for other in same_place(self._collection, suspect):
-                self._collection.retract(other.id)
+            for twin in same_place(self._collection, suspect):
+                self._collection.retract(twin.id)
             self._say("the others on it are left out")
         self._count(suspect)
 
@@ -256,7 +255,7 @@ class _Session:
         self._say(instruction(self._collection, self._current))
 
     def _go_on(self) -> None:
-        """To the next unfinished target once this one is done."""
+        """Go to the next unfinished target once this one is done."""
         now = self._current
         unfinished = self._collection.unfinished()
         if now is None or now not in unfinished:
@@ -268,7 +267,7 @@ class _Session:
         self._refresh()
 
     def _say(self, line: str) -> None:
-        self._said.append(line)
+        self._lines.append(line)
         if self._live is None and not sys.stdout.isatty():
             typer.echo(line)
         self._refresh()
@@ -279,7 +278,7 @@ class _Session:
 
     def _shown(self) -> RenderableType:
         question = self._question if self._suspect is not None else ""
-        return shown(self._collection, self._current, self._said, question)
+        return shown(self._collection, self._current, self._lines, question)
 
 
 async def _keys() -> AsyncIterator[str]:

@@ -17,9 +17,12 @@ KEYS = "n next   p previous   u undo   q quit"
 
 
 def shown(
-    collection: Collection, current: Target | None, said: Sequence[str], asked: str
+    collection: Collection,
+    current: Target | None,
+    remarks: Sequence[str],
+    question: str,
 ) -> RenderableType:
-    """The whole picture, for a terminal; a question takes the instruction's place."""
+    """Compose the picture for a terminal; a question replaces the instruction."""
     targets = Table(box=None, pad_edge=False)
     for title in ("", "artefact", "done", "", "agreement"):
         targets.add_column(title)
@@ -47,14 +50,14 @@ def shown(
         volume.add_row(shell, f"│{marks}│")
     spaced: list[RenderableType] = [Text(), volume] if volume.row_count else []
     return Group(
-        Text(asked or instruction(collection, current), style="bold"),
+        Text(question or instruction(collection, current), style="bold"),
         Text(),
         targets,
         Text(),
         joints,
         *spaced,
         Text(),
-        *(Text(line) for line in said),
+        *(Text(line) for line in remarks),
         Text(KEYS, style="dim"),
     )
 

@@ -1,1 +1,1 @@
-"""What commands share: options, inputs, refusals, messages as text."""
+"""Common parts of commands: options, inputs, refusals, messages as text."""

@@ -1,4 +1,4 @@
-"""Inputs of what adjusts campaigns: files and a family, and how it may fail."""
+"""Inputs and errors of commands that adjust campaigns."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,7 +39,7 @@ def check_prior(family: Path | None, prior: list[str] | None) -> None:
 def read_noted(
     folder: Path, arm: Path, family: Path | None, prior: list[str] | None
 ) -> "tuple[Arm, Campaign]":
-    """Read the inputs, and print what of them is not as it should be."""
+    """Read the inputs and print remarks on them."""
     from traverse.lab.runs.inputs import read_inputs
 
     check_prior(family, prior)

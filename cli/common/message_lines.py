@@ -16,7 +16,6 @@ from traverse.protocol.printable import printable
 
 
 def line(arm: str, message: Message) -> str:
-    """Format a message as one line, with units."""
     return printable(f"{arm}  {_content(message)}")
 
 
@@ -24,8 +23,10 @@ def _content(message: Message) -> str:
     match message:
         case Point():
             flags = "" if message.quality.ok else "  " + ",".join(message.quality.flags)
-            what = f"retracts {message.retracts}" if message.retracts else _xyz(message)
-            text = f"{_time(message.time_ns)} point {message.seq:5d}  {what}{flags}"
+            summary = (
+                f"retracts {message.retracts}" if message.retracts else _xyz(message)
+            )
+            text = f"{_time(message.time_ns)} point {message.seq:5d}  {summary}{flags}"
         case Scan():
             n = len(message.dtime_ns)
             numbers = f"points {message.seq} to {message.seq + n - 1}"
@@ -62,8 +63,8 @@ def _content(message: Message) -> str:
                 f"broker {message.broker.state}"
             )
         case Reply():
-            said = message.result if message.error is None else message.error.text
-            text = f"reply to {message.request}: {said}"
+            outcome = message.result if message.error is None else message.error.text
+            text = f"reply to {message.request}: {outcome}"
         case _:
             text = str(message)
     return text

@@ -70,7 +70,6 @@ class CommandGroup(typer.Typer):
     def command(
         self, name: str | None = None, **settings: Any
     ) -> Callable[[CommandFunctionType], CommandFunctionType]:
-        """Register a command; the function itself is returned."""
         register = super().command(name, **settings)
 
         def decorated(command: CommandFunctionType) -> CommandFunctionType:
@@ -81,7 +80,7 @@ class CommandGroup(typer.Typer):
 
 
 def _with_help(command: Command) -> Command:
-    """Return what typer reads a command from: parameters with their help."""
+    """Wrap a command so that typer sees its parameters with their help."""
     parameters_of_command = inspect.signature(command, eval_str=True).parameters
     about, entries = _parts(command)
     groups = {
@@ -96,11 +95,11 @@ def _with_help(command: Command) -> Command:
     ]
 
     @functools.wraps(command)
-    def called(**given: Any) -> None:
+    def called(**arguments: Any) -> None:
         for name, options in groups.items():
-            values = {option.name: given.pop(option.name) for option in options}
-            given[name] = parameters_of_command[name].annotation(**values)
-        command(**given)
+            values = {option.name: arguments.pop(option.name) for option in options}
+            arguments[name] = parameters_of_command[name].annotation(**values)
+        command(**arguments)
 
     # What typer reads.
     called.__doc__ = about
@@ -115,7 +114,6 @@ def _is_group(parameter: inspect.Parameter) -> bool:
 
 @functools.cache
 def _options(group: type) -> tuple[inspect.Parameter, ...]:
-    """Return the fields of a group as options."""
     _, entries = _parts(group)
     fields = inspect.signature(group, eval_str=True).parameters.values()
     return tuple(_described(field, entries) for field in fields)
@@ -124,15 +122,15 @@ def _options(group: type) -> tuple[inspect.Parameter, ...]:
 def _parts(documented: object) -> tuple[str, dict[str, str]]:
     """Split a docstring: its text, and its entries by name."""
     docstring = inspect.getdoc(documented) or ""
-    about, *rest = re.split(r"\n\n(?:Args|Attributes):\n", docstring)
-    entries = _ENTRY.findall("".join(rest))
+    about, *sections = re.split(r"\n\n(?:Args|Attributes):\n", docstring)
+    entries = _ENTRY.findall("".join(sections))
     return about, {name: " ".join(text.split()) for name, text in entries}
 
 
 def _described(
     parameter: inspect.Parameter, entries: Mapping[str, str]
 ) -> inspect.Parameter:
-    """Give a parameter what typer needs, with its help where it has none."""
+    """Annotate a parameter for typer, with its help where it has none."""
     kind, name, default = parameter.annotation, parameter.name, parameter.default
     is_option = parameter.kind is parameter.KEYWORD_ONLY
     # All by name, as the order of those with defaults does not matter then.
@@ -149,7 +147,7 @@ def _described(
         flag = [f"--{name}", _SHORT[name]]
     elif is_option and name == "arm" and str in (kind, *get_args(kind)):
         flag = ["--arm-name"]  # at a broker; --arm is a file
-    given = ... if default is parameter.empty else default
+    typer_default = ... if default is parameter.empty else default
     # Who reads a file refuses it, with its owner.
-    info = of_typer(given, *flag, help=entries.get(name), readable=False)
+    info = of_typer(typer_default, *flag, help=entries.get(name), readable=False)
     return parameter.replace(default=info)

@@ -1,4 +1,4 @@
-"""Which points a campaign does not take because of their flags, and what is said."""
+"""Points that a campaign leaves out because of their flags, and the report on them."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -33,7 +33,7 @@ def allowed_flags(option: str) -> frozenset[str]:
 
 
 def remedy_of(flag: str) -> str:
-    """What to do about a flag of a point."""
+    """Return the remedy for a flag of a point."""
     bit = QualityFlag[flag.upper()]
     rows = [row.remedy for row in CONDITIONS if row.flags & bit]
     return rows[0] if rows else FLAG_MEANINGS[bit]
@@ -52,14 +52,13 @@ class FlaggedPoints:
         self.by_flag: Counter[str] = Counter()
 
     def leaves_out(self, point: Point) -> list[str]:
-        """The flags for which a point is left out, and counted; none: it is taken."""
+        """Return the flags for which a point is left out, and count it."""
         flags = [flag for flag in point.quality.flags if flag not in self._allowed]
         self.by_flag.update(flags)
         self.n_points += bool(flags)
         return flags
 
     def lines(self) -> list[str]:
-        """How many points were left out, why, and what to do."""
         if not self.n_points:
             return []
         return [

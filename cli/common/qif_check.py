@@ -1,4 +1,4 @@
-"""Holding QIF to the standard's own schema, where its files are given."""
+"""Validation of QIF against the standard's schema, where its files are given."""
 
 from pathlib import Path
 from typing import Annotated

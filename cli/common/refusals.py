@@ -52,7 +52,7 @@ def end(status: int, text: str) -> NoReturn:
 
 
 class RefusalError(Exception):
-    """What ends a command, in a sentence; its name is put before that.
+    """Ends a command with a sentence after the command's name.
 
     Args:
         text: the sentence.

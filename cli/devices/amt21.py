@@ -47,7 +47,6 @@ class LineOptions:
 
     @contextmanager
     def opened(self) -> Iterator["Amt21Line"]:
-        """The line; ends the command where a device cannot be reached."""
         from traverse.drivers.amt21.line import Amt21Line
         from traverse.drivers.io.serial_port import SerialPort
 
@@ -136,7 +135,7 @@ def _address(text: str) -> int:
 
 
 def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, Any]]:
-    """Which of these addresses answer, and what.
+    """Return the addresses that answer, with their readings.
 
     Raises:
         DeviceError: none.

@@ -90,7 +90,6 @@ def preset(
 
 @contextmanager
 def _opened(bus: BusOptions) -> Iterator["Commissioning"]:
-    """The bus, opened; ends the command where a device cannot be reached."""
     from traverse.drivers.canopen.commissioning import (
         Commissioning,  # an extra; quick help
     )
@@ -101,7 +100,6 @@ def _opened(bus: BusOptions) -> Iterator["Commissioning"]:
 
 
 def _report(node: "FoundNode") -> dict[str, Any]:
-    """A node for JSON; null where it reports nothing."""
     from traverse.protocol.canopen.frames import STATES
 
     heard, facts, kind = node.heard, node.facts, node.device_type

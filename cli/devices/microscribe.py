@@ -61,15 +61,15 @@ def arm_file(
     config = out.with_name("traverse.toml")
     _check_names(out, config, baud_rate, device, force=force)
     with refusals(), device_errors():
-        said, description = query_microscribe(port, baud_rate, name)
+        identity, description = query_microscribe(port, baud_rate, name)
         arm = arm_from_microscribe(description, device, radius_mm)
         text = text_of(CONFIGURATION).format(
-            name=said.name,
+            name=identity.name,
             file=config.name,
             arm=json.dumps(out.name),
             device=json.dumps(device),
             port=json.dumps(port),
-            baud_rate=said.baud_rate,
+            baud_rate=identity.baud_rate,
             id=device,
         )
         write_arm(out, arm)
@@ -79,16 +79,16 @@ def arm_file(
         "configuration": str(config),
         "arm": arm.name,
         "says": {
-            name: getattr(said, name)
+            name: getattr(identity, name)
             for name in ("box", "product", "model", "serial", "version")
         },
-        "protocol": said.framing.name,
-        "baud_rate": said.baud_rate,
-        "counts_per_turn": list(said.moduli),
+        "protocol": identity.framing.name,
+        "baud_rate": identity.baud_rate,
+        "counts_per_turn": list(identity.moduli),
         "beta_rad": description.kinematics.beta_rad,
     }
     lines = (
-        f"{said.name}, {said.framing.name} at {said.baud_rate} baud",
+        f"{identity.name}, {identity.framing.name} at {identity.baud_rate} baud",
         f"{out}: arm {arm.name} with {counted(len(arm.joints), 'joint')}",
         f"{config}: measure with",
         f"    traverse run {config} --embedded-broker",

@@ -69,16 +69,18 @@ def query_microscribe(
     """
     rates = BAUD_RATES if baud_rate is None else (baud_rate,)
     with _session(port, rates) as (line, arm):
-        said, comment = line.text("format"), line.text("comment")
-        if said != DH_FORMAT:
-            what = f"the arm keeps its geometry as {said!r}, expected {DH_FORMAT!r}; "
-            what += "make the arm file with `traverse arm from-dh`"
-            raise FileError(port, [Problem("format", what)])
+        table_format, comment = line.text("format"), line.text("comment")
+        if table_format != DH_FORMAT:
+            problem = (
+                f"the arm keeps its geometry as {table_format!r}, expected "
+                f"{DH_FORMAT!r}; make the arm file with `traverse arm from-dh`"
+            )
+            raise FileError(port, [Problem("format", problem)])
         try:
             kinematics = kinematics_of(line.kinematics(), comment)
         except ValueError as error:
-            what = f"{error}; make the arm file with `traverse arm from-dh`"
-            raise FileError(port, [Problem("geometry", what)]) from error
+            problem = f"{error}; make the arm file with `traverse arm from-dh`"
+            raise FileError(port, [Problem("geometry", problem)]) from error
         home = (*line.home(), *[0] * len(arm.maxes.encoders))
     maxes = arm.maxes.encoders
     return arm, MicroscribeDescription(
@@ -87,7 +89,7 @@ def query_microscribe(
 
 
 def topic_name(text: str) -> str:
-    """A text as a name of an arm, which is a part of its topics."""
+    """Convert a text to an arm name, which is a part of topics."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "microscribe"
 
 
@@ -162,12 +164,15 @@ def _joint_count(description: MicroscribeDescription) -> int:
     n = sum(is_present)
     problems = []
     if not all(is_present[:n]):
-        what = f"greatest counts are {list(description.maxes)}; one is 0 between others"
-        problems.append(Problem("encoders", f"{what}, so the joints are ambiguous"))
+        problem = (
+            f"greatest counts are {list(description.maxes)}; one is 0 between others, "
+            "so the joints are ambiguous"
+        )
+        problems.append(Problem("encoders", problem))
     elif not _BETA_JOINT <= n <= N_ROWS:
-        what = f"there are {n}, expected {_BETA_JOINT} to {N_ROWS}, the rows of the "
-        what += "arm's own table; make the arm file with `traverse arm from-dh`"
-        problems.append(Problem("encoders", what))
+        problem = f"there are {n}, expected {_BETA_JOINT} to {N_ROWS}, the rows of the "
+        problem += "arm's own table; make the arm file with `traverse arm from-dh`"
+        problems.append(Problem("encoders", problem))
     if problems:
         raise FileError(description.source, problems)
     return n
@@ -187,7 +192,7 @@ def _table(kinematics: Kinematics, start: int, end: int) -> DHTable:
 
 
 def _stylus(rows: DHTable) -> Floats:
-    """The part behind the last joint, (4, 4)."""
+    """Return the transform behind the last joint, (4, 4)."""
     if not rows.n_joints:
         return np.eye(4)
     stylus: Floats = probe_transforms(rows, np.zeros((1, rows.n_joints)))[0]

@@ -53,14 +53,13 @@ def export_campaign(
 
 
 def campaign_words(report: dict[str, Any], flagged: FlaggedPoints) -> list[str]:
-    """Summary of `export_campaign`."""
-    said = [f"{report['folder']}: {counted(report['poses'], 'pose')}"]
+    lines = [f"{report['folder']}: {counted(report['poses'], 'pose')}"]
     if left_out := report["left_out"]:
-        said.append(
+        lines.append(
             f"{counted(len(left_out), 'point', 'are')} left out, the first: "
             f"{left_out[0]}"
         )
-    return said + flagged.lines()
+    return lines + flagged.lines()
 
 
 def _touches(

@@ -13,7 +13,7 @@ from traverse.cli.export.options import ExportOptions
 def export(
     source: Path,
     *,
-    wanted: ExportOptions,
+    export_options: ExportOptions,
     out: Path | None = None,
     arm: Path | None = None,
     campaign: Path | None = None,
@@ -38,7 +38,7 @@ def export(
     from traverse.cli.export.file import file_words, write_file
     from traverse.client.exports.formats import format_names
 
-    to = wanted.to
+    to = export_options.to
     if to not in (*format_names(), "campaign"):
         refuse(f"--to {to}: one of {', '.join(format_names())}, campaign")
     with refusals(ValueError):
@@ -49,19 +49,19 @@ def export(
             flagged = FlaggedPoints(allowed_flags(allow))
             report = labelled.export_campaign(
                 *(source, arm, campaign, folder),
-                session=wanted.session,
+                session=export_options.session,
                 flagged=flagged,
             )
-            said = labelled.campaign_words(report, flagged)
+            lines = labelled.campaign_words(report, flagged)
         else:
             ending = {"text": "txt", "ros2": "ros2.mcap"}.get(to, to)
             path = out or source.with_suffix(f".{ending}")
             if path.exists() and source.exists() and path.samefile(source):
                 refuse(f"{path} is the source; name another with --out")
             check_target(path, force=force)
-            report = write_file(source, path, wanted)
-            said = file_words(source, report)
+            report = write_file(source, path, export_options)
+            lines = file_words(source, report)
     if as_json:
         typer.echo(json.dumps(report, indent=1))
     else:
-        typer.echo("\n".join(said), err=True)
+        typer.echo("\n".join(lines), err=True)

@@ -36,7 +36,9 @@ class FiltersFile(StrictModel):
     filters: tuple[AnyFilter, ...]
 
 
-def write_file(source: Path, path: Path, wanted: ExportOptions) -> dict[str, Any]:
+def write_file(
+    source: Path, path: Path, export_options: ExportOptions
+) -> dict[str, Any]:
     """Write a file; return its summary.
 
     Raises:
@@ -44,87 +46,103 @@ def write_file(source: Path, path: Path, wanted: ExportOptions) -> dict[str, Any
         OSError: a file cannot be read or written.
     """
     chain = None
-    if wanted.filters is not None:
-        chain = filter_chain(read_strict(wanted.filters, FiltersFile).filters)
-        if chain.interpolates and wanted.kind == "points":
+    if export_options.filters is not None:
+        chain = filter_chain(read_strict(export_options.filters, FiltersFile).filters)
+        if chain.interpolates and export_options.kind == "points":
             raise ValueError(
-                f"{wanted.filters}: sections make points between samples; use "
+                f"{export_options.filters}: sections make points between samples; use "
                 "--kind scans"
             )
-    options: dict[str, Any] = {"coordinates": wanted.coordinates}
-    if wanted.to == "text":
-        options["template"] = wanted.template
-    elif wanted.template:
+    options: dict[str, Any] = {"coordinates": export_options.coordinates}
+    if export_options.to == "text":
+        options["template"] = export_options.template
+    elif export_options.template:
         raise ValueError("--template needs --to text")
-    if wanted.to == "qif" and wanted.schemas is not None:
-        options["check"] = partial(check_schema, file=path, schemas=wanted.schemas)
-    with replacing(path) as file, format_class(wanted.to)(file, **options) as sink:
-        if wanted.kind == "scans":
-            _write_scans(source, sink, chain, wanted)
+    if export_options.to == "qif" and export_options.schemas is not None:
+        options["check"] = partial(
+            check_schema, file=path, schemas=export_options.schemas
+        )
+    with (
+        replacing(path) as file,
+        format_class(export_options.to)(file, **options) as sink,
+    ):
+        if export_options.kind == "scans":
+            _write_scans(source, sink, chain, export_options)
         else:
-            _write_points(source, sink, chain, wanted)
+            _write_points(source, sink, chain, export_options)
     passed = [] if chain is None else zip(chain.filters, chain.removed, strict=True)
     return {
         "file": str(path),
-        "kind": wanted.kind,
+        "kind": export_options.kind,
         "points": sink.n,
         "in_doubt": sink.in_doubt,
-        "lacks": _lacks(sink, wanted),
+        "lacks": _lacks(sink, export_options),
         "held_back": [
             {"filter": step.kind, "points": removed}
             for step, removed in passed
             if not step.interpolates
         ],
         "tear": tear_of(source),
-        **({"schema": schema_words(wanted.schemas)} if wanted.to == "qif" else {}),
+        **(
+            {"schema": schema_words(export_options.schemas)}
+            if export_options.to == "qif"
+            else {}
+        ),
     }
 
 
-def _lacks(sink: Sink, wanted: ExportOptions) -> str:
-    """What the file does not say, though it is known."""
+def _lacks(sink: Sink, export_options: ExportOptions) -> str:
+    """Name known values that the file cannot hold."""
     of_part = ""
-    if wanted.coordinates == "part" and wanted.to not in ("csv", "jsonl", "xyz"):
+    if export_options.coordinates == "part" and export_options.to not in (
+        "csv",
+        "jsonl",
+        "xyz",
+    ):
         of_part = "uncertainties, which are of the arm's system"
     return "; ".join(filter(None, (sink.lacks, of_part)))
 
 
 def file_words(source: Path, report: dict[str, Any]) -> list[str]:
-    """Summary of `write_file`."""
-    what = " of scans" if report["kind"] == "scans" else ""
+    origin = " of scans" if report["kind"] == "scans" else ""
     doubt = f", {report['in_doubt']} in doubt" if report["in_doubt"] else ""
-    said = [f"{report['file']}: {counted(report['points'], 'point')}{what}{doubt}"]
+    lines = [f"{report['file']}: {counted(report['points'], 'point')}{origin}{doubt}"]
     if report["lacks"]:
-        said.append(f"not in this file: {report['lacks']}")
-    said += [
+        lines.append(f"not in this file: {report['lacks']}")
+    lines += [
         f"filter {step['filter']}: {step['points']} held back"
         for step in report["held_back"]
     ]
     if "schema" in report:
-        said.append(report["schema"])
+        lines.append(report["schema"])
     if report["tear"] is not None:
-        said.append(f"{source}: read up to a tear: {report['tear']}")
-    return said
+        lines.append(f"{source}: read up to a tear: {report['tear']}")
+    return lines
 
 
 def selected_points(
     source: Path, session: str | None, *, retracted: bool
 ) -> Iterator[Point]:
     """Points of a source; without retracted ones, unless requested."""
-    gone: set[str] = set()
+    retracted_ids: set[str] = set()
     if not retracted:
         # Retractions are known only after a full read: so the file is read twice.
-        gone = {p.retracts for p in points_of(source) if p.retracts is not None}
+        retracted_ids = {
+            p.retracts for p in points_of(source) if p.retracts is not None
+        }
     for point in points_of(source):
         if session is not None and point.session != session:
             continue
-        if retracted or (point.retracts is None and point.id not in gone):
+        if retracted or (point.retracts is None and point.id not in retracted_ids):
             yield point
 
 
 def _write_points(
-    source: Path, sink: Sink, chain: FilterChain | None, wanted: ExportOptions
+    source: Path, sink: Sink, chain: FilterChain | None, export_options: ExportOptions
 ) -> None:
-    chosen = selected_points(source, wanted.session, retracted=wanted.retracted)
+    chosen = selected_points(
+        source, export_options.session, retracted=export_options.retracted
+    )
     for piece in _pieces(chosen):
         sink.points(piece if chain is None else _passing(piece, chain))
 
@@ -150,9 +168,9 @@ def _applied(chain: FilterChain, table: PointTable) -> PointBlock:
 
 
 def _write_scans(
-    source: Path, sink: Sink, chain: FilterChain | None, wanted: ExportOptions
+    source: Path, sink: Sink, chain: FilterChain | None, export_options: ExportOptions
 ) -> None:
-    if wanted.coordinates != "centre":
+    if export_options.coordinates != "centre":
         raise ValueError("scans of a recording have --coordinates centre only")
     for table in scans_of(source):
         sink.table(table if chain is None else _filtered(table, chain))

@@ -60,7 +60,7 @@ def scans_of(source: Path) -> Iterator[PointTable]:
 
 
 def tear_of(source: Path) -> str | None:
-    """Why a recording ends before its file does; None of others and of whole ones."""
+    """Return why a recording ends before its file; None if it does not."""
     with open_regular(source) as file:
         if not file.read(len(MCAP)).startswith(MCAP):
             return None

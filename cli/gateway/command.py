@@ -318,7 +318,7 @@ add_installed(gateway, BUILT_IN)
 def _outlet(
     tcp: str | None, udp: str | None, serial: str | None, baud: int, file: Path | None
 ) -> "Outlet":
-    """The one that is named; raises ValueError."""
+    """Return the outlet that is named; raises ValueError."""
     from traverse.client.gateways import outlets
 
     if sum(outlet is not None for outlet in (tcp, udp, serial, file)) != 1:

@@ -1,4 +1,4 @@
-"""What commands of gateways do alike: begin, send, end, refuse, report."""
+"""Common parts of gateway commands: begin, send, end, refuse, report."""
 
 import asyncio
 import contextlib
@@ -84,5 +84,4 @@ def host_port(text: str, option: str, host: str | None) -> tuple[str, int]:
 
 
 def report(text: str) -> None:
-    """Say something to people."""
     typer.echo(printable(text), err=True)

@@ -44,7 +44,6 @@ class TurningDevices:
         return [track for tracks in self._by_device.values() for track in tracks]
 
     def begin(self) -> None:
-        """Count what moves from now on."""
         for track in self.tracks:
             track.begin()
 

@@ -42,14 +42,13 @@ class JointSearch:
         }
 
     def begin(self) -> None:
-        """Count what moves from now on."""
         self._devices.begin()
 
     async def take(self, joint: "Joint") -> Turned | str:
         """Find the encoder of a joint that was turned since `begin`.
 
         Returns:
-            The encoder, which is kept, or a sentence why it cannot be said.
+            The encoder, which is kept, or why it is unknown, in a sentence.
         """
         await self._devices.settled()
         expected = joint.encoder.counts_per_turn if joint.encoder else None
@@ -58,8 +57,8 @@ class JointSearch:
         )
         if isinstance(outcome, str):
             return outcome
-        for name, other in self.turned.items():
-            if other.source == outcome.source and name != joint.name:
+        for name, known_outcome in self.turned.items():
+            if known_outcome.source == outcome.source and name != joint.name:
                 return f"{outcome.source} is {name}'s encoder already"
         if outcome.counts_per_turn is None:
             return (
@@ -111,21 +110,21 @@ class JointSearch:
 
 
 def channel_sentence(track: Track, noise_counts: int, alarm: str) -> str:
-    """What a channel is like at rest."""
+    """Describe a channel at rest."""
     words = [f"{track.source}: {track.modulus_counts} counts, moves by {noise_counts}"]
-    for n, what in (
+    for n, defect in (
         (track.n_invalid, "without a valid count"),
         (track.n_weak, "with a weak signal"),
     ):
         if n:
-            words.append(f"{n / track.n_samples:.0%} of samples {what}")
+            words.append(f"{n / track.n_samples:.0%} of samples {defect}")
     if alarm:
         words.append(alarm)
     return "; ".join(words)
 
 
 def encoder_sentence(joint: "Joint", outcome: Turned) -> str:
-    """What was found, beside what the arm file says."""
+    """Describe an encoder that was found, beside the arm file's entry."""
     degrees = 360.0 * (outcome.angle_turns or 0.0)
     text = (
         f"{joint.name}: {outcome.source}, sign {outcome.sign:+d}, "

@@ -78,8 +78,10 @@ def resend(
         )
     answer = send_command(arm, broker, lambda client: client.execute(args))
     typer.echo(json.dumps(answer) if as_json else "\n".join(_lines(answer)))
-    asked = "points" if session is not None else "blocks" if scan is not None else ""
-    if asked and not answer[asked]:
+    counted_unit = (
+        "points" if session is not None else "blocks" if scan is not None else ""
+    )
+    if counted_unit and not answer[counted_unit]:
         raise typer.Exit(FAILED)
 
 

@@ -77,10 +77,11 @@ def point_line(message: StoredMessage, *, as_json: bool) -> str:
         )
     moment = datetime.fromtimestamp(message.time_ns // 10**9, UTC)
     sent = "sent    " if message.is_sent else "not sent"
-    return f"{message.seq:7d}  {moment:%Y-%m-%d %H:%M:%S} UTC  {sent}  {_said(message)}"
+    content = _content(message)
+    return f"{message.seq:7d}  {moment:%Y-%m-%d %H:%M:%S} UTC  {sent}  {content}"
 
 
-def _said(message: StoredMessage) -> str:
+def _content(message: StoredMessage) -> str:
     try:
         point = decode(Point, message.payload, message.encoding)
     except MessageError as error:
@@ -111,7 +112,7 @@ def write_points(
 
 
 def point_of(message: StoredMessage) -> Point | str:
-    """Read a stored point; a text says why it cannot be."""
+    """Read a stored point, or return why it is unreadable."""
     if not message.is_whole:
         return f"seq {message.seq!r}: damaged, and left out"
     try:

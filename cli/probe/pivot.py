@@ -44,7 +44,6 @@ class Check:
     off_sigma: float
 
     def report(self) -> dict[str, Any]:
-        """As JSON."""
         pivot = self.pivot
         return {
             **picked(self, "cone", poses="n"),
@@ -55,7 +54,6 @@ class Check:
         }
 
     def lines(self) -> list[str]:
-        """For people."""
         pivot = self.pivot
         std_mm = np.sqrt(np.diag(pivot.covariance_mm2))
         shown = ", ".join(
@@ -119,10 +117,10 @@ def pivoted(
 def _balls(
     geometry: Geometry, effects: ArmEffects, block: Block
 ) -> tuple[Floats, Floats]:
-    """Balls of poses, (n, 3), and how they change with the probe's vector, (n, 3, 3).
+    """Compute ball centres, (n, 3), and derivatives by the probe's vector, (n, 3, 3).
 
-    By differences, exact but for rounding: a ball moves with the vector linearly, of
-    a bending arm nearly so.
+    By differences, which are exact but for rounding: a ball moves linearly with the
+    vector, nearly so on a bending arm.
     """
     centres_mm, _, _ = corrected_pose(geometry, effects, block)
     by_vector = np.empty((*centres_mm.shape, 3))
@@ -154,16 +152,16 @@ def write_vector(
     return changed
 
 
-def _cone(folder: Path, campaign: Campaign, wanted: str | None) -> int:
+def _cone(folder: Path, campaign: Campaign, cone_name: str | None) -> int:
     cones = {a.id: i for i, a in enumerate(campaign.artefacts) if a.kind == "cone"}
-    if wanted is None and len(cones) == 1:
+    if cone_name is None and len(cones) == 1:
         return next(iter(cones.values()))
-    if wanted in cones:
-        return cones[wanted]
+    if cone_name in cones:
+        return cones[cone_name]
     known = ", ".join(cones) or "none"
     text = (
         f"has the cones {known}; name one with --cone"
-        if wanted is None
-        else f"has no cone {wanted!r}; it has: {known}"
+        if cone_name is None
+        else f"has no cone {cone_name!r}; it has: {known}"
     )
     raise FileError(folder / "campaign.toml", [Problem("artefacts", text)])

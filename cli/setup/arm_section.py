@@ -89,7 +89,6 @@ class ArmChoice:
 
     @ui.refreshable_method
     def show(self) -> None:
-        """Show what there is now."""
         files = self._draft.arm_files()
         if not files and not self._draft.arm_file:
             ui.label(f"No arm file in {self._draft.path.parent.resolve()}.")

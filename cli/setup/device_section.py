@@ -30,7 +30,6 @@ class DeviceList:
 
     @ui.refreshable_method
     def show(self) -> None:
-        """Show what there is now."""
         for index, table in enumerate(self._draft.devices):
             with ui.element("div").classes("bar"):
                 where = table.get("port") or table.get("channel") or ""
@@ -63,7 +62,6 @@ class DeviceList:
     def _ask_device(
         self, index: int | None, port: str = "", driver: str = "latch-board"
     ) -> None:
-        """Ask for driver, id and options of a device."""
         tables = self._draft.devices
         present = dict(tables[index]) if index is not None else {"driver": driver}
         names = {str(table.get("id")) for table in tables}

@@ -44,13 +44,11 @@ class Form:
         return made
 
     def set(self, key: str, text: str) -> None:
-        """Fill in a field, if the table has it."""
         for setting, entry in self._fields.items():
             if setting.key == key:
                 entry.set_value(text)
 
     def values(self) -> dict[str, object]:
-        """The values of all keys; None where a field is empty."""
         return {
             setting.key: setting.value_of(str(entry.value or ""))
             for setting, entry in self._fields.items()

@@ -68,7 +68,6 @@ class JointsPanel:
             answer_button.set_enabled(is_turning)
 
     async def _run(self) -> None:
-        """Hold the conversation, and say how it ended."""
         self._begin_button.set_enabled(False)
         try:
             await self._converse()
@@ -124,7 +123,6 @@ class JointsPanel:
         self._say(f"{arm_file} is written; the file before is {previous.name}.{end}")
 
     def _show(self) -> None:
-        """Show what the channels do, while devices are read."""
         devices, search = self._devices, self._search
         if devices is None or search is None:
             return

@@ -81,7 +81,6 @@ class SetupPage:
         self._notice.classes("bad" if is_bad else "", remove="bad")
 
     def _changed(self, text: str) -> None:
-        """Show what follows from a change."""
         self._say(f"{text}. Not written yet: see 6.")
         for part in self._lists:
             part.refresh()

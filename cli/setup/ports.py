@@ -14,8 +14,8 @@ def serial_ports(devices: Path = Path("/dev")) -> list[Path]:
     """
     named = sorted((devices / "serial" / "by-id").glob("*"))
     targets = {path.resolve() for path in named}
-    others = sorted(path for name in PATTERNS for path in devices.glob(name))
-    return named + [path for path in others if path.resolve() not in targets]
+    unnamed = sorted(path for name in PATTERNS for path in devices.glob(name))
+    return named + [path for path in unnamed if path.resolve() not in targets]
 
 
 def can_interfaces(networks: Path = Path("/sys/class/net")) -> list[str]:

@@ -39,7 +39,7 @@ class Setting:
     def value_of(self, text: str) -> object:
         """Return the value of a text; None for an empty one.
 
-        What is no value of the kind stays a text, which the reader of the file refuses.
+        A text of another kind is returned as it is, for the file's reader to refuse.
         """
         text = text.strip()
         if not text:

@@ -37,9 +37,9 @@ def watch(
         as_json: One JSON message a line.
         lines: Lines on a terminal, too.
     """
-    wanted = [kind.strip() for kind in kinds.split(",") if kind.strip()]
-    unknown = [kind for kind in wanted if kind not in KINDS]
-    if unknown or not wanted:
+    shown_kinds = [kind.strip() for kind in kinds.split(",") if kind.strip()]
+    unknown = [kind for kind in shown_kinds if kind not in KINDS]
+    if unknown or not shown_kinds:
         raise typer.BadParameter(
             f"{', '.join(unknown) or 'nothing'} is none of: {', '.join(KINDS)}",
             param_hint="--kinds",
@@ -51,7 +51,7 @@ def watch(
             if len(arms) == 1:
                 asyncio.run(_display(address, arms[0]))
                 return
-        asyncio.run(_follow(address, arm, wanted, as_json))
+        asyncio.run(_follow(address, arm, shown_kinds, as_json))
     except KeyboardInterrupt:
         raise typer.Exit(0) from None
 

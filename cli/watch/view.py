@@ -35,11 +35,11 @@ MM = Unit("mm", 1.0, 4)
 
 def picture(name: str, sight: ArmSight) -> RenderableType:
     """State of an arm, for a terminal."""
-    said = verdict(sight)
-    head = f" {said.word.upper()}  {printable(said.text)} "
-    lines: list[RenderableType] = [Text(head, style=COLOURS[said.level])]
-    if said.remedy:
-        lines.append(Text(printable(said.remedy)))
+    current_verdict = verdict(sight)
+    head = f" {current_verdict.word.upper()}  {printable(current_verdict.text)} "
+    lines: list[RenderableType] = [Text(head, style=COLOURS[current_verdict.level])]
+    if current_verdict.remedy:
+        lines.append(Text(printable(current_verdict.remedy)))
     system: System = "part" if sight.is_aligned else "arm"
     lines += [Text(), _read_out(sight, system), Text(), _points(sight, system)]
     lines += [Text(), _health(sight)]

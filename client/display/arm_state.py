@@ -75,9 +75,6 @@ class ScanProgress:
 class ArmSight:
     """Last known state of one arm.
 
-    Args:
-        now_s: a monotonic clock.
-
     Attributes:
         sessions: points not retracted, by session and id, in the order of arrival.
         shown_session: an earlier session to be shown; None: the arm's.
@@ -119,12 +116,10 @@ class ArmSight:
 
     @property
     def age_s(self) -> float:
-        """Age of the latest pose."""
         return self.now_s() - self._live_s
 
     @property
     def health_age_s(self) -> float:
-        """Age of the latest figures."""
         return self.now_s() - self._health_s
 
     @property
@@ -184,13 +179,11 @@ class ArmSight:
 
     @property
     def is_aligned(self) -> bool:
-        """Whether there are part coordinates."""
         known = self.live or self.last_point
         return known is not None and known.part_xyz_mm is not None
 
     @property
     def known_label(self) -> Label | None:
-        """Artefact or feature of the next points, as far as known."""
         if self.label is None and self.last_point is not None:
             return self.last_point.label
         return self.label
@@ -214,8 +207,10 @@ class ArmSight:
         is_new = self._is_new(point)
         if point.retracts is not None:
             undone = held.pop(point.retracts, None)
-            which = "one" if undone is None else str(undone.seq)
-            change = Change("retraction", f"Point {point.seq} undoes {which}", point)
+            undone_seq = "one" if undone is None else str(undone.seq)
+            change = Change(
+                "retraction", f"Point {point.seq} undoes {undone_seq}", point
+            )
         else:
             held[point.id] = point
             if len(held) > MAX_POINTS:

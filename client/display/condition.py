@@ -41,7 +41,6 @@ class Verdict:
         level: "bad" if measuring is impossible or the values are out of date; "busy" if
             the arm is well and does something that people must know.
         word: readable at 2 m.
-        others: number of further conditions.
         activity: a scan that runs besides.
     """
 
@@ -49,18 +48,18 @@ class Verdict:
     word: str
     sentence: str
     remedy: str = ""
-    others: int = 0
+    n_others: int = 0
     activity: str = ""
 
     @property
     def text(self) -> str:
         """The sentence, the number of other conditions, and the current activity."""
-        more = f" (and {self.others} more)" if self.others else ""
-        return " ".join(filter(None, (self.sentence + more, self.activity)))
+        suppressed = f" (and {self.n_others} more)" if self.n_others else ""
+        return " ".join(filter(None, (self.sentence + suppressed, self.activity)))
 
 
 def verdict(sight: ArmSight) -> Verdict:
-    """Return the worst current condition."""
+    """Return the worst current condition, with the number of others."""
     conditions = list(_conditions(sight))
     scan = sight.scan
     activity = f"{scan.text}." if scan is not None and scan.runs else ""
@@ -71,16 +70,11 @@ def verdict(sight: ArmSight) -> Verdict:
     worst = min(conditions, key=lambda condition: GRAVEST_FIRST.index(condition.level))
     if not sight.is_online:
         activity = ""
-    return replace(worst, others=len(conditions) - 1, activity=activity)
+    return replace(worst, n_others=len(conditions) - 1, activity=activity)
 
 
 def obstacle(sight: ArmSight, *, needs_pose: bool) -> str:
-    """Return why a command cannot be carried out; empty if it can be tried.
-
-    Args:
-        sight: of the arm.
-        needs_pose: whether it measures.
-    """
+    """Return why a command cannot be carried out; empty if it can be tried."""
     is_reached = sight.is_online and not sight.is_silent
     if not is_reached or (needs_pose and sight.is_stale):
         return verdict(sight).sentence
@@ -103,7 +97,7 @@ def condition_words(lost: ConditionStanding) -> str:
 
 def wanted_commands(sight: ArmSight) -> dict[str, list[str]]:
     """Return commands by which the operator establishes conditions, with the causes."""
-    wanted: dict[str, list[str]] = {}
+    causes_of: dict[str, list[str]] = {}
     for condition in lost_conditions(sight):
         # Encoders that count from where they are can be homed instead.
         home = "home" if condition.name == "reference" else ""
@@ -113,18 +107,20 @@ def wanted_commands(sight: ArmSight) -> dict[str, list[str]]:
         ):  # confirmed by itself, if nothing of the arm has to be
             names = {"utc"}
         for name in names:
-            wanted.setdefault(name, []).append(f"{condition.source}: {condition.cause}")
+            causes_of.setdefault(name, []).append(
+                f"{condition.source}: {condition.cause}"
+            )
     flags = sight.live.quality.flags if sight.live and not sight.is_stale else ()
     if "turns_uncertain" in flags:
-        wanted.setdefault("reference", [])
-        wanted.setdefault("home", [])
-    return wanted
+        causes_of.setdefault("reference", [])
+        causes_of.setdefault("home", [])
+    return causes_of
 
 
 def _conditions(sight: ArmSight) -> Iterator[Verdict]:
     status, health, live = sight.status, sight.health, sight.live
-    if (gone := _absence(sight)) is not None:
-        yield gone
+    if (absence := _absence(sight)) is not None:
+        yield absence
         return
     if status is None:
         return
@@ -201,7 +197,6 @@ def _absence(sight: ArmSight) -> Verdict | None:
 
 
 def _of_pose(live: Live) -> Verdict:
-    """A pose that is flagged."""
     flags = live.quality.flags
     if flags == ("overspeed",):  # matters for points, not for moving
         return Verdict("busy", "Moving", "Too fast to take a point now.")

@@ -31,7 +31,6 @@ class Unit:
     digits: int
 
     def text(self, value_mm: float, *, sign: bool = False) -> str:
-        """Format a length without its unit; zero has no minus."""
         value = value_mm * self.per_mm
         return f"{value:{'+' if sign else ''}z.{self.digits}f}"
 
@@ -91,11 +90,9 @@ def place_uncertainty(point: Point, unit: Unit) -> str:
 
 
 def label_words(point: Point) -> str:
-    """Artefact and feature of a point."""
     words = filter(None, (point.label.artefact, point.label.feature))
     return printable(" ".join(words))
 
 
 def flag_words(of: Live | Point) -> str:
-    """Its quality flags."""
     return ", ".join(of.quality.flags).replace("_", " ")

@@ -52,7 +52,6 @@ class Follower:
         self._undoing = asyncio.Lock()
 
     async def run(self) -> None:
-        """Follow until cancelled; reconnects after every failure."""
         since: Literal["session"] | Mapping[str, int] = "session"
         while True:
             try:
@@ -82,8 +81,8 @@ class Follower:
             except BrokerUnreachableError as error:
                 self.sight.take_link(False, str(error))
             except BaseExceptionGroup as group:
-                _, others = group.split((ClientError, OSError))
-                if others is not None:
+                _, unexpected = group.split((ClientError, OSError))
+                if unexpected is not None:
                     raise
                 self.sight.take_link(False, str(group.exceptions[0]))
             finally:
@@ -114,23 +113,23 @@ class Follower:
         """Return what points share by the arm, by id, or why that is not known."""
         shared: dict[str, Floats] = {}
         for start in range(0, len(ids), MOST_ASKED):
-            asked = ids[start : start + MOST_ASKED]
+            requested = ids[start : start + MOST_ASKED]
             if self._arm is None:
                 return "there is no connection to the arm"
             try:
-                errors = await self._arm.covariance(asked)
+                errors = await self._arm.covariance(requested)
             except CommandRefused as error:
                 return error.text
             except ClientError as error:
                 return str(error)
-            shared |= dict(zip(asked, errors.shared_mm, strict=True))
+            shared |= dict(zip(requested, errors.shared_mm, strict=True))
         return shared
 
     async def undo_shown(self) -> None:
-        """Take back the last point that is shown, and no later one.
+        """Retract the last point that is shown, and no later one.
 
-        Returns once the retraction has arrived, so that a second call means the point
-        before.
+        Returns once the retraction has arrived, so that a second call retracts the
+        point before it.
         """
         async with self._undoing:
             last = self.sight.last_point

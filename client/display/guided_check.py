@@ -24,7 +24,7 @@ class GuidedCheck:
 
     Attributes:
         kind: "articulation": one point, a cone, from many postures; "sphere".
-        wanted: number of points to take.
+        n_wanted: number of points to take.
         limit_mm: of the largest deviation from the mean, or of the sphere's form and
             its error of size; None: not set.
         diameter_mm: of the sphere by its certificate; None: unknown.
@@ -33,7 +33,7 @@ class GuidedCheck:
     """
 
     kind: str
-    wanted: int
+    n_wanted: int
     limit_mm: float | None = None
     diameter_mm: float | None = None
     begun_ns: int = 0
@@ -42,18 +42,17 @@ class GuidedCheck:
 
     @property
     def is_done(self) -> bool:
-        """All points are there."""
-        return len(self.points) >= self.wanted
+        return len(self.points) >= self.n_wanted
 
     @property
     def instruction(self) -> str:
-        left = self.wanted - len(self.points)
+        left = self.n_wanted - len(self.points)
         if self.suspect is not None:
-            what = "seat" if self.kind == "articulation" else "sphere"
+            artefact = "seat" if self.kind == "articulation" else "sphere"
             off = f"{self._off_mm(self.suspect):.1f} mm off the others"
             return (
                 f"Point {self.suspect.seq} is {off} and does not count. "
-                f"Was it the right {what}?"
+                f"Was it the right {artefact}?"
             )
         if left <= 0:
             return "Done. Start again, or close."
@@ -83,7 +82,7 @@ class GuidedCheck:
         self.suspect = None
 
     def count_in(self) -> None:
-        """Count the suspect: the arm is off by that much."""
+        """Count the suspect: the arm is really off by that much."""
         if self.suspect is not None:
             self.points.append(self.suspect)
         self.suspect = None
@@ -97,7 +96,7 @@ class GuidedCheck:
     def verdict(self) -> tuple[Level, str]:
         """Level and text; nothing passes without a limit."""
         if not self.is_done:
-            return "busy", f"{len(self.points)} of {counted(self.wanted, 'point')}"
+            return "busy", f"{len(self.points)} of {counted(self.n_wanted, 'point')}"
         doubtful = sum(not point.quality.ok for point in self.points)
         if doubtful:
             return "warning", f"No verdict: {doubtful} of the points in doubt."
@@ -175,7 +174,7 @@ class GuidedCheck:
         return diameter_mm, float(np.ptp(radii_mm)), sphere.rms_mm
 
     def _off_mm(self, point: Point) -> float:
-        """Return the distance of a touch from the place of the others."""
+        """Return the distance of a touch from the mean of the others."""
         place_mm, others_mm = _places([point]), _places(self.points)
         if self.kind == "articulation":
             return float(off_seat(place_mm, others_mm)[0])
@@ -206,11 +205,11 @@ class CheckDesk:
         self.label_before = Label()
         sight.listeners.append(self._changed)
 
-    def begin(self, kind: str, wanted: int) -> None:
+    def begin(self, kind: str, n_wanted: int) -> None:
         if self.check is None:
             self.label_before = self._sight.known_label or Label()
         live = self._sight.live
-        self.check = GuidedCheck(kind, wanted, begun_ns=live.time_ns if live else 0)
+        self.check = GuidedCheck(kind, n_wanted, begun_ns=live.time_ns if live else 0)
         self.set_limits(self.limits_mm.get(kind), self.diameter_mm)
 
     def set_limits(self, limit_mm: float | None, diameter_mm: float | None) -> None:

@@ -62,13 +62,11 @@ class InspectionDesk:
         sight: of the arm; its points are taken.
 
     Attributes:
-        part, serial, operator: for the report.
         ball_radius_std_mm, part_temperature: as of `Plan`.
         features, relations, tolerances: in the order in which they were made.
         active: name of the feature that new points belong to; None: to none.
         alignment: made of features of this part; None: as the points have it.
         inspection: the latest results; None before the first.
-        version: counts changes.
     """
 
     def __init__(self, sight: ArmSight) -> None:
@@ -102,7 +100,9 @@ class InspectionDesk:
         name = self._free_name(kind)
         draft = Draft(kind)
         if kind in ("circle", "line"):
-            planes = [n for n, other in self.features.items() if other.kind == "plane"]
+            planes = [
+                n for n, feature in self.features.items() if feature.kind == "plane"
+            ]
             draft.plane = planes[-1] if planes else None
         self.features[name] = draft
         self.touch(name)
@@ -127,8 +127,8 @@ class InspectionDesk:
         self.relations.pop(name, None)
         for draft in self.features.values():
             draft.plane = None if draft.plane == name else draft.plane
-        for other in [n for n, entry in self.relations.items() if name in entry.of]:
-            self.remove(other)
+        for dependent in [n for n, entry in self.relations.items() if name in entry.of]:
+            self.remove(dependent)
         for key in [key for key in self.tolerances if key[0] == name]:
             del self.tolerances[key]
         self.active = None if self.active == name else self.active
@@ -191,7 +191,6 @@ class InspectionDesk:
         self.version += 1
 
     def result(self, name: str) -> FeatureResult | None:
-        """Return the latest results of a feature or relation."""
         features = () if self.inspection is None else self.inspection.features
         return next((feature for feature in features if feature.name == name), None)
 
@@ -253,9 +252,9 @@ class InspectionDesk:
         return True
 
     def _free_name(self, kind: str) -> str:
-        taken = self.features.keys() | self.relations.keys()
+        used_names = self.features.keys() | self.relations.keys()
         number = 1
-        while f"{kind} {number}" in taken:
+        while f"{kind} {number}" in used_names:
             number += 1
         return f"{kind} {number}"
 

@@ -55,8 +55,8 @@ class Nominal:
     ) -> Deviation:
         """Return the deviation of a place, with its expanded uncertainty and doubt."""
         offsets_mm = tuple(
-            None if wanted is None else measured - wanted
-            for measured, wanted in zip(place_mm, self.xyz_mm, strict=True)
+            None if nominal is None else measured - nominal
+            for measured, nominal in zip(place_mm, self.xyz_mm, strict=True)
         )
         counted = [offset for offset in offsets_mm if offset is not None]
         distance_mm = float(np.linalg.norm(counted))

@@ -15,7 +15,6 @@ class Cloud:
 
     Attributes:
         version: changes when earlier output is invalid.
-        n_kept: points to be drawn.
         every: k.
     """
 
@@ -32,7 +31,6 @@ class Cloud:
         self.every = 1
 
     def add(self, xyz_mm: Floats) -> None:
-        """Add received points, (n, 3)."""
         while len(xyz_mm):
             # Those whose number is a multiple of `every` are kept.
             first = -self.n_seen % self.every

@@ -60,10 +60,10 @@ class Ply(Sink):
             rows[f"cov_{axes}"] = table.covariance_mm2[:, column]
         for name in ("seq", "quality", "ok"):
             rows[name] = getattr(table, name)
-        both = zip(table.session.tolist(), table.scan.tolist(), strict=True)
+        keys = zip(table.session.tolist(), table.scan.tolist(), strict=True)
         names = (
             f"scan {scan} of session {session}" if scan else f"session {session}"
-            for session, scan in both
+            for session, scan in keys
         )
         rows["series"] = _numbered(names, self._series)
         labels = zip(table.artefact, table.feature, strict=True)

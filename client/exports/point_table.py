@@ -97,8 +97,8 @@ def scan_table(
 
 def standing(points: Sequence[Point]) -> list[Point]:
     """Return points that are not retracted, without the retractions."""
-    gone = {point.retracts for point in points}
-    return [p for p in points if p.retracts is None and p.id not in gone]
+    retracted_ids = {point.retracts for point in points}
+    return [p for p in points if p.retracts is None and p.id not in retracted_ids]
 
 
 def table_of(points: Sequence[Point], coordinates: Coordinates) -> PointTable:
@@ -177,11 +177,7 @@ def _bit(name: str) -> int:
 class Sink(ABC):
     """Writes points or tables of scans to a binary file, piece by piece.
 
-    Args:
-        file: open for writing, seekable.
-
     Attributes:
-        n: number of written points.
         in_doubt: number of those in doubt.
         lacks: what the format cannot carry, for people; may be empty.
     """

@@ -59,12 +59,12 @@ class QifDocument:
             ValueError: A text has a character that XML does not have.
         """
         self.root.set("idMax", str(self._last_id))
-        said = tostring(self.root, encoding="unicode")
-        if match := _NOT_XML.search(said):
+        xml = tostring(self.root, encoding="unicode")
+        if match := _NOT_XML.search(xml):
             raise ValueError(
                 f"a text has the character {match[0]!r}, which XML does not have"
             )
-        self._identifier.text = str(uuid.uuid5(_IDENTIFIERS, said))
+        self._identifier.text = str(uuid.uuid5(_IDENTIFIERS, xml))
         indent(self.root)
         text: str = tostring(self.root, encoding="unicode")
         return f"{_DECLARATION}\n{text}\n".encode()
@@ -96,8 +96,6 @@ class Qif(Sink):
     uncertainties of x, y and z; the full covariance is a user-defined attribute.
 
     Args:
-        file: as of every sink.
-        coordinates: as of every sink.
         check: called with the content; raises to refuse it.
     """
 

@@ -136,7 +136,7 @@ def iso_times(time_ns: ArrayLike) -> list[str]:
 class Csv(Sink):
     """Comma-separated, a header line first; unknown values are empty.
 
-    A label that a spreadsheet would take for a formula begins with an apostrophe.
+    Labels that a spreadsheet would read as formulas get an apostrophe first.
     """
 
     _has_head = False

@@ -83,15 +83,15 @@ def state_of(
         alarm.model_dump(include={"severity", "code", "source", "text", "remedy"})
         for alarm in status.alarms
     ]
-    here = health if status.online else None
+    current_health = health if status.online else None
     return {
         "online": status.online,
         "state": status.state,
         "problem": any(alarm["severity"] != "info" for alarm in alarms),
         "alarms": alarms,
-        "temperature_c": here and here.temperatures_c.get("arm"),
-        "points": here and here.counters.get("points_captured", 0),
-        "points_waiting": here and here.outbox.unsent,
+        "temperature_c": current_health and current_health.temperatures_c.get("arm"),
+        "points": current_health and current_health.counters.get("points_captured", 0),
+        "points_waiting": current_health and current_health.outbox.unsent,
         "last_check": last_check,
     }
 

@@ -159,7 +159,6 @@ class UinputKeyboard:
     Args:
         stop_key: as of `DesktopKeyboard`; read from all readable keyboards.
         on_stop: called when it is pressed.
-        path: of the kernel's interface.
 
     Raises:
         ValueError: there is none here, or it may not be used.
@@ -343,8 +342,8 @@ class KeysOutlet(Outlet):
         # Before the loop has its turn: the next key must not be typed.
         if self._stopped.is_set():
             self._stopped.clear()
-            said = "typing goes on with the next point"
+            notice = "typing goes on with the next point"
         else:
             self._stopped.set()
-            said = f"typing is stopped; {self._stop_key} lets it go on"
-        self._loop.call_soon_threadsafe(self._report, said)
+            notice = f"typing is stopped; {self._stop_key} lets it go on"
+        self._loop.call_soon_threadsafe(self._report, notice)

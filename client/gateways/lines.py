@@ -30,7 +30,6 @@ class LineForm:
     """Form of lines, from texts of the user.
 
     Args:
-        template: of a point's line.
         undo: of a retraction's line, or None.
         coordinates: those of x, y and z.
         unit: their unit, of `UNITS_MM`.
@@ -75,9 +74,6 @@ class LineGateway:
     Args:
         outlet: takes them; open while this sends.
         report: called with messages for people.
-
-    Attributes:
-        counts: of points by outcome.
     """
 
     def __init__(self, form: LineForm, outlet: Outlet, report: Report) -> None:

@@ -67,8 +67,6 @@ class LiveServer:
     the oldest of `BACKLOG` messages.
 
     Args:
-        arm: open while this is.
-        port: to listen on; 0: any that is free.
         report: called with messages for people.
         joints: their names, from the base outwards.
         urdf: the arm's description, which viewers get as `ARM_ASSET`; empty for none.
@@ -130,7 +128,6 @@ class LiveServer:
 
     @property
     def address(self) -> str:
-        """URL for viewers."""
         return url_of("ws", self._host, self.port)
 
     async def __aenter__(self) -> Self:
@@ -186,8 +183,8 @@ class LiveServer:
 
     def _take_away(self, point_id: str) -> None:
         if self._shown.pop(point_id, None) is not None:
-            gone = [deletion(point_id, time.time_ns())]
-            self._scene_of_points.log(SceneUpdate(deletions=gone))
+            deletions = [deletion(point_id, time.time_ns())]
+            self._scene_of_points.log(SceneUpdate(deletions=deletions))
 
     async def _show_arm(self) -> None:
         async for live in self._arm.live():
@@ -238,8 +235,8 @@ class LiveServer:
         if not isinstance(message, Status):
             return
         if not message.online:  # where it was when it was last seen is not where it is
-            gone = [deletion("arm", time.time_ns())]
-            self._scene_of_arm.log(SceneUpdate(deletions=gone))
+            deletions = [deletion("arm", time.time_ns())]
+            self._scene_of_arm.log(SceneUpdate(deletions=deletions))
         alarms = {
             f"{alarm.code} {alarm.source}": (
                 f"{alarm.text}; {alarm.remedy}",

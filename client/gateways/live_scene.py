@@ -33,12 +33,7 @@ _BOX = [
 
 
 def point_entity(point: Point, times: float) -> fox.SceneEntity:
-    """Return a mark at the ball's centre, and the ellipsoid of its covariance, k = 2.
-
-    Args:
-        point: a captured one.
-        times: magnification of the ellipsoid.
-    """
+    """Return a mark at the ball's centre, and its covariance's ellipsoid, k = 2."""
     ok = point.quality.ok
     colour = BLUE if ok else ORANGE
     centre_mm = np.array(point.xyz_mm)
@@ -47,13 +42,13 @@ def point_entity(point: Point, times: float) -> fox.SceneEntity:
         fox.LinePrimitiveLineType.LineList,
         colour,
     )
-    said = [] if ok else [_text(point.xyz_mm, flag_words(point), colour)]
+    doubt_texts = [] if ok else [_text(point.xyz_mm, flag_words(point), colour)]
     return _entity(
         point.id,
         point.time_ns,
         spheres=_ellipsoid(point.xyz_mm, point.covariance_mm2, times, ok=ok),
         lines=[mark],
-        texts=said,
+        texts=doubt_texts,
         metadata={
             "seq": str(point.seq),
             "artefact": point.label.artefact or "",

@@ -1,8 +1,8 @@
 """An OPC UA server of one arm: its state, its latest pose and point, points as events.
 
 Doubt is the status code of a value, as OPC UA means it: a value in doubt is uncertain,
-one that nobody vouches for any longer is bad, so that a client that looks at status
-codes needs to know nothing of Traverse. Clients read; nothing can be written.
+an outdated one is bad, so that clients that check status codes need to know nothing of
+Traverse. Clients read; nothing can be written.
 
 Sources: OPC 10000-3 to 10000-8 (address space, services, information model, data
 access). Types of OPC 40210 (Geometric Measurement Systems) are not claimed: those
@@ -77,12 +77,8 @@ class OpcUaServer:
     """Serves one arm; use with `async with`.
 
     Args:
-        arm: open while this is.
         port: to listen on; 0: any that is free.
         report: called with messages for people.
-
-    Attributes:
-        points: how many were served.
     """
 
     def __init__(self, arm: Arm, host: str, port: int, report: Report) -> None:
@@ -103,7 +99,6 @@ class OpcUaServer:
 
     @property
     def address(self) -> str:
-        """URL for clients."""
         return f"{url_of('opc.tcp', self._host, self._port)}/"
 
     async def __aenter__(self) -> Self:
@@ -177,12 +172,12 @@ class OpcUaServer:
         for name, kind in _EVENT_FIELDS.items():
             setattr(event, name, ua.Variant(values[name], kind))
         event.Severity = GOOD_SEVERITY if point.quality.ok else DOUBT_SEVERITY
-        what = f"point {point.seq} of session {point.session}"
+        summary = f"point {point.seq} of session {point.session}"
         if point.retracts is not None:
-            what += f" takes back {point.retracts}"
+            summary += f" takes back {point.retracts}"
         elif not point.quality.ok:
-            what += f" is in doubt: {values['Doubts']}"
-        await self._events.trigger(when, what)
+            summary += f" is in doubt: {values['Doubts']}"
+        await self._events.trigger(when, summary)
 
     async def _serve_pose(self) -> None:
         async for live in self._arm.live():

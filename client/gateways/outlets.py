@@ -268,9 +268,6 @@ class TcpOutlet(Outlet):
     A line is sent when a receiver's computer has confirmed it. A receiver that takes
     nothing for `WRITE_S` is disconnected, so that the others do not wait for it.
 
-    Args:
-        port: to listen on; 0: any that is free.
-
     Attributes:
         port: that is listened on.
     """
@@ -359,8 +356,10 @@ class TcpOutlet(Outlet):
         left = len(self._receivers)
         if not left:
             self._connected.clear()
-        others = counted(left, "other receiver") if left else "points wait at the arm"
-        self._report(f"{name} {why}; {others}")
+        remaining = (
+            counted(left, "other receiver") if left else "points wait at the arm"
+        )
+        self._report(f"{name} {why}; {remaining}")
 
 
 def _unconfirmed(writer: asyncio.StreamWriter) -> int:

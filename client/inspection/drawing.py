@@ -87,7 +87,7 @@ def _circle(centre_mm: Floats, axis: Floats, feature: FeatureResult) -> Entity:
 
 
 def _rectangle(place_mm: Floats, normal: Floats, centres_mm: Floats) -> Entity:
-    """The smallest one along two directions of the plane that has all touches."""
+    """Return the smallest rectangle in the plane that encloses all touches."""
     first, second = across(normal)
     sides_mm = (centres_mm - place_mm) @ np.stack([first, second], axis=1)
     (low, left), (high, right) = sides_mm.min(axis=0), sides_mm.max(axis=0)

@@ -40,7 +40,7 @@ class FeatureEntry(StrictModel):
 
 
 class RelationEntry(StrictModel):
-    """What is between features, or made of them.
+    """A figure between features, or an element made of them.
 
     Attributes:
         name: Of the relation; elements that are made can be used by later relations.
@@ -54,9 +54,11 @@ class RelationEntry(StrictModel):
 
     @model_validator(mode="after")
     def _has_its_features(self) -> Self:
-        wanted = 1 if self.kind == "apex" else 2
-        if len(self.of) != wanted:
-            raise ValueError(f"{counted(wanted, 'name')} in `of` of the {self.kind}")
+        n_features = 1 if self.kind == "apex" else 2
+        if len(self.of) != n_features:
+            raise ValueError(
+                f"{counted(n_features, 'name')} in `of` of the {self.kind}"
+            )
         return self
 
 
@@ -87,14 +89,16 @@ class ToleranceEntry(StrictModel):
     def _has_limits(self) -> Self:
         lengths = self.nominal_mm, self.lower_mm, self.upper_mm
         angles = self.nominal_deg, self.lower_deg, self.upper_deg
-        wanted, others = (angles, lengths) if self.is_angle else (lengths, angles)
+        limits, foreign_limits = (
+            (angles, lengths) if self.is_angle else (lengths, angles)
+        )
         unit = "deg" if self.is_angle else "mm"
-        if None in wanted or any(value is not None for value in others):
+        if None in limits or any(value is not None for value in foreign_limits):
             raise ValueError(
                 f"nominal_{unit}, lower_{unit} and upper_{unit} of the figure "
                 f"{self.figure}"
             )
-        if not (wanted[1] or 0.0) < (wanted[2] or 0.0):
+        if not (limits[1] or 0.0) < (limits[2] or 0.0):
             raise ValueError("a lower limit below the upper one")
         return self
 
@@ -106,10 +110,10 @@ class ToleranceEntry(StrictModel):
     def tolerance(self) -> Tolerance:
         """The limits, of angles in rad."""
         if self.is_angle:
-            given = self.nominal_deg, self.lower_deg, self.upper_deg
-            return Tolerance(*(math.radians(value or 0.0) for value in given))
-        given = self.nominal_mm, self.lower_mm, self.upper_mm
-        return Tolerance(*(value or 0.0 for value in given))
+            limits = self.nominal_deg, self.lower_deg, self.upper_deg
+            return Tolerance(*(math.radians(value or 0.0) for value in limits))
+        limits = self.nominal_mm, self.lower_mm, self.upper_mm
+        return Tolerance(*(value or 0.0 for value in limits))
 
 
 class PartTemperature(StrictModel):
@@ -159,7 +163,7 @@ class Plan(StrictModel):
 
 
 def plan_problems(table: Mapping[str, Any]) -> Iterator[Problem]:
-    """Find names that are given twice, or that there are not, in a plan as written."""
+    """Find duplicate and unknown names in a plan as written."""
     entries = [
         (f"{part}.{number}", entry)
         for part in ("features", "relations")

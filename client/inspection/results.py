@@ -218,10 +218,12 @@ def _errors(
 
 def _alignment(points: Sequence[Point], places_mm: Floats) -> Helmert | None:
     """Return the alignment that all points have in common; None without."""
-    given = [point.part_xyz_mm for point in points if point.part_xyz_mm is not None]
-    if len(given) < max(len(points), 3):
+    part_points_mm = [
+        point.part_xyz_mm for point in points if point.part_xyz_mm is not None
+    ]
+    if len(part_points_mm) < max(len(points), 3):
         return None
-    part_mm = np.array(given)
+    part_mm = np.array(part_points_mm)
     if undetermined(shape_of(places_mm)) is not None:
         return None
     alignment = closed_helmert(

@@ -42,22 +42,20 @@ _CLASSES = {"conforming": "good", "not conforming": "bad"}
 
 
 def json_text(inspection: Inspection) -> str:
-    """Write all results as JSON."""
     values = {"schema": "traverse/inspection/1", **asdict(inspection)}
     return json.dumps(values, indent=1, allow_nan=False) + "\n"
 
 
 def csv_text(inspection: Inspection) -> str:
-    """Write figures as comma-separated values."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
     for feature in inspection.features:
         about = [inspection.part, inspection.serial, feature.name, feature.kind]
         cells = [spreadsheet_cell(name) for name in (*about, " ".join(feature.of))]
-        rest = [len(feature.touches) or None, feature.problem]
+        trailing_cells = [len(feature.touches) or None, feature.problem]
         for figure in feature.figures or (None,):
-            writer.writerow([*cells, *_figure_cells(figure), *rest])
+            writer.writerow([*cells, *_figure_cells(figure), *trailing_cells])
     return text.getvalue()
 
 
@@ -71,7 +69,6 @@ def _figure_cells(figure: FigureResult | None) -> list[object]:
 
 
 def summary_lines(inspection: Inspection) -> list[str]:
-    """Return the results as lines of a terminal."""
     lines = []
     for feature in inspection.features:
         title = f"{feature.name} ({feature.kind})"
@@ -101,7 +98,6 @@ def figure_words(figure: FigureResult) -> tuple[str, str, str]:
 
 
 def sheet_html(inspection: Inspection) -> str:
-    """Write the report sheet as a page that prints on A4."""
     now = datetime.now(UTC)
     verdict = inspection.conformity or "no tolerances"
     title = f"Inspection of {inspection.part or 'a part'}"

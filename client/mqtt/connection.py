@@ -39,9 +39,6 @@ class AccessRefusedError(MqttError):
 class ConfiguredClient(MqttClient):
     """A connection to a broker that reports why it failed.
 
-    Args:
-        options: further ones of `MqttClient`.
-
     Raises:
         AccessRefusedError: a file of the address cannot be used.
     """
@@ -105,7 +102,6 @@ class ManualAckConnection(ConfiguredClient):
 
     Args:
         take: called with each message.
-        options: further ones of `MqttClient`.
 
     Attributes:
         is_useful: messages have come by it, besides those that a broker retains.
@@ -133,9 +129,6 @@ class ManualAckConnection(ConfiguredClient):
 
 class ReconnectingConnection:
     """Maintains a connection and its subscriptions.
-
-    Args:
-        options: further ones of `MqttClient`.
 
     Attributes:
         topics: topic filters to their quality of service.
@@ -221,12 +214,10 @@ class ReconnectingConnection:
         await self._connection.publish(topic, payload, 1, retain=retain)
 
     def acknowledge(self, number: int) -> None:
-        """Acknowledge a message of the present connection to the broker."""
         if self._connection is not None:
             self._connection.acknowledge(number)
 
     async def add_topic(self, topic: str, qos: int) -> None:
-        """Subscribe, now and at every later connection."""
         self.topics[topic] = qos
         if self._connection is not None:
             await subscribe_to_any(self._connection, (topic, qos))

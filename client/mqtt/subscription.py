@@ -32,7 +32,6 @@ class ReceivedMessage:
     """One message of an arm.
 
     Attributes:
-        kind: a key of `KINDS`.
         received_ns: time of arrival, UTC.
         error: of a message that could not be decoded.
     """
@@ -83,10 +82,6 @@ QUIET_S = 0.3
 async def find_arms(address: BrokerAddress, patience_s: float) -> list[str]:
     """Return names of arms on line, sorted; all that were, if none is.
 
-    Args:
-        address: of the broker.
-        patience_s: time limit for the first one.
-
     Raises:
         BrokerUnreachableError: there is no broker.
     """
@@ -110,8 +105,8 @@ async def absence_of(arm: str, address: BrokerAddress, patience_s: float) -> str
     if arm in arms or (arm == "+" and arms):
         return ""
     listed = (f"{name}{'' if arms[name] else ' (off line)'}" for name in sorted(arms))
-    who = "no arm" if arm == "+" else f"no arm named {arm}"
-    problem = f"{who} has been heard at broker {address}"
+    absent = "no arm" if arm == "+" else f"no arm named {arm}"
+    problem = f"{absent} has been heard at broker {address}"
     return f"{problem}; arms there: {', '.join(listed) or 'none'}"
 
 

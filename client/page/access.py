@@ -58,9 +58,9 @@ def read_token(path: Path) -> str:
 class Guard:
     """Passes only requests that may see the page.
 
-    On the own machine names of hosts are checked, so that no page of the web can speak
-    to this one by a name of its own that leads here. Elsewhere the token is requested
-    once and stored as a cookie, and a page of another origin is refused.
+    On the same machine names of hosts are checked, which defeats DNS rebinding.
+    Elsewhere the token is requested once and stored as a cookie, and a page of another
+    origin is refused.
 
     Args:
         token: None on the own machine.
@@ -127,8 +127,8 @@ class Guard:
             return _refusal(scope, 429, text)
         if scope["method"] != "POST":
             return HTMLResponse(FORM.replace("{said}", ""))
-        given = parse_qs((await _body(receive)).decode("utf-8", "replace"))
-        token = given.get("token", [""])[0].encode()
+        form = parse_qs((await _body(receive)).decode("utf-8", "replace"))
+        token = form.get("token", [""])[0].encode()
         if hmac.compare_digest(token, (self._token or "").encode()):
             flags = "HttpOnly; SameSite=Strict; Path=/"
             # Without TLS the page is on this machine; some browsers would not keep a

@@ -29,10 +29,7 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
         self._drawn: set[str] = set()  # ids of points
 
     def show_pose(self, live: Live) -> None:
-        """Show a pose.
-
-        An arm at rest is not drawn again: a new point need not wait for that.
-        """
+        """Show a pose, unless the arm has not moved."""
         if live.skeleton_mm is None:
             return
         places_mm = np.array(live.skeleton_mm)
@@ -52,8 +49,8 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
 
     def show_points(self, points: Mapping[str, Point]) -> None:
         """Show these points, by id, and no others; only changes are sent."""
-        if gone := self._drawn - points.keys():
-            self.run_method("remove_points", sorted(gone))
+        if removed_ids := self._drawn - points.keys():
+            self.run_method("remove_points", sorted(removed_ids))
         if new := [p for p in points.values() if p.id not in self._drawn]:
             self.run_method(
                 "add_points", [[p.id, *p.xyz_mm, p.quality.ok] for p in new]
@@ -68,7 +65,6 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
         self.run_method("view", name)
 
     def theme(self, *, dark: bool) -> None:
-        """Set the colours."""
         self.run_method("theme", dark)
 
     def show_age(self, *, is_stale: bool) -> None:

@@ -70,7 +70,7 @@ class Banner:
                 self._light.props('flat dense aria-keyshortcuts="D"')
         self.name_light(is_dark=True)
         with ui.element("div").classes("message"):
-            self._at = ui.label().classes("at")
+            self._time = ui.label().classes("at")
             self._message = ui.label().classes("notice")
             self._message.props('role="status" aria-live="polite"')
             notice = ui.html(
@@ -78,20 +78,19 @@ class Banner:
             )
             notice.classes("press")
 
-    def show(self, said: Verdict) -> None:
-        """Show the arm's condition."""
-        self._banner.classes(said.level, remove=" ".join(ICONS))
+    def show(self, verdict: Verdict) -> None:
+        self._banner.classes(verdict.level, remove=" ".join(ICONS))
         self._icon.set_content(
-            f'<svg viewBox="0 0 24 24" aria-hidden="true">{ICONS[said.level]}</svg>'
+            f'<svg viewBox="0 0 24 24" aria-hidden="true">{ICONS[verdict.level]}</svg>'
         )
-        self._word.set_text(said.word)
-        self._sentence.set_text(said.text)
-        self._remedy.set_text(said.remedy)
+        self._word.set_text(verdict.word)
+        self._sentence.set_text(verdict.text)
+        self._remedy.set_text(verdict.remedy)
 
     def tell(self, kind: str, text: str) -> None:
         """Show the last event, until the next one."""
         self._message.classes(kind, remove=" ".join(KINDS))
-        self._at.set_text(time.strftime("%H:%M:%S"))
+        self._time.set_text(time.strftime("%H:%M:%S"))
         self._message.set_text(f"{WORDS.get(kind, '')}{text}")
 
     def turn_sound(self) -> bool:

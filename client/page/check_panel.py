@@ -41,8 +41,8 @@ class CheckPanel:
             with ui.element("div").classes("bar"):
                 ui.html("<h2>Guided checks</h2>", sanitize=False)
                 ui.space()
-                for name, kind, wanted in CHECKS:
-                    begin = presses.guard(partial(self._begin, kind, wanted))
+                for name, kind, n_touches in CHECKS:
+                    begin = presses.guard(partial(self._begin, kind, n_touches))
                     ui.button(name, on_click=begin, color=None).props("outline dense")
                 self._limit = ui.button("Limit", on_click=self._set_limit, color=None)
                 self._limit.props("outline dense")
@@ -62,7 +62,6 @@ class CheckPanel:
         self.show()
 
     def show_coverage(self, sight: ArmSight) -> None:
-        """Show where the joints have been."""
         old = sight.is_stale
         self._coverage.classes("old" if old else "", remove="old")
         when = ": out of date" if old and sight.live else ""
@@ -70,7 +69,6 @@ class CheckPanel:
         self._bars.set_content(coverage_bars(sight))
 
     def show(self) -> None:
-        """Show how far the check is."""
         check = self._desk.check
         self._close.set_visibility(check is not None)
         self._limit.set_visibility(check is not None)
@@ -95,8 +93,8 @@ class CheckPanel:
             + "</tbody></table>"
         )
 
-    async def _begin(self, kind: str, wanted: int) -> None:
-        self._desk.begin(kind, wanted)
+    async def _begin(self, kind: str, n_touches: int) -> None:
+        self._desk.begin(kind, n_touches)
         self.show()
         await self._follower.do(lambda arm: arm.label("check", kind))
 
@@ -109,13 +107,14 @@ class CheckPanel:
         if check is None:
             return
         fields = {LIMIT: "" if check.limit_mm is None else f"{check.limit_mm:g}"}
-        what = "of the largest deviation from the mean"
+        quantity = "of the largest deviation from the mean"
         if check.kind == "sphere":
-            given = check.diameter_mm
-            fields[DIAMETER] = "" if given is None else f"{given:g}"
-            what = "of form and error of size"
+            fields[DIAMETER] = (
+                "" if check.diameter_mm is None else f"{check.diameter_mm:g}"
+            )
+            quantity = "of form and error of size"
         action, values = await self._dialogs.ask(
-            f"Which limit {what}?",
+            f"Which limit {quantity}?",
             ("Set",),
             fields,
             "The arm's certificate or its maker's data sheet says it. Empty: none, "

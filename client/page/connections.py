@@ -1,7 +1,7 @@
 """Connections to the page's server: bounded by address, and never silent.
 
-uvicorn keeps a connection without requests for ever. A thousand of them, from one
-browser gone wild or by intention, would take all descriptors.
+uvicorn keeps a connection without requests for ever. A thousand of them would take all
+descriptors.
 """
 
 import asyncio

@@ -32,7 +32,6 @@ class Controls:
     """A row of large buttons.
 
     Args:
-        keys: more keys, without buttons.
         is_blocked: whether keys belong to a dialog.
     """
 
@@ -75,7 +74,6 @@ class Controls:
         )
 
     def add_key(self, key: str, act: Act) -> None:
-        """Let a key do something that has no button here."""
         self._acts[key] = act
 
     def name(self, key: str, name: str, *, is_on: bool = False) -> None:
@@ -126,7 +124,7 @@ class Dialogs:
         title: str,
         actions: Sequence[str],
         fields: Mapping[str, str] | None = None,
-        more: str = "",
+        details: str = "",
     ) -> tuple[str, dict[str, str]]:
         """Ask.
 
@@ -134,7 +132,7 @@ class Dialogs:
             title: the question.
             actions: the answers besides "Cancel"; the first is that of Enter.
             fields: to be filled in, with present values.
-            more: further text above the buttons.
+            details: further text above the buttons.
 
         Returns:
             The action, empty for none, and the fields.
@@ -145,8 +143,8 @@ class Dialogs:
         submit = self.presses.guard(dialog.submit)
         with dialog, ui.card().classes("question"):
             ui.label(title).classes("title")
-            if more:
-                ui.label(more)
+            if details:
+                ui.label(details)
             for name, value in (fields or {}).items():
                 first = "autofocus" if not inputs else ""
                 inputs[name] = ui.input(name, value=value).props(first)

@@ -13,7 +13,6 @@ WORDS = {"ready": "good", "connected": "good", "starting": "warning"}
 
 
 def health_table(sight: ArmSight) -> str:
-    """Return devices, broker, disk, temperatures and delays."""
     health = sight.health
     if health is None:
         return "<p>No figures yet.</p>"
@@ -80,8 +79,10 @@ def condition_list(sight: ArmSight) -> str:
         for lost in lost_conditions(sight)
     ]
     n = len(status.conditions)
-    said = f"{n - len(items)} of {counted(n, 'condition')} of a good number established"
-    return f"<p>{said}</p>{''.join(items)}"
+    heading = (
+        f"{n - len(items)} of {counted(n, 'condition')} of a good number established"
+    )
+    return f"<p>{heading}</p>{''.join(items)}"
 
 
 def alarm_list(sight: ArmSight) -> str:
@@ -112,9 +113,10 @@ def coverage_bars(sight: ArmSight) -> str:
             for i in np.flatnonzero(sectors)
         )
         if is_now:
-            here = np.mod(angle_rad / (2.0 * np.pi), 1.0) * SECTORS
+            sector = np.mod(angle_rad / (2.0 * np.pi), 1.0) * SECTORS
             rects += (
-                f'<rect class="here" x="{here - 0.2:.2f}" y="0" width=".4" height="1"/>'
+                f'<rect class="here" x="{sector - 0.2:.2f}" y="0" width=".4" '
+                'height="1"/>'
             )
         part = np.count_nonzero(sectors) / SECTORS
         angle = f"{np.degrees(angle_rad):z.3f}°"

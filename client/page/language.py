@@ -26,17 +26,12 @@ def add_languages() -> None:
 
 
 async def choose_language(dialogs: Dialogs, client: Client) -> None:
-    """Ask for language and decimal sign; the browser remembers them.
-
-    Args:
-        dialogs: asks the question.
-        client: the browser.
-    """
+    """Ask for language and decimal sign; the browser remembers them."""
     names = language_names()
     answer, _ = await dialogs.ask(
         "The page in which language?",
         (*names.values(), COMMA, POINT),
-        more="Numbers keep the point unless you choose the comma.",
+        details="Numbers keep the point unless you choose the comma.",
     )
     if answer in (COMMA, POINT):
         has_comma = str(answer == COMMA).lower()

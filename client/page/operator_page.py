@@ -45,9 +45,7 @@ class OperatorPage:
     """Builds the page for one browser and updates it.
 
     Args:
-        desk: the guided check.
         inspection: the part that is measured.
-        cloud_url: source of scanned points.
         export: returns the points as a file: name and content.
     """
 

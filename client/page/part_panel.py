@@ -55,7 +55,6 @@ class PartPanel:
 
     Args:
         follower: of the arm; labels points with their feature.
-        desk: the part.
     """
 
     def __init__(
@@ -122,7 +121,6 @@ class PartPanel:
         return button.props(f"{look} dense no-caps")
 
     async def measure(self) -> None:
-        """Compute changed results and show them."""
         await self._desk.measure(self._follower.shared_errors)
         self.show()
 
@@ -138,8 +136,8 @@ class PartPanel:
         )
         self._left_out.set_text(". ".join(unjudged))
         names = (*desk.features, *desk.relations)
-        for gone in self._row_of.keys() - set(names):
-            self._row_of.pop(gone)[0].delete()
+        for removed_name in self._row_of.keys() - set(names):
+            self._row_of.pop(removed_name)[0].delete()
         for name in names:
             if name not in self._row_of:
                 self._row_of[name] = self._new_row(name)
@@ -155,9 +153,9 @@ class PartPanel:
         draft = desk.features[name]
         result = desk.result(name)
         least, good = LEAST_POINTS[draft.kind], GOOD_COUNTS[draft.kind]
-        wanted = f"at least {least}" + (f", good are {good}" if good > least else "")
+        required = f"at least {least}" + (f", good are {good}" if good > least else "")
         so_far = counted(len(draft.points), "touch")
-        self._instruction.set_text(f"{name}: {WHERE[draft.kind]} {so_far}; {wanted}.")
+        self._instruction.set_text(f"{name}: {WHERE[draft.kind]} {so_far}; {required}.")
         self._live.set_text("" if result is None else _words(result))
         is_round = draft.kind not in ("point", "line", "plane")
         self._side.set_visibility(is_round)
@@ -168,8 +166,8 @@ class PartPanel:
 
     def _show_touches(self, shown: Sequence[TouchResult]) -> None:
         touches = {touch.id: touch for touch in shown}
-        for gone in self._touch_of.keys() - touches.keys():
-            self._touch_of.pop(gone).delete()
+        for removed_id in self._touch_of.keys() - touches.keys():
+            self._touch_of.pop(removed_id).delete()
         for touch in touches.values():
             off = "" if touch.distance_mm is None else f" {touch.distance_mm:+.3f}"
             button = self._touch_of.get(touch.id)
@@ -241,17 +239,19 @@ class PartPanel:
     def _turn_plane(self) -> None:
         desk = self._desk
         draft = desk.features[desk.active or ""]
-        planes = [n for n, other in desk.features.items() if other.kind == "plane"]
+        planes = [n for n, feature in desk.features.items() if feature.kind == "plane"]
         choices = [None, *planes]
         draft.plane = choices[(choices.index(draft.plane) + 1) % len(choices)]
         desk.version += 1
         self.show()
 
     async def _ask_touch(self, point_id: str, seq: int) -> None:
-        others = [name for name in self._desk.features if name != self._desk.active]
+        other_features = [
+            name for name in self._desk.features if name != self._desk.active
+        ]
         answer, _ = await self._dialogs.ask(
             f"Touch {seq} does not belong here?",
-            ("Leave it out", *(f"Move to {name}" for name in others)),
+            ("Leave it out", *(f"Move to {name}" for name in other_features)),
         )
         if answer:
             to = answer.removeprefix("Move to ") if answer != "Leave it out" else None
@@ -269,7 +269,7 @@ class PartPanel:
                 *(f"Tolerance of {figure}" for figure in figures),
                 "Remove",
             ),
-            more="" if result is None else _listed(result, result.figures),
+            details="" if result is None else _listed(result, result.figures),
         )
         if answer == "Touch more":
             desk.accept()
@@ -291,7 +291,7 @@ class PartPanel:
             limit: "" if present is None else f"{getattr(present, of_entry):g}"
             for limit, of_entry in names.items()
         }
-        answer, given = await self._dialogs.ask(
+        answer, limit_texts = await self._dialogs.ask(
             f"Tolerance of {figure.name} of {name} in {unit}",
             ("Set", "Clear"),
             {limit.capitalize(): value for limit, value in values.items()},
@@ -304,7 +304,7 @@ class PartPanel:
         try:
             numbers = {
                 names[limit.lower()]: float(text.replace(",", "."))
-                for limit, text in given.items()
+                for limit, text in limit_texts.items()
             }
             entry = ToleranceEntry.model_validate(
                 {"of": name, "figure": figure.name, **numbers}
@@ -345,14 +345,14 @@ class PartPanel:
         """Ask for a feature for each place; empty where the operator gives up."""
         chosen: list[str] = []
         for place in places:
-            rest = [name for name in names if name not in chosen]
-            if not rest:
+            candidates = [name for name in names if name not in chosen]
+            if not candidates:
                 self._follower.sight.refuse(
                     f"{title} needs {counted(len(places), 'feature')}",
                     "touch its features first",
                 )
                 return []
-            answer, _ = await self._dialogs.ask(f"{title}: {place}", rest)
+            answer, _ = await self._dialogs.ask(f"{title}: {place}", candidates)
             if not answer:
                 return []
             chosen.append(answer)
@@ -382,7 +382,7 @@ class PartPanel:
         if part is not None:
             present[1:] = part.model_dump().values()
         values = ["" if value is None else f"{value:g}" for value in present]
-        answer, given = await self._dialogs.ask(
+        answer, field_texts = await self._dialogs.ask(
             "What ball and part are like, each with its standard uncertainty",
             ("Set",),
             dict(zip(CONDITIONS, values, strict=True)),
@@ -391,7 +391,7 @@ class PartPanel:
         )
         if not answer:
             return
-        texts = [text.replace(",", ".") for text in given.values()]
+        texts = [text.replace(",", ".") for text in field_texts.values()]
         try:
             ball_std_mm, *of_part = (float(text) if text else None for text in texts)
             table = dict(zip(PartTemperature.model_fields, of_part, strict=True))

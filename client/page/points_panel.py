@@ -61,10 +61,10 @@ class PointsPanel:
         )
         losses = f", {sight.lost_points} lost" if sight.lost_points else ""
         most = ", the latest" if len(points) == MAX_POINTS else ""
-        which = " of an earlier session" if sight.shown_session else ""
+        session_note = " of an earlier session" if sight.shown_session else ""
         where = escape(self._choices.system_words(sight))
         self._title.set_content(
-            f"<h2>Points{which}: {len(points)}{most}{losses}, {where}</h2>"
+            f"<h2>Points{session_note}: {len(points)}{most}{losses}, {where}</h2>"
         )
         self._earlier = sight.earlier_session
         self._back.set_visibility(self._earlier is not None)

@@ -1,10 +1,10 @@
 """Presses of buttons and keys: executed within two seconds, or reported lost.
 
 Strategy: before each click or key the browser states its time by the server's clock,
-known from beats (`watch.js`). A server that was stopped finds old clicks in its socket
-when it wakes, and could not distinguish them from new ones otherwise. The browser gets
-an answer to each press; without one it reports the press as lost, and after a second
-without a beat it marks the page as out of date.
+known from beats (`watch.js`). A server that was suspended could not tell old clicks in
+its socket from new ones otherwise. The browser gets an answer to each press; without
+one it reports the press as lost, and after a second without a beat it marks the page as
+out of date.
 """
 
 import time
@@ -35,7 +35,7 @@ class Presses:
     def guard(self, act: Handler[P]) -> Handler[P]:
         """Wrap an action, which does nothing if its press came too late.
 
-        It is judged in the call itself: a coroutine could see a later press.
+        This is judged in the call itself, since a coroutine could see a later press.
         """
 
         @wraps(act)  # NiceGUI looks whether it takes the event

@@ -112,12 +112,12 @@ class Figures:
     def _step(self, sight: ArmSight, system: System) -> str:
         """Difference of the probe's place from the last point; "" without one."""
         live, last, unit = sight.live, sight.last_point, self._choices.unit
-        here = None if live is None else place_mm(live, system)
-        there = None if last is None else place_mm(last, system)
+        live_mm = None if live is None else place_mm(live, system)
+        last_mm = None if last is None else place_mm(last, system)
         is_of_before = system == "part" and last and last.time_ns < sight.aligned_ns
-        if last is None or here is None or there is None or is_of_before:
+        if last is None or live_mm is None or last_mm is None or is_of_before:
             return ""
-        step_mm = np.subtract(here, there)
+        step_mm = np.subtract(live_mm, last_mm)
         return (
             f'<div class="step"><span>from point {last.seq}</span>'
             f"<span>{_offsets_text(step_mm.tolist(), unit)}</span>"
@@ -178,15 +178,7 @@ def point_rows(
     unit: Unit = MM,
     aligned_ns: int = 0,
 ) -> str:
-    """Return rows of the table of points, newest first, as HTML.
-
-    Args:
-        points: to be shown, oldest first.
-        newest: the one received last.
-        system: of the coordinates.
-        unit: of the coordinates.
-        aligned_ns: part coordinates before are of another system.
-    """
+    """Return rows of the table of points, newest first, as HTML."""
     rows = []
     for point in reversed(points):
         place = place_mm(point, system)

@@ -14,12 +14,7 @@ class Serving:
     """Where a page listens, and who gets in.
 
     Attributes:
-        host: To listen on.
-        port: To listen on.
         token: Grants access to the page; None: access from this machine only.
-        certificate: For TLS.
-        key: Of the certificate.
-        show: Open a browser.
     """
 
     host: str

@@ -61,10 +61,10 @@ class SetupBar:
 
     def show(self, sight: ArmSight) -> None:
         choices, unit = self._choices, self._choices.unit
-        wanted = wanted_commands(sight)
-        self._confirm.set_visibility("reference" in wanted)
-        self._home.set_visibility("home" in wanted)
-        self._utc.set_visibility("utc" in wanted)
+        needed_commands = wanted_commands(sight)
+        self._confirm.set_visibility("reference" in needed_commands)
+        self._home.set_visibility("home" in needed_commands)
+        self._utc.set_visibility("utc" in needed_commands)
         radius = unit.with_name(sight.live.probe_radius_mm) if sight.live else "-"
         self._probe.set_text(f"Probe {sight.probe}".strip() + f": radius {radius}")
         label = sight.known_label
@@ -83,7 +83,6 @@ class SetupBar:
         self._spacing.set_text(f"Scan: {spaced}")
 
     async def change_label(self) -> None:
-        """Ask for the label of the next points."""
         label = self._follower.sight.known_label
         action, values = await self._dialogs.ask(
             "What are the next points taken on?",
@@ -95,15 +94,15 @@ class SetupBar:
         )
         if action:
             names = (values["Artefact"] or None, values["Feature"] or None)
-            given = names if action == "Set" else ()
-            await self._follower.do(lambda arm: arm.label(*given))
+            label_parts = names if action == "Set" else ()
+            await self._follower.do(lambda arm: arm.label(*label_parts))
 
     async def _confirm_reference(self) -> None:
         causes = wanted_commands(self._follower.sight).get("reference", [])
         action, _ = await self._dialogs.ask(
             "Is the position that is shown right?",
             ("It is right",),
-            more=" ".join(f"{cause}." for cause in causes)
+            details=" ".join(f"{cause}." for cause in causes)
             + " Bring the arm to its reference and touch a known point first: encoders "
             "may count from another place, or be others.",
         )
@@ -115,7 +114,7 @@ class SetupBar:
         action, _ = await self._dialogs.ask(
             "Is the UTC that the arm's computer shows right?",
             ("It is right",),
-            more=" ".join(f"{cause}." for cause in causes)
+            details=" ".join(f"{cause}." for cause in causes)
             + " Compare it with a clock that you trust.",
         )
         if action:
@@ -125,7 +124,7 @@ class SetupBar:
         action, _ = await self._dialogs.ask(
             "Is the arm in its home posture, and still?",
             ("It is in its home posture",),
-            more="Counts of incremental encoders are set to [home] of the arm file.",
+            details="Counts of incremental encoders are set to [home] of the arm file.",
         )
         if action:
             await self._follower.do(lambda arm: arm.home())
@@ -170,7 +169,7 @@ class SetupBar:
             self._choices.nominal = None
         elif action:
             try:
-                *given, permitted = (
+                *coordinates, permitted = (
                     float(value.replace(",", ".")) / unit.per_mm if value else None
                     for value in values.values()
                 )
@@ -180,14 +179,14 @@ class SetupBar:
             if (
                 permitted is None
                 or permitted <= 0
-                or not any(v is not None for v in given)
+                or not any(v is not None for v in coordinates)
             ):
                 self._follower.sight.refuse(
                     "a nominal place without tolerance or without a coordinate",
                     "give a tolerance above 0 and one coordinate at least",
                 )
                 return
-            self._choices.nominal = Nominal(tuple(given), permitted)
+            self._choices.nominal = Nominal(tuple(coordinates), permitted)
         self._changed()
 
     async def _change_spacing(self) -> None:

@@ -28,10 +28,8 @@ class GapFiller:
     """Requests missing points.
 
     Args:
-        order: knows the missing numbers.
         requests: sends requests to the outbox.
         room: how many points may be requested now.
-        arrived: signals arrivals of points.
     """
 
     def __init__(
@@ -55,7 +53,6 @@ class GapFiller:
         self._questions.notify()
 
     async def run(self) -> None:
-        """Request missing points, until cancelled."""
         wait_s = FIRST_WAIT_S
         while True:
             ask = await self._next_request()
@@ -101,7 +98,7 @@ class GapFiller:
             self._arrived.notify()
 
     async def _next_request(self) -> ResendRequest:
-        """Wait until something is missing, or nothing has arrived for long."""
+        """Wait until a point is missing, or none has arrived for a while."""
         while True:
             ask = self._order.next_request(self._room())
             if ask is not None:
@@ -126,7 +123,7 @@ class GapFiller:
             await self._arrival(ask.session, last, arrival_s)
 
     async def _arrival(self, session: str, last: int, seconds: float) -> None:
-        """Wait until points up to a number are here, or for a silence of a length."""
+        """Wait until points up to a number have arrived, or none arrives for a time."""
         loop = asyncio.get_running_loop()
         until_s, next_seq = loop.time() + seconds, self._order.next_seq_of(session)
         while (

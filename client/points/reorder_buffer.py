@@ -57,7 +57,7 @@ class ReorderBuffer:
     Attributes:
         needs_session_list: the list of sessions has to be requested.
         ready: points and losses in their order, to be taken from the left.
-        asked: number of points requested again.
+        n_requested: number of points requested again.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class ReorderBuffer:
         self.ready: deque[Point | Lost] = deque()
         self.n_taken = 0
         self.duplicates = 0
-        self.asked = 0
+        self.n_requested = 0
 
     @property
     def can_request(self) -> bool:
@@ -170,7 +170,7 @@ class ReorderBuffer:
         Returns:
             The last number that it will send, or None.
         """
-        self.asked += answer.points
+        self.n_requested += answer.points
         head = self.sessions.head
         if head is None or head.session != ask.session:
             return None

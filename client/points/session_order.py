@@ -61,7 +61,6 @@ class SessionPoints:
         return None if end < self.next_seq else (self.next_seq, end)
 
     def see(self, seq: int) -> None:
-        """Note that a point of this number exists."""
         self.known = max(self.known, seq)
 
     def run(self) -> list[Point]:
@@ -188,12 +187,11 @@ class SessionSequence:
         return followed
 
     def leave(self, head: SessionPoints) -> None:
-        """Continue with the next session: the head is complete."""
         self._pass(head.session, head.next_seq)
         del self._sessions[head.session]
 
     def _begin(self, held: Sequence[StoredSession], lowest: Mapping[str, int]) -> None:
-        """Set the beginning: earlier points are past."""
+        """Set where each session begins; earlier points are past."""
         names = [stored.session for stored in held]
         if self._since is None:
             start = names.index(self.anchor) if self.anchor in names else len(names) - 1

@@ -28,7 +28,6 @@ class PointStream:
     """Points and losses in their order; use with `async for`, one reader at a time.
 
     Args:
-        order: puts them into order.
         link: the connection; points are acknowledged on it.
         requests: sends requests to the outbox.
         limit: most points waiting for the reader.
@@ -102,7 +101,6 @@ class PointStream:
             self._unacknowledged.clear()
 
     def close(self, error: BaseException | None = None) -> None:
-        """End the iteration."""
         self._is_closed, self._error = True, error
         self._unacknowledged.clear()
         self._arrived.notify()
@@ -154,7 +152,7 @@ class PointStream:
             self._gap_filler.wake()
 
     def _defer_ack(self, number: int) -> None:
-        """Delay acknowledgements, but not for ever for a reader that has left."""
+        """Delay acknowledgements, within a limit in case the reader has left."""
         if not self._unacknowledged:
             loop = asyncio.get_running_loop()
             loop.call_later(READER_S, self._check_reader)

@@ -17,20 +17,18 @@ TEMPLATE = Path(__file__).with_name("traverse.1.template")
 
 
 def escaped(text: str) -> str:
-    """Text that roff prints as it is, each sentence's line breaks taken out."""
+    """Escape a text for roff, without line breaks inside sentences."""
     plain = re.sub(r"\s+", " ", text.replace("\\", "\\e").replace("`", "")).strip()
     plain = plain.replace("-", "\\-")
     return f"\\&{plain}" if plain.startswith((".", "'")) else plain
 
 
 def paragraphs(help_text: str) -> str:
-    """Paragraphs of a help text."""
     parts = re.split(r"\n\s*\n", help_text.replace("\b", "").replace("\f", ""))
     return "\n.PP\n".join(escaped(part) for part in parts)
 
 
 def parameters(command: AnyCommand) -> Iterator[str]:
-    """Options and arguments with their descriptions."""
     context = typer.Context(command, info_name=command.name)
     for parameter in command.get_params(context):
         record = parameter.get_help_record(context)
@@ -40,16 +38,14 @@ def parameters(command: AnyCommand) -> Iterator[str]:
 
 
 def sections(command: AnyCommand, name: str) -> Iterator[str]:
-    """A command and all below it."""
+    """Yield the sections of a command and its subcommands."""
     yield f".SS {escaped(name)}\n{paragraphs(command.help or '')}"
     yield from parameters(command)
-    for word, one in getattr(command, "commands", {}).items():
-        if not one.hidden:
-            yield from sections(one, f"{name} {word}")
+    for word, subcommand in getattr(command, "commands", {}).items():
+        yield from sections(subcommand, f"{name} {word}")
 
 
 def page() -> str:
-    """The whole page."""
     top = typer.main.get_command(app)
     parts = [
         paragraphs(top.help or ""),
@@ -58,8 +54,7 @@ def page() -> str:
         ".SH COMMANDS",
     ]
     for word, command in getattr(top, "commands", {}).items():
-        if not command.hidden:  # an old name
-            parts += sections(command, f"traverse {word}")
+        parts += sections(command, f"traverse {word}")
     template = TEMPLATE.read_text("utf-8")
     return template.format(version=version("traverse-cmm"), text="\n".join(parts))
 

@@ -1,4 +1,4 @@
-"""What the site has beyond its pages: navigation, options, files of the checkout.
+"""Additions to the site: navigation, options, files of the checkout.
 
 The navigation is the map in index.md: its headings and the links in its lists. Pages
 link to files beside docs/ (the changelog, examples to copy) by their place in the
@@ -43,7 +43,7 @@ def on_config(config: MkDocsConfig) -> None:
 
 
 def navigation(index: str) -> list[Any]:
-    """What mkdocs calls nav: titles and pages, in groups.
+    """Return mkdocs' nav: titles and pages, in groups.
 
     Args:
         index: the text of index.md.

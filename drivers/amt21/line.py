@@ -45,14 +45,12 @@ class Amt21Line:
 
     Args:
         port: open port; closed by its owner.
-        monotonic_ns: the host's clock.
         timeout_s: for an answer through this adapter; half of it bounds the error of
             an answer's time.
         echoed: the adapter echoes requests; see `find_echo`.
 
     Attributes:
         exchange_ns: mean duration of an exchange.
-        longest_ns: longest exchange so far.
         unrequested_bytes: unexpected bytes, late replies among them.
     """
 
@@ -123,15 +121,15 @@ class Amt21Line:
         reply = amt21.Reply(request, echoed=self.echoed)
         sent_ns = received_ns = self._now_ns()
         self._port.write(request)
-        whole = False
-        while not whole and (left_ns := sent_ns + timeout_ns - received_ns) > 0:
+        is_complete = False
+        while not is_complete and (left_ns := sent_ns + timeout_ns - received_ns) > 0:
             if self._port.wait(left_ns * 1e-9):
-                whole = reply.feed(self._port.read())
+                is_complete = reply.feed(self._port.read())
             received_ns = self._now_ns()
         if reply.surplus:
             self._count_unrequested(reply.surplus, timeout_ns)
         if reply.value is None:
-            return self._failed(reply, whole, timeout_ns)
+            return self._failed(reply, is_complete, timeout_ns)
         self._learn(received_ns - sent_ns)
         if received_ns - sent_ns > timeout_ns:  # it was there, but was not read
             return SLOW
@@ -156,12 +154,14 @@ class Amt21Line:
         self._disturbed = self._missed = False
         return sound
 
-    def _failed(self, reply: amt21.Reply, whole: bool, timeout_ns: int) -> ReadError:
+    def _failed(
+        self, reply: amt21.Reply, is_complete: bool, timeout_ns: int
+    ) -> ReadError:
         self._missed = True
-        quiet_ns = min(timeout_ns, self._usual_ns()) if whole else timeout_ns
+        quiet_ns = min(timeout_ns, self._usual_ns()) if is_complete else timeout_ns
         # What arrives now is this encoder's, and harmless.
         self.unrequested_bytes += len(self._until_quiet(quiet_ns))
-        if whole:
+        if is_complete:
             return GARBLED
         return SHORT if reply.begun else SILENT
 

@@ -96,8 +96,8 @@ def _samples(known: dict[str, Any]) -> CountSamples:
         raise ValueError("samples: counts are no array of two dimensions, not empty")
     values: dict[str, Any] = {}
     for name in ("device", "stream", "received_ns"):
-        wanted = str if name == "device" else int
-        if not isinstance(known.get(name), wanted):
+        expected = str if name == "device" else int
+        if not isinstance(known.get(name), expected):
             raise ValueError(f"samples: {name} is {known.get(name)!r}")
         values[name] = known[name]
     for name, (dtype, dimensions) in _ARRAYS.items():

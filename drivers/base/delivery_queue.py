@@ -38,7 +38,6 @@ class DeliveryQueue:
     Attributes:
         batch_window_ns: collection time of samples; set by the consumer.
         taken: number of takes by the consumer.
-        waiting_samples: timed samples that wait.
         dropped_samples: timed samples dropped because the loop did not keep up.
         dropped_others: reports dropped likewise; never latches.
     """
@@ -111,7 +110,6 @@ class DeliveryQueue:
         return not wake or self._wake_loop()
 
     def wake(self) -> None:
-        """Wake the loop for items that were put without waking it."""
         with self._lock:
             wake = self._waiting_others > 0 and not self._is_woken
             if wake:
@@ -174,17 +172,17 @@ class DeliveryQueue:
         with self._lock:
             self._filled.clear()
             self._is_woken = False
-            taken = list(self._waiting)
+            deliveries = list(self._waiting)
             self._waiting.clear()
             self.waiting_samples = 0
             self._waiting_others = 0
-        return list(_joined(taken))
+        return list(_joined(deliveries))
 
 
-def _joined(taken: Iterable[Delivery]) -> Iterator[Delivery]:
+def _joined(deliveries: Iterable[Delivery]) -> Iterator[Delivery]:
     run: list[CountSamples] = []
     n = 0
-    for delivery in taken:
+    for delivery in deliveries:
         size = len(delivery.seq) if isinstance(delivery, CountSamples) else 0
         if run and (
             n + size > MAX_JOINED_SAMPLES or _stream(delivery) != run[0].stream

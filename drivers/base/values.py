@@ -30,7 +30,6 @@ class Identity:
     Attributes:
         name: model and serial number, for people.
         moduli_counts: by channel, where its count wraps to 0.
-        inputs: number of digital inputs.
         max_rate_hz: the fastest timed stream; 0 for none.
         latches: it latches all channels at one instant, at its edges and on request;
             otherwise points are interpolated.
@@ -105,16 +104,16 @@ class CountSamples:
             None if column[0] is None else np.concatenate(column)
             for column in zip(*map(_arrays, blocks), strict=True)
         ]
-        seq, ticks, *others = arrays
+        seq, ticks, *columns = arrays
         bound_ns = max(block.time_bound_ns for block in blocks)
-        joined = cls(last.device, last.stream, seq, ticks, last.received_ns, *others)
+        joined = cls(last.device, last.stream, seq, ticks, last.received_ns, *columns)
         return replace(joined, time_bound_ns=bound_ns) if bound_ns else joined
 
-    def rows(self, which: slice | Booleans) -> "CountSamples":
-        arrays: list[Any] = [None if a is None else a[which] for a in _arrays(self)]
-        seq, ticks, *others = arrays
+    def rows(self, selection: slice | Booleans) -> "CountSamples":
+        arrays: list[Any] = [None if a is None else a[selection] for a in _arrays(self)]
+        seq, ticks, *columns = arrays
         chosen = CountSamples(
-            self.device, self.stream, seq, ticks, self.received_ns, *others
+            self.device, self.stream, seq, ticks, self.received_ns, *columns
         )
         bound_ns = self.time_bound_ns
         return replace(chosen, time_bound_ns=bound_ns) if bound_ns else chosen

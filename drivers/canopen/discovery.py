@@ -79,7 +79,6 @@ class NodeDiscovery:
 
     @property
     def silent(self) -> list[int]:
-        """Nodes that have not answered."""
         return [node for node in self._nodes if not self.n_answers[node]]
 
     @property
@@ -90,14 +89,13 @@ class NodeDiscovery:
         ]
 
     def raise_if_missing(self) -> None:
-        """Raise DeviceNotFoundError if nodes were silent."""
         silent = self.silent
         if not silent:
             return
         answering = [node for node in self._nodes if node not in silent]
-        others = f"; nodes {_listed(answering)} do" if answering else ""
+        hint = f"; nodes {_listed(answering)} do" if answering else ""
         raise DeviceNotFoundError(
-            f"nodes {_listed(silent)} on {self.bus.name} do not answer{others}",
+            f"nodes {_listed(silent)} on {self.bus.name} do not answer{hint}",
             "check power and number of these encoders (traverse can scan shows what is "
             "there)"
             if answering

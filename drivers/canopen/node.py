@@ -28,7 +28,6 @@ class NodeFacts:
         device_type: object 1000; its low half is the profile.
         identity: vendor, product, revision, serial number, or None.
         profile: object 6507, version of profile and software.
-        counts_per_turn: as sent, after scaling.
         modulus: where its count wraps to 0.
         parameters: object 6000.
         alarms: object 6503, of `traverse.protocol.canopen.objects.ALARM_BITS`.
@@ -60,7 +59,6 @@ class NodeFacts:
 
     @property
     def serial(self) -> str:
-        """Unique serial number; empty if it reports none, or 0."""
         vendor, product, _, serial = self.identity
         return f"{vendor or 0:x}-{product or 0:x}-{serial:x}" if serial else ""
 

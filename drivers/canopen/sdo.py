@@ -60,7 +60,6 @@ class NodeSdo(SdoClient):
             replies of this node to `take`.
         stopping: polled while waiting; True ends the transfer.
         answer_s: time limit of an answer.
-        monotonic_ns: the host's clock.
 
     Attributes:
         surplus: answers without a request: two nodes have the same number. Late
@@ -95,7 +94,6 @@ class NodeSdo(SdoClient):
         self.surplus = 0
 
     def take(self, data: bytes | bytearray) -> None:
-        """Take an answer of the node."""
         about = bytes(data[1:4])
         unanswered = self._unanswered.get(about)
         was_asked = bool(unanswered)
@@ -202,12 +200,12 @@ class NodeSdo(SdoClient):
         unanswered.append(now_ns)
 
     def _refused(
-        self, what: str, index: int, sub: int, error: SdoAbortedError
+        self, action: str, index: int, sub: int, error: SdoAbortedError
     ) -> NodeRefusedError:
         code = int(error.code)
         why = ABORTS.get(code, "see its manual")
         return NodeRefusedError(
-            f"{self.name} refused to {what} object "
+            f"{self.name} refused to {action} object "
             f"{index:04X}:{sub:02X}: {code:08X}, {why}",
             "check the encoder's type and its manual on this object",
             code,

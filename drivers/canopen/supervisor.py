@@ -77,7 +77,6 @@ class SupervisedNode:
         wants_set_up: it restarted and lost its settings.
         idle: it lives, but is not operational.
         alarms, warnings: of its objects 6503 and 6505.
-        emergencies: codes that have begun.
     """
 
     sdo: NodeSdo
@@ -134,7 +133,6 @@ class NodeSupervisor:
     # -- what is received ------------------------------------------------------
 
     def seen(self, channel: int, now_ns: int) -> None:
-        """Note that something of a node was received."""
         self.nodes[channel].last_seen_ns = now_ns
 
     def heartbeat(self, channel: int, state: int, now_ns: int) -> None:
@@ -152,7 +150,7 @@ class NodeSupervisor:
         )
 
     def emergency(self, channel: int, message: wire.Emergency) -> None:
-        """An error of a node begins, or all are over: check that node next."""
+        """Note an emergency, or the end of all; that node is checked next."""
         self._status_turn, self._status_due_ns = channel, 0
         node = self.nodes[channel]
         if message.code & 0xFF00 == 0:
@@ -251,9 +249,9 @@ class NodeSupervisor:
 
     def _status(self, channel: int) -> int:
         node = self.nodes[channel]
-        both = self.conditions.is_raised(channel, "duplicate_node")
+        is_duplicate = self.conditions.is_raised(channel, "duplicate_node")
         doubtful = STATUS_WARNING * bool(node.warnings or node.emergencies)
-        return STATUS_ERROR * (both or bool(node.alarms)) | doubtful
+        return STATUS_ERROR * (is_duplicate or bool(node.alarms)) | doubtful
 
     def complaints(self, channel: int, alarms: int, warnings: int) -> None:
         """Report alarms of a node's objects 6503 and 6505."""
@@ -402,13 +400,13 @@ class NodeSupervisor:
         )
 
     def _report_by_node(
-        self, counts: Counter[int], code: str, what: str, remedy: str
+        self, counts: Counter[int], code: str, problem: str, remedy: str
     ) -> None:
         if not counts:
             return
-        who = ", ".join(
+        nodes = ", ".join(
             f"node {self.nodes[channel].number}: {n}"
             for channel, n in sorted(counts.items())
         )
-        self.report_fault(code, f"{what}: {who}", remedy, counts.total())
+        self.report_fault(code, f"{problem}: {nodes}", remedy, counts.total())
         counts.clear()

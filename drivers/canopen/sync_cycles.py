@@ -37,7 +37,6 @@ class SyncCycleAssembler:
         pauses: how often no SYNC was sent until it was clear who answers what.
         strays: answers while no cycle was open, to a SYNC that may have been lost
             unread, or without a position.
-        complete: sets with all answers.
         seen: bit by channel, set if it has answered since it was last cleared.
     """
 

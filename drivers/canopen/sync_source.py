@@ -88,11 +88,11 @@ class SyncScheduler:
     def __init__(
         self,
         bus: CanBus,
-        wanted: SyncSource,
+        requested_source: SyncSource,
         fault: Callable[[str, str, str], None],
         now_ns: Callable[[], int],
     ) -> None:
-        self._bus, self._wanted = bus, wanted
+        self._bus, self._requested_source = bus, requested_source
         self._fault, self._now_ns = fault, now_ns
         self._task: PeriodicTask | None = None
         self.sent: HostSchedule | None = None
@@ -102,18 +102,17 @@ class SyncScheduler:
         self._rests = False
 
     def start(self, rate_hz: float) -> None:
-        """Send SYNCs at ``rate_hz``, if this program sends them."""
         self.stop()
         self.is_fast = rate_hz > FAST_HZ
         self._rate_hz = rate_hz
-        if self._wanted == "external":
+        if self._requested_source == "external":
             self.seen = ObservedSchedule(None)
             return
-        if self._wanted != "host" and self._kernel_starts(rate_hz):
+        if self._requested_source != "host" and self._kernel_starts(rate_hz):
             self.seen = ObservedSchedule(rate_hz)
             return
-        if self._wanted == "kernel" or (
-            self._wanted == "auto" and self._bus.has_kernel_sync
+        if self._requested_source == "kernel" or (
+            self._requested_source == "auto" and self._bus.has_kernel_sync
         ):
             self._fault(
                 "sync_by_host",
@@ -123,7 +122,6 @@ class SyncScheduler:
         self.sent = HostSchedule(rate_hz, self._now_ns())
 
     def stop(self) -> None:
-        """Stop sending."""
         self.sent = self.seen = None
         self.is_fast = self._rests = False
         if self._task is not None:

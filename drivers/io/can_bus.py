@@ -129,7 +129,6 @@ class CanBus:
         channel: of that interface: "can0", "/dev/ttyACM0", ...
         bit_rate: of the bus; SocketCAN has its own from the network's configuration.
         wake_fd: a non-blocking pipe; bytes in it end `receive` early and are consumed.
-        monotonic_ns: the host's clock.
         identifiers: to receive; the kernel drops the rest. Empty for everything.
 
     Raises:
@@ -166,7 +165,6 @@ class CanBus:
 
     @property
     def dropped(self) -> int:
-        """Frames that the kernel could not store for this program."""
         return 0 if self._socket is None else self._socket.dropped
 
     def receive(self, timeout_s: float) -> Sequence[Frame]:
@@ -183,7 +181,7 @@ class CanBus:
             wait_s = min(timeout_s, BLIND_WAIT_S) if self._fd is None else 0.0
             return self._read(wait_s)
         except (can.CanError, OSError, ValueError) as error:
-            raise self._gone(error) from error
+            raise self._lost_error(error) from error
 
     def send(self, can_id: int, data: bytes) -> None:
         """Send a frame; waits a little if the queue of the interface is full.
@@ -197,10 +195,10 @@ class CanBus:
                 self._bus.send(message)
             except can.CanOperationError as error:
                 if error.error_code not in FULL or attempt == FULL_TRIES - 1:
-                    raise self._gone(error) from error
+                    raise self._lost_error(error) from error
                 time.sleep(FULL_WAIT_S)  # the time of some frames on the bus
             except (can.CanError, OSError) as error:
-                raise self._gone(error) from error
+                raise self._lost_error(error) from error
             else:
                 return
 
@@ -214,7 +212,7 @@ class CanBus:
             frame = can.Message(arbitration_id=can_id, is_extended_id=False)
             return PeriodicTask(self._bus.send_periodic(frame, period_s))
         except (can.CanError, OSError, ValueError) as error:
-            raise self._gone(error) from error
+            raise self._lost_error(error) from error
 
     def close(self) -> None:
         with contextlib.suppress(can.CanError, OSError, ValueError):
@@ -243,7 +241,7 @@ class CanBus:
             message = self._bus.recv(0)
         return frames
 
-    def _gone(self, error: Exception) -> DeviceError:
+    def _lost_error(self, error: Exception) -> DeviceError:
         return DeviceError(
             f"the bus {self.name} failed: {error}",
             "check adapter, cable and power, and that the interface is up",

@@ -86,11 +86,11 @@ class SerialPort:
     def read(self) -> bytes:
         # An empty read is silence as well as the end: only of a port that has
         # something to read, and yields nothing, it is the end.
-        data = self._taken()
+        data = self._available_bytes()
         if not data and select.select([self._fd], [], [], 0.0)[0]:
-            data = self._taken()
+            data = self._available_bytes()
             if not data:
-                raise self._gone("end of file")
+                raise self._lost_error("end of file")
         return data
 
     def write(self, data: bytes) -> None:
@@ -101,7 +101,7 @@ class SerialPort:
             if n_written < len(data):  # the rest as room for it comes about
                 self._port.write(data[n_written:])
         except (serial.SerialException, OSError) as error:
-            raise self._gone(str(error)) from error
+            raise self._lost_error(str(error)) from error
 
     def close(self) -> None:
         with contextlib.suppress(OSError, termios.error):
@@ -109,15 +109,15 @@ class SerialPort:
         with contextlib.suppress(OSError, serial.SerialException):
             self._port.close()
 
-    def _taken(self) -> bytes:
+    def _available_bytes(self) -> bytes:
         try:
             return os.read(self._fd, READ_BYTES)
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise self._gone(error.strerror or str(error)) from error
+            raise self._lost_error(error.strerror or str(error)) from error
 
-    def _gone(self, reason: str) -> DeviceError:
+    def _lost_error(self, reason: str) -> DeviceError:
         return DeviceError(
             f"port {self.path} has gone away ({reason})", "check cable and power"
         )

@@ -35,7 +35,7 @@ RATE_ERROR = 0.025  # of a board's quartz, at most
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """What came of one check: `pass`, `fail` or `not tested`."""
+    """Result of one check: `pass`, `fail` or `not tested`."""
 
     name: str
     section: int
@@ -158,7 +158,7 @@ class BoardTester:
 
     def _check_identity(self) -> None:
         hello = self._greet()
-        for what, holds, came in (
+        for requirement, holds, came in (
             ("major 1", hello.version[0] == 1, hello.version[0]),
             ("at most 32 channels", len(hello.channels) <= 32, len(hello.channels)),
             ("at most 8 inputs", hello.n_inputs <= 8, hello.n_inputs),
@@ -184,11 +184,14 @@ class BoardTester:
             ),
         ):
             if not holds:
-                raise MismatchError(4, what, str(came))
-        again = self._greet()
-        if (again.board_id, again.boot_id) != (hello.board_id, hello.boot_id):
+                raise MismatchError(4, requirement, str(came))
+        second_hello = self._greet()
+        if (second_hello.board_id, second_hello.boot_id) != (
+            hello.board_id,
+            hello.boot_id,
+        ):
             expected = f"{hello.board_id.hex()} and boot_id {hello.boot_id:08X} again"
-            came = f"{again.board_id.hex()} and {again.boot_id:08X}"
+            came = f"{second_hello.board_id.hex()} and {second_hello.boot_id:08X}"
             raise MismatchError(4, expected, came)
         self._hello = hello
 
@@ -324,10 +327,10 @@ class BoardTester:
         hello = self._known()
         if not hello.channels:
             return "it has no channels"
-        wanted = min(STREAM_MILLIHZ, round(hello.max_rate_hz * 1000))
+        rate_millihz = min(STREAM_MILLIHZ, round(hello.max_rate_hz * 1000))
         latched, _ = self._latch()
         before_ns = time.monotonic_ns()
-        reply = self._ask(4, "I", 3, wanted)
+        reply = self._ask(4, "I", 3, rate_millihz)
         passed_s = (reply.received_ns - before_ns) * 1e-9
         if reply.body[:2] + reply.body[3:4] != b"\x82\x03\0" or len(reply.body) != 8:
             raise MismatchError(4, "82 03 .. 00 ....", hexadecimal(reply.body))
@@ -349,14 +352,14 @@ class BoardTester:
             expected = "sample 0 within 10 ms of START"
             raise MismatchError(3, expected, f"{after_s:.3f} s after the LATCH before")
         self._check_end(lambda: self._expect_reply(4, 0, 0, "", 4), "STOP")
-        self._ask(4, "I", 3, wanted)
+        self._ask(4, "I", 3, rate_millihz)
         self._check_end(self._greet, "HELLO")
         return None
 
     def _check_samples(
         self, frames: list[ReceivedFrame], request: int, rate_millihz: int
     ) -> None:
-        """Numbers, ticks and lengths of a stream from its beginning."""
+        """Check numbers, ticks and lengths of a stream from its beginning."""
         hello = self._known()
         length = 12 + 5 * len(hello.channels)
         if len(frames) < STREAM_SAMPLES:
@@ -390,8 +393,8 @@ class BoardTester:
             return "needs an operator: --press SECONDS"
         self._greet(wire.FORGET_EDGES)
         seqs = []
-        for level, what in ((1, "press"), (0, "release")):
-            self._ask_operator(f"{what} input 0 within {self._press_s:g} s")
+        for level, action in ((1, "press"), (0, "release")):
+            self._ask_operator(f"{action} input 0 within {self._press_s:g} s")
             frames = self._line.gather(self._press_s, lambda f: f.body[0] == wire.EDGE)
             length = 12 + 5 * len(self._known().channels)
             edge = frames[-1].body if frames else b""
@@ -411,10 +414,10 @@ class BoardTester:
         self._check_interval(edge)
         self._acknowledge(seq)
         self._greet()  # the answer shows that the acknowledgement was read
-        again = [f for f in self._line.gather(0.5) if f.body[0] == wire.EDGE]
-        if again:
+        repeated = [f for f in self._line.gather(0.5) if f.body[0] == wire.EDGE]
+        if repeated:
             expected = f"no edge {hexadecimal(edge[4:8])} after its EDGE_ACK"
-            raise MismatchError(3, expected, described(again))
+            raise MismatchError(3, expected, described(repeated))
 
     def _check_interval(self, edge: bytes) -> None:
         """Require that an edge is sent every 50 ms.

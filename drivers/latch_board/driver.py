@@ -214,13 +214,13 @@ class LatchBoardDriver(Driver):
                     self._read(line)
                 line.check_alive()
                 self._measure_clock(line, session)
-                if more := line.decoder.faults.total() - broken:
-                    broken += more
+                if newly_broken := line.decoder.faults.total() - broken:
+                    broken += newly_broken
                     self._fault(
                         "frames_rejected",
-                        f"{more} broken frames on {self._path}",
+                        f"{newly_broken} broken frames on {self._path}",
                         "check cable, shielding and baud rate",
-                        more,
+                        newly_broken,
                     )
                 self._counters["frames_received"] = (
                     self._frames_before + line.decoder.accepted
@@ -260,8 +260,8 @@ class LatchBoardDriver(Driver):
             token = self._latches.popleft()
             if isinstance(answer, wire.Latched):
                 session.take_latch(answer, token, sent_ns, line.last_message_ns)
-        if self._streams_begun != (wanted := self._streams_requested):
-            self._streams_begun = wanted
+        if self._streams_begun != (n_requested := self._streams_requested):
+            self._streams_begun = n_requested
             rate = round(self._rate_hz * 1000)
             session.begin_stream(0, 0)  # what still arrives is of the old one
             if rate:
@@ -290,7 +290,7 @@ class LatchBoardDriver(Driver):
     def _request_or_fault(
         self, line: LatchBoardLine, name: str, frame: Callable[[int], bytes]
     ) -> Response | None:
-        """The answer; None where the board refused, which connecting cannot mend."""
+        """Return the answer; None where the board refused and keeps refusing."""
         try:
             return line.ask(name, frame)
         except DeviceRefusedError as error:

@@ -29,7 +29,6 @@ class LatchBoardLine:
 
     Args:
         port: open port; closed by its owner.
-        monotonic_ns: the host's clock.
         dispatch: called with every message, answers included, the time right after
             its read, and the block of samples from earlier reads.
         stopping: polled between waits; True ends an unanswered request.
@@ -122,10 +121,6 @@ class LatchBoardLine:
 
         Each try has a number of its own, so that a late answer is recognised.
 
-        Args:
-            name: of the request, for people.
-            frame: encodes the request with a number.
-
         Raises:
             DeviceRefusedError: the board refuses.
             DeviceError: no answer, the port has disappeared, or the driver is closed.
@@ -165,10 +160,10 @@ class LatchBoardLine:
 
     def _accepted(self, answer: Response) -> Response:
         if isinstance(answer, wire.Reply) and answer.result:
-            asked = wire.REQUEST_NAMES.get(answer.request_type, "a request")
+            request_name = wire.REQUEST_NAMES.get(answer.request_type, "a request")
             why = wire.RESULTS.get(answer.result, f"result {answer.result}")
             raise DeviceRefusedError(
-                f"the board on {self.port.path} refused {asked}: {why} "
+                f"the board on {self.port.path} refused {request_name}: {why} "
                 f"(value {answer.value})",
                 "change the configuration to what the board can do",
             )

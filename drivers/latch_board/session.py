@@ -81,7 +81,6 @@ class LatchBoardSession:
     """One connection to a board, with one stream at a time.
 
     Args:
-        device: id in the configuration.
         path: of its port, for people.
         edges: their order, which outlives the connection.
         clock: of the board, perhaps tied to the host's already.
@@ -428,10 +427,6 @@ REMEDIES = {
 
 def check_identification(hello: wire.Hello, path: str) -> None:
     """Refuse a board with contradictory properties.
-
-    Args:
-        hello: its identity.
-        path: of its port, for people.
 
     Raises:
         DeviceRefusedError: another version, impossible channels or counter.

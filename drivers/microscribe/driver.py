@@ -219,11 +219,11 @@ class MicroscribeDriver(Driver):
         broken = session.decoder.faults["broken"]
         while self._goes_on(session):
             heard = report.read(0.02)
-            asked = None
+            answer = None
             if report.is_quiet(unsettled=self._pedals.unsettled):
                 report.end()
-                if (asked := session.ask()) is not None:
-                    heard.append(asked)
+                if (answer := session.ask()) is not None:
+                    heard.append(answer)
                 report.begin()
             for packet in heard:  # a broken packet would have had a number too
                 seq = self._next_seq + session.decoder.faults["broken"] - broken
@@ -232,7 +232,7 @@ class MicroscribeDriver(Driver):
                     session,
                     packet,
                     seq if rate_hz else None,
-                    reported=packet is not asked,
+                    reported=packet is not answer,
                 )
         report.end()
 

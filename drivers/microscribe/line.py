@@ -53,10 +53,8 @@ class MicroscribeLine:
     ``stopping`` ends waits.
 
     Attributes:
-        stray: bytes without a request.
         old: packets that answered an earlier request.
         patience_s: time limit of a packet; longer after an answer that came later.
-        usual_patience_s: what it returns to.
     """
 
     def __init__(
@@ -93,10 +91,10 @@ class MicroscribeLine:
             heard = heard[-len(wire.CALL) :] + self._read_for(CALL_S)
         self.read_until_quiet()
         self.port.write(wire.BEGIN)
-        said = self._wait_for(
+        answer = self._wait_for(
             lambda data: None if (end := data.find(0)) < 0 else data[:end], ANSWER_S
         )
-        return None if said is None else wire.plain_text(said)
+        return None if answer is None else wire.plain_text(answer)
 
     def end(self) -> None:
         self.port.write(wire.END_MOTION + wire.END_SESSION)
@@ -131,14 +129,14 @@ class MicroscribeLine:
         block = self._request(
             wire.HOME, lambda data: wire.fixed_reply(wire.HOME, wire.HOME_BYTES, data)
         )
-        return wire.home_counts(self._given(block, "its home position"))
+        return wire.home_counts(self._required(block, "its home position"))
 
     def kinematics(self) -> bytes:
         """The block with the arm's own table."""
         block = self._request(
             wire.GEOMETRY, lambda data: wire.counted_reply(wire.GEOMETRY, data)
         )
-        return self._given(block, "its own table")
+        return self._required(block, "its own table")
 
     def still(self) -> bytes:
         """Stop unsolicited packets; return bytes received until then."""
@@ -147,7 +145,6 @@ class MicroscribeLine:
         return data.partition(wire.END_MOTION_REPLY)[0]
 
     def drop_stray(self) -> None:
-        """Discard unexpected bytes."""
         while self.port.wait(0.0):
             self.unrequested_bytes += len(self.port.read())
 
@@ -196,8 +193,8 @@ class MicroscribeLine:
     def read_until_quiet(self, quiet_s: float = QUIET_S) -> bytes:
         """Read until silence, at most some bytes."""
         data = b""
-        while (more := self._read_for(quiet_s)) and len(data) < MOST_BYTES:
-            data += more
+        while (chunk := self._read_for(quiet_s)) and len(data) < MOST_BYTES:
+            data += chunk
         return data
 
     def _delay_ns(self, data: bytes, exchange_ns: int) -> int:
@@ -216,10 +213,10 @@ class MicroscribeLine:
                 return answer
         return None
 
-    def _given(self, answer: bytes | None, what: str) -> bytes:
+    def _required(self, answer: bytes | None, quantity: str) -> bytes:
         if answer is None:
             raise DeviceError(
-                f"the device on {self.port.path} does not report {what}",
+                f"the device on {self.port.path} does not report {quantity}",
                 "check the cable, and that no other program uses the port",
             )
         return answer

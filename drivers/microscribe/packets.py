@@ -39,7 +39,6 @@ class TimerRate:
         self.reset()
 
     def reset(self) -> None:
-        """Begin again, after a jump of the timer."""
         self.assumed_hz = self._stated_hz
         self.low_hz = self._stated_hz * (1.0 - MAX_TIMER_ERROR)
         self.high_hz = self._stated_hz * (1.0 + MAX_TIMER_ERROR)
@@ -75,7 +74,6 @@ class PacketClock:
     Attributes:
         steps: how often the timer jumped.
         bound_ns: error of the last packet's time.
-        is_uncertain: no bound is known.
     """
 
     def __init__(self, rate_hz: float, wrap: int, delay_ns: int) -> None:

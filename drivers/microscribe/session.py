@@ -126,17 +126,17 @@ def sign_on_at_any_rate(
     open_line: OpenLine, rates: Sequence[int]
 ) -> tuple[MicroscribeLine, str]:
     path = ""
-    others = [rate for rate in BAUD_RATES if rate not in rates]
-    for rate in [*rates, *others, *rates[:1]]:
+    remaining_rates = [rate for rate in BAUD_RATES if rate not in rates]
+    for rate in [*rates, *remaining_rates, *rates[:1]]:
         with ExitStack() as closing:
             line = closing.enter_context(open_line(rate))
             path = line.port.path
             if rate not in rates:  # a session left there receives nothing but this
                 line.end()
                 line.read_until_quiet()
-            elif (said := line.sign_on()) is not None:
+            elif (greeting := line.sign_on()) is not None:
                 closing.pop_all()
-                return line, said
+                return line, greeting
     raise DeviceError(
         f"no MicroScribe answers on {path} at {', '.join(map(str, rates))} baud",
         "switch the arm on in its home position, check cable and port",
@@ -200,7 +200,6 @@ class MicroscribeSession:
 
     @property
     def identity(self) -> Identity:
-        """Identity and abilities of the arm."""
         return Identity(
             self.arm.name,
             self.arm.version,

@@ -204,10 +204,10 @@ class ModbusDriver(PolledDriver[ModbusClient]):
 
     def _read_channel(self, channel: int) -> EncoderReading | ReadError:
         encoder, registers = self._encoders[channel], self._registers[channel]
-        said = self._get(channel, encoder.function, registers.first, registers.words)
-        if isinstance(said, ReadError):
-            return said
-        words, (sent_ns, received_ns) = said
+        reply = self._get(channel, encoder.function, registers.first, registers.words)
+        if isinstance(reply, ReadError):
+            return reply
+        words, (sent_ns, received_ns) = reply
         time_ns, bound_ns = self._timer.latch(
             sent_ns, received_ns, REQUEST_BYTES, REPLY_BYTES + 2 * len(words)
         )
@@ -230,12 +230,12 @@ class ModbusDriver(PolledDriver[ModbusClient]):
         encoder = self._encoders[channel]
         if encoder.status_register is None or self._channels[channel].missing:
             return
-        said = self._get(channel, encoder.status_function, encoder.status_register, 1)
-        if isinstance(said, ReadError):
+        reply = self._get(channel, encoder.status_function, encoder.status_register, 1)
+        if isinstance(reply, ReadError):
             self._counters["status_missed"] += 1
             return
-        error = bool(said[0][0] & encoder.error_mask)
-        warning = bool(said[0][0] & encoder.warning_mask)
+        error = bool(reply[0][0] & encoder.error_mask)
+        warning = bool(reply[0][0] & encoder.warning_mask)
         self._flags[channel] = STATUS_ERROR * error | STATUS_WARNING * warning
         codes = {"encoder_error": error, "encoder_warning": warning}
         self._status.add(channel, [code for code, is_so in codes.items() if is_so])

@@ -21,9 +21,7 @@ class ModbusClient(ModbusBaseSyncClient):
 
     Args:
         port: open port; `close_port` closes it.
-        monotonic_ns: the host's clock.
         timeout_s: for a whole reply; may be changed.
-        echo: the adapter echoes requests.
 
     Attributes:
         sent_ns: when the last request was about to be written.

@@ -30,7 +30,6 @@ class ReadErrorLog:
         self._alarms = Alarms(device, put)
 
     def add(self, number: int, channel: PolledChannel, miss: ReadError) -> None:
-        """Count a failed reading."""
         self._counters[miss.code] += 1
         if miss is UNCONFIRMED:
             return

@@ -168,8 +168,8 @@ class PolledDriver(Driver, Generic[LineT]):
     def _serve(self) -> None:
         try:
             while not self._stopping:
-                if self._streams_begun != (wanted := self._streams_requested):
-                    self._streams_begun = wanted
+                if self._streams_begun != (n_requested := self._streams_requested):
+                    self._streams_begun = n_requested
                     self._begin_stream(self._rate_hz)
                 if self._schedule is None:
                     self._wait(IDLE_S)
@@ -234,7 +234,7 @@ class PolledDriver(Driver, Generic[LineT]):
     def _cycle(self) -> list[EncoderReading | None]:
         """Poll every encoder that is due; None for invalid readings."""
         answers: list[EncoderReading | ReadError | None] = [
-            self._asked(number) if channel.due(self._now_ns()) else None
+            self._polled(number) if channel.due(self._now_ns()) else None
             for number, channel in enumerate(self._channels)
         ]
         sound = self._cycle_is_valid()
@@ -250,7 +250,7 @@ class PolledDriver(Driver, Generic[LineT]):
         now_ns = self._now_ns()
         return max((channel.status(now_ns) for channel in self._channels), default=0)
 
-    def _asked(self, number: int) -> EncoderReading | ReadError:
+    def _polled(self, number: int) -> EncoderReading | ReadError:
         self.heartbeat.beat(ASK_S)
         begun_ns = self._now_ns()
         answer = self._read_channel(number)

@@ -180,19 +180,23 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
         return SILENT if answer is None else answer
 
     def _reading(self, channel: int, answer: TimedPosition) -> EncoderReading:
-        said = answer.position
+        position = answer.position
         known = self._channels[channel]
-        count = (said.turns * known.counts_per_turn + said.count) % known.modulus
-        status = STATUS_ERROR * said.error | STATUS_WARNING * said.warning
+        count = (
+            position.turns * known.counts_per_turn + position.count
+        ) % known.modulus
+        status = STATUS_ERROR * position.error | STATUS_WARNING * position.warning
         codes = [
-            *(["encoder_error"] if said.error else []),
-            *(["encoder_warning"] if said.warning else []),
+            *(["encoder_error"] if position.error else []),
+            *(["encoder_warning"] if position.warning else []),
         ]
-        if said.conditions is not None:
-            codes += [c for bit, c in rls.CONDITIONS.items() if said.conditions & bit]
+        if position.conditions is not None:
+            codes += [
+                c for bit, c in rls.CONDITIONS.items() if position.conditions & bit
+            ]
         self._status.add(channel, codes)
-        if said.temperature_c is not None:
-            self._temperatures_c[channel] = said.temperature_c
+        if position.temperature_c is not None:
+            self._temperatures_c[channel] = position.temperature_c
             temperatures_c = tuple(self._temperatures_c)
             period_ns = self._temperature_ns * len(temperatures_c)
             self._delivery_queue.put(

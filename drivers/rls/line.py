@@ -79,7 +79,7 @@ class RlsLine:
         self._timer = ExchangeTimer(byte_ns)
         self._doubt_ns = doubt_ns
         self._heard = b""
-        self._wanted = 0
+        self._reply_bytes = 0
         self._sent_ns = self._received_ns = 0
         self._surplus = False
         self._doubted_until_ns = 0
@@ -93,15 +93,14 @@ class RlsLine:
 
     @property
     def reply_is_incomplete(self) -> bool:
-        """The reply is not yet whole."""
-        return len(self._heard) < self._wanted
+        return len(self._heard) < self._reply_bytes
 
     def ask(self, request: bytes) -> None:
         """Send a request; discard earlier bytes."""
         if self.port.wait(0.0):
             self.unrequested_bytes += len(self.port.read())
         self.request = request
-        self._wanted = self._layout.reply_bytes(request)
+        self._reply_bytes = self._layout.reply_bytes(request)
         self._heard, self._surplus = b"", False
         self._sent_ns = self._received_ns = self._now_ns()
         self.port.write(request)
@@ -115,7 +114,7 @@ class RlsLine:
         data = self.port.read()
         if self.reply_is_incomplete:
             self._received_ns = self._now_ns()
-        missing = self._wanted - len(self._heard)
+        missing = self._reply_bytes - len(self._heard)
         self._heard += data[:missing]
         if len(data) > missing:
             self.unrequested_bytes += len(data) - missing
@@ -133,7 +132,7 @@ class RlsLine:
             miss = SHIFTED
         elif self.reply_is_incomplete:
             miss = SHORT if self._heard else SILENT
-        self._wanted = 0
+        self._reply_bytes = 0
         if miss is not None:
             return self._failed(miss)
         self.last_ns = self._received_ns - self._sent_ns
@@ -212,12 +211,10 @@ class RlsLineGroup:
 
     @property
     def longest_ns(self) -> int:
-        """Duration of the longest good exchange."""
         return max(line.exchange_ns for line in self.lines)
 
     @property
     def usual_ns(self) -> int:
-        """Duration of the last good exchanges."""
         return round(median(line.last_ns for line in self.lines))
 
     def close_port(self) -> None:
@@ -297,8 +294,8 @@ class RlsLineGroup:
         line = self.lines[number]
         until_ns = self._now_ns() + patience_ns
         while line.latest is None and (left_ns := until_ns - self._now_ns()) > 0:
-            for other in self._ready(self._all, left_ns):
-                self.lines[other].listen()
+            for readable in self._ready(self._all, left_ns):
+                self.lines[readable].listen()
 
     def _readable_within(self, numbers: Sequence[int], wait_ns: int) -> Iterator[int]:
         """Yield numbers of the lines with bytes, for a time."""

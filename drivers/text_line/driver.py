@@ -56,7 +56,6 @@ class _Arrived:
         ticks: the board's time, unwrapped; None if the line has none.
         arrived_ns: of the line, by those that were read with it.
         step: lines since the last one.
-        bad: unreadable lines before it.
     """
 
     line: Line
@@ -186,7 +185,7 @@ class TextLineDriver(Driver):
             self._port = None
 
     def _read(self, port: SerialPort) -> tuple[list[tuple[Line, int]], int]:
-        """Valid lines, each with the number of odd ones before it; when read [ns]."""
+        """Return valid lines with the number of odd ones before, and the time [ns]."""
         lines = []
         splitter = self._splitter
         raws = splitter.feed(port.read())

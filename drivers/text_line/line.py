@@ -70,7 +70,7 @@ class LineSplitter:
     def feed(self, data: bytes) -> list[bytes]:
         """Return complete lines, without their ends and empty ones."""
         lines = []
-        *ended, rest = data.replace(b"\r", b"\n").split(b"\n")
+        *ended, unended = data.replace(b"\r", b"\n").split(b"\n")
         for part in ended:
             self._add(part)
             if self._dropping:
@@ -78,7 +78,7 @@ class LineSplitter:
             elif line := bytes(self._buffer):
                 lines.append(line)
             self._buffer.clear()
-        self._add(rest)
+        self._add(unended)
         return lines
 
     def _add(self, part: bytes) -> None:
@@ -176,10 +176,10 @@ class LinePattern:
             raise _OddError(f"says that joint {joint + 1} {WITHOUT_COUNT[word]}")
         value, modulus = float(word), self._counts_per_turn[joint]
         _, point, digits = word.partition(".")
-        whole = not self._per_turn
-        if abs(value) > MAX_VALUE or (whole and point):
+        is_integer = not self._per_turn
+        if abs(value) > MAX_VALUE or (is_integer and point):
             raise _OddError(f"has {word!r} for joint {joint + 1}")
-        if whole:
+        if is_integer:
             return int(word) % modulus
         if self._decimals is not None and len(digits) != self._decimals:
             raise _OddError(f"has {word!r} for joint {joint + 1}, see decimals")

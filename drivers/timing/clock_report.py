@@ -20,29 +20,33 @@ class ClockReporter:
 
     def __init__(self, device: str, put: Callable[[DeviceClockState], bool]) -> None:
         self._device, self._put = device, put
-        self._said: DeviceClockState | None = None
-        self._said_ns = self._certain_ns = 0
+        self._reported: DeviceClockState | None = None
+        self._reported_ns = self._certain_ns = 0
 
     def forget(self) -> None:
         """Report anew: the device is another, or was away."""
-        self._said = None
+        self._reported = None
 
     def report(self, clock: DeviceClock, now_ns: int) -> None:
         """Report the clock, if there is something new."""
-        said = self._said
+        last_report = self._reported
         is_certain = clock.running and not clock.is_uncertain
         if is_certain:
             self._certain_ns = now_ns
-        elif said and said.is_certain and now_ns - self._certain_ns < LASTING_NS:
+        elif (
+            last_report
+            and last_report.is_certain
+            and now_ns - self._certain_ns < LASTING_NS
+        ):
             return
-        if said is not None and said.is_certain == is_certain:
-            if now_ns - self._said_ns < LEAST_NS or not is_certain:
+        if last_report is not None and last_report.is_certain == is_certain:
+            if now_ns - self._reported_ns < LEAST_NS or not is_certain:
                 return
-            ratio = (clock.error_bound_ns + 1) / (said.bound_ns + 1)
+            ratio = (clock.error_bound_ns + 1) / (last_report.bound_ns + 1)
             if (
-                abs(clock.rate_error - said.rate_error) < RATE_CHANGE
+                abs(clock.rate_error - last_report.rate_error) < RATE_CHANGE
                 and 1.0 / BOUND_RATIO < ratio < BOUND_RATIO
-                and clock.steps == said.steps
+                and clock.steps == last_report.steps
             ):
                 return
         state = DeviceClockState(
@@ -53,4 +57,4 @@ class ClockReporter:
             clock.steps,
         )
         if self._put(state):
-            self._said, self._said_ns = state, now_ns
+            self._reported, self._reported_ns = state, now_ns

@@ -52,23 +52,17 @@ class FloorLine:
     span_ns: float
 
     def at_ns(self, time_ns: float) -> float:
-        """Return its height at a time of the device."""
         return self.height_ns + self.slope * time_ns
 
 
 class DelayFloor:
-    """Collects readings, and fits the line below them.
-
-    Args:
-        bin_ns: of the device's time.
-    """
+    """Collects readings, and fits the line below them."""
 
     def __init__(self, bin_ns: float) -> None:
         self._bin_ns = bin_ns
         self.reset()
 
     def reset(self) -> None:
-        """Forget all readings."""
         self._bins: deque[list[Point]] = deque(maxlen=BINS)
         self._slope: float | None = None
         self._hull: list[Point] = []
@@ -76,7 +70,6 @@ class DelayFloor:
 
     @property
     def n_bins(self) -> int:
-        """Number of full bins."""
         return len(self._bins)
 
     def add(self, time_ns: float, offset_ns: float) -> bool:
@@ -96,7 +89,6 @@ class DelayFloor:
         return is_new
 
     def line(self) -> FloorLine:
-        """Return the line below the full bins, at least one."""
         bins = list(self._bins)
         lengths = [n for n in WINDOWS if n < len(bins)]
         lines = [

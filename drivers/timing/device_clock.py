@@ -92,7 +92,6 @@ class _Exchange:
     """A latch that was requested.
 
     Attributes:
-        ticks: when it was, unwrapped.
         sent_ns: when it had been requested.
     """
 

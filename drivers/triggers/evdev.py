@@ -137,7 +137,7 @@ class EvdevDriver(TriggerDriver):
             raise _explain(self._path, error) from error
         self._decoder, self._dropped = InputEventDecoder(), False
         monotonic = struct.pack("@i", time.CLOCK_MONOTONIC)
-        self._stamps_ours = self._asked(EVIOCSCLOCKID, monotonic) is not None
+        self._stamps_ours = self._ioctl(EVIOCSCLOCKID, monotonic) is not None
         if not self._stamps_ours:
             self._fault(
                 "times_estimated",
@@ -145,7 +145,7 @@ class EvdevDriver(TriggerDriver):
                 "time at which they are read is used",
                 "use an input device below /dev/input",
             )
-        if self.options.exclusive and self._asked(EVIOCGRAB, 1) is None:
+        if self.options.exclusive and self._ioctl(EVIOCGRAB, 1) is None:
             self._counters["not_exclusive"] += 1
         return f"keys of {self._path}", self._fd
 
@@ -155,7 +155,7 @@ class EvdevDriver(TriggerDriver):
             self._fd = -1
 
     def _levels(self) -> Sequence[bool]:
-        held = self._asked(EVIOCGKEY, bytes(KEY_BYTES))
+        held = self._ioctl(EVIOCGKEY, bytes(KEY_BYTES))
         bits = held if isinstance(held, bytes) else bytes(KEY_BYTES)
         return [bool(bits[code // 8] >> code % 8 & 1) for code in self._numbers]
 
@@ -189,7 +189,7 @@ class EvdevDriver(TriggerDriver):
             for number, active in enumerate(self._levels()):
                 yield InputChange(number, active, time_ns)
 
-    def _asked(self, request: int, argument: int | bytes) -> int | bytes | None:
+    def _ioctl(self, request: int, argument: int | bytes) -> int | bytes | None:
         """Return the kernel's answer; None if this file has no such request."""
         try:
             return self._ask_kernel(self._fd, request, argument)

@@ -113,7 +113,7 @@ class Identification(StrictModel):
 
 
 class Effect(StrictModel):
-    """What the geometry leaves over; the keys of each kind are in EFFECT_KINDS."""
+    """A correction beyond the geometry; the keys of each kind are in EFFECT_KINDS."""
 
     kind: str
     joint: str | None = None
@@ -129,7 +129,6 @@ class Effect(StrictModel):
 
     @classmethod
     def variant(cls, table: object) -> "type[Effect]":
-        """Return the class of a table by its kind."""
         kind = table.get("kind") if isinstance(table, Mapping) else None
         return _effect_model(str(kind)) if str(kind) in EFFECT_KINDS else _UnknownEffect
 

@@ -197,29 +197,29 @@ def _text_problems(
         if not pattern.fullmatch(text):
             yield Problem(where, f"{shown(text)} {wrong}")
         elif text in first:
-            what = key.rpartition(".")[2]
-            also = f"{shown(text)} is also the {what} of joints[{first[text]}]"
+            key_name = key.rpartition(".")[2]
+            also = f"{shown(text)} is also the {key_name} of joints[{first[text]}]"
             yield Problem(where, f"{also}; {remedy}")
         first.setdefault(text, index)
 
 
 def _coupling_problems(joints: Sequence[Mapping[str, Any]]) -> Iterator[Problem]:
-    others = _by_name(joints, "coupled_to")
+    master_of = _by_name(joints, "coupled_to")
     for index, joint in enumerate(joints):
-        where, other = f"joints[{index}].coupled_to", joint.get("coupled_to")
+        where, master = f"joints[{index}].coupled_to", joint.get("coupled_to")
         if ("ratio" in joint) != ("coupled_to" in joint):
             key = "coupled_to" if "ratio" in joint else "ratio"
             yield Problem(f"joints[{index}]", f"{key} is missing; a coupling has both")
-        if not isinstance(other, str):
+        if not isinstance(master, str):
             continue
-        if other not in others:
-            yield Problem(where, unknown_name_message("joint", other, others))
+        if master not in master_of:
+            yield Problem(where, unknown_name_message("joint", master, master_of))
         way = [joint.get("name")]
-        while isinstance(other, str) and other not in way:
-            way.append(other)
-            other = others.get(other)
-        if other is not None and other == way[0]:
-            ring = " to ".join(map(str, [*way, other]))
+        while isinstance(master, str) and master not in way:
+            way.append(master)
+            master = master_of.get(master)
+        if master is not None and master == way[0]:
+            ring = " to ".join(map(str, [*way, master]))
             yield Problem(where, f"couples {ring}: a ring; leave one of them out")
 
 

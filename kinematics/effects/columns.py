@@ -66,17 +66,17 @@ def columns(
     Raises:
         ValueError: the block lacks inputs; names all of them.
     """
-    wanted = effects.corrections if candidates is None else tuple(candidates)
+    chosen = effects.corrections if candidates is None else tuple(candidates)
     yields = [c for c in effects.mechanical if isinstance(c, Compliance)]
     yields = yields if yielding is None else list(yielding)
     everything = ArmEffects(
         effects.joint_names,
-        (*effects.corrections, *wanted),
+        (*effects.corrections, *chosen),
         effects.bodies,
         effects.gravity_m_s2,
     )
     checked(geometry, everything, block)
-    n_parameters = sum(len(correction.values) for correction in wanted)
+    n_parameters = sum(len(correction.values) for correction in chosen)
     columns_mm = np.empty((len(block), 3, n_parameters))
     for chunk in chunks(len(block), _CHUNK_SAMPLES):
         part = block.part(chunk)
@@ -85,7 +85,7 @@ def columns(
         arm = deflection(geometry, posture.turns_rad, amounts)
         contact = contact_seen(geometry, part, arm.rotations[:, -1])
         column = 0
-        for correction in wanted:
+        for correction in chosen:
             if isinstance(correction, FirstMoment):
                 moves = _moment_moves(correction, yields, posture, arm, turns=turns)
             else:

@@ -46,11 +46,6 @@ def compiled_pose(
 ) -> tuple[Floats, Floats] | None:
     """Compute the pose with the effects of readings and bodies, not of contacts.
 
-    Args:
-        geometry: the arm.
-        effects: of the same arm.
-        block: the samples with inputs of the effects.
-
     Returns:
         Centres in mm and directions, both (n_samples, 3); None if NumPy is to compute.
     """
@@ -114,11 +109,6 @@ def corrected_pose(
     geometry: Geometry, effects: ArmEffects, block: Block
 ) -> tuple[Floats, Floats, PoseFlags]:
     """Compute ball centres and shank directions, effects applied.
-
-    Args:
-        geometry: the arm.
-        effects: of the same arm.
-        block: the samples with inputs of the effects.
 
     Returns:
         Centres of the ball in mm and unit directions of the shank, both
@@ -216,8 +206,8 @@ def pose_flags(effects: ArmEffects, block: Block) -> PoseFlags:
         field.name: np.zeros(len(block), dtype=np.bool_) for field in fields(PoseFlags)
     }
     for correction in effects.corrections:
-        for name, which in correction.flags(block):
-            flags[name] |= which
+        for name, is_flagged in correction.flags(block):
+            flags[name] |= is_flagged
     return PoseFlags(**flags)
 
 

@@ -64,11 +64,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Expansion:
-    """Temperature of a part, from which its lengths are stated at 20 °C (ISO 1).
-
-    Attributes:
-        expansion_per_c: coefficient of expansion.
-    """
+    """Temperature of a part, from which its lengths are stated at 20 °C (ISO 1)."""
 
     temperature_c: float
     temperature_std_c: float
@@ -163,20 +159,20 @@ def angle(first: Element, second: Element, errors: JointCovariance) -> Figure:
         if not element.direction.any():
             raise ValueError(f"a {element.kind} has no direction")
         directions.append(element.direction)
-    one, other = directions
-    sense = 1.0 if one @ other >= 0.0 else -1.0
-    other = sense * other
-    normal = np.cross(one, other)
+    axis, other_axis = directions
+    sense = 1.0 if axis @ other_axis >= 0.0 else -1.0
+    other_axis = sense * other_axis
+    normal = np.cross(axis, other_axis)
     sine = float(np.linalg.norm(normal))
-    value = float(np.arctan2(sine, one @ other))
-    beside = normal / sine if sine > 0.0 else across(one)[0]
+    value = float(np.arctan2(sine, axis @ other_axis))
+    beside = normal / sine if sine > 0.0 else across(axis)[0]
     turns = np.einsum(
         "ki,inj->knj",
-        np.stack([np.cross(beside, other), beside]),
+        np.stack([np.cross(beside, other_axis), beside]),
         sense * second.by_points[DIRECTION],
     ) - np.einsum(
         "ki,inj->knj",
-        np.stack([np.cross(beside, one), beside]),
+        np.stack([np.cross(beside, axis), beside]),
         first.by_points[DIRECTION],
     )
     covariance, _ = errors.combined(turns)

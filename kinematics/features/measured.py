@@ -51,7 +51,7 @@ _ROUND: dict[Kind, Callable[[Floats, float], Element]] = {
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """What a feature is, and which touches are of it.
+    """A feature and its touches.
 
     Attributes:
         rows: of the touches.
@@ -188,14 +188,7 @@ def _offset_mm(
 def _of_all(
     element: Element, rows: list[int], n: int, by_tip: Floats | float = 0.0
 ) -> Element:
-    """Return an element whose derivatives and rows are of all n touches.
-
-    Args:
-        element: of touches of its own.
-        rows: of these touches.
-        n: number of all touches.
-        by_tip: as of `Fit`.
-    """
+    """Return an element whose derivatives and rows are of all n touches."""
     by_points = np.zeros((len(element.values), n, 3))
     by_points[:, rows] = element.by_points
     fit = element.fit

@@ -42,12 +42,12 @@ class PointBlock:
     def __len__(self) -> int:
         return len(self.seq)
 
-    def rows(self, which: Booleans | Indices | slice) -> "PointBlock":
-        """Select points."""
-        return replace(self, **{name: getattr(self, name)[which] for name in _COLUMNS})
+    def rows(self, selection: Booleans | Indices | slice) -> "PointBlock":
+        return replace(
+            self, **{name: getattr(self, name)[selection] for name in _COLUMNS}
+        )
 
     def after(self, before: "PointBlock | None") -> "PointBlock":
-        """Prepend points."""
         return self if before is None else PointBlock.joined([before, self])
 
     def between(self, rows: Indices, shares: Floats) -> "PointBlock":
@@ -83,7 +83,6 @@ class PointBlock:
 
     @staticmethod
     def joined(blocks: Sequence["PointBlock"]) -> "PointBlock":
-        """Concatenate blocks."""
         return PointBlock(
             *(
                 np.concatenate([getattr(block, name) for block in blocks])

@@ -28,9 +28,6 @@ class Distance(PointFilter):
 
     Straight distances, not lengths of the path: at rest the noise of many samples makes
     a long path.
-
-    Attributes:
-        spacing_mm: between points that pass.
     """
 
     kind: ClassVar[str] = "distance"
@@ -111,8 +108,6 @@ class GridSpacing(_Thinning):
     """The first point in each cubic cell of a grid.
 
     Attributes:
-        spacing_mm: edge of a cell.
-        max_cells: bound on remembered cells.
         forgotten: dropped cells, which may be filled again.
     """
 
@@ -136,7 +131,6 @@ class BallSpacing(_Thinning):
     passed, and a neighbour within the spacing is at most two cells away.
 
     Attributes:
-        max_cells: bound on remembered points.
         forgotten: dropped points, which may be met again.
     """
 

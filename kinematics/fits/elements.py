@@ -44,7 +44,7 @@ LEAST_POINTS: dict[Kind, int] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """What is left of a fit.
+    """Distances and derivatives of a fit.
 
     Attributes:
         distances_mm: d, (n_distances,).

@@ -101,7 +101,6 @@ class AdjustedHelmert:
         misclosures_mm: to - T(from), (n, 3).
         from_corrections_mm: v_from, (n, 3).
         to_corrections_mm: v_to, (n, 3).
-        misclosure_covariance: S as stated.
         weighted_per_mm: S^-1 w, (n, 3).
         design: J, (n, 3, p).
     """
@@ -165,12 +164,12 @@ def adjusted_helmert(
         if problem is not None:
             raise HelmertError(problem)
     n_parameters = N_RIGID + int(with_scale)
-    given = [
+    frozen = [
         covariances
         for covariances in (from_shared_mm, to_shared_mm)
         if covariances is not None
     ]
-    none = np.zeros_like(given[0]) if given else np.zeros((*from_mm.shape, 0))
+    none = np.zeros_like(frozen[0]) if frozen else np.zeros((*from_mm.shape, 0))
     from_shared = none if from_shared_mm is None else from_shared_mm
     to_shared = none if to_shared_mm is None else to_shared_mm
     from_own = from_covariance_mm2 - from_shared @ from_shared.transpose(0, 2, 1)

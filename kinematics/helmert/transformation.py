@@ -55,7 +55,6 @@ class Helmert:
         )
 
     def inverse(self) -> "Helmert":
-        """Return the inverse transformation."""
         back = self.rotation.T
         return Helmert(back, -(back @ self.translation_mm) / self.scale, 1 / self.scale)
 
@@ -187,9 +186,9 @@ def mirrored_share(from_mm: Floats, to_mm: Floats) -> float:
     x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
     left, sizes, right = np.linalg.svd(x.T @ y)
     proper = 1.0 if np.linalg.det(left @ right) > 0.0 else -1.0
-    best, other = (
+    best, mirrored = (
         2.0 - 2.0 * float(sizes[0] + sizes[1] + sign * sizes[2])
         for sign in (proper, -proper)
     )
     rounding = 1e-14
-    return (max(other, 0.0) + rounding) / (max(best, 0.0) + rounding)
+    return (max(mirrored, 0.0) + rounding) / (max(best, 0.0) + rounding)

@@ -65,7 +65,6 @@ class DHTable:
 
     @property
     def n_joints(self) -> int:
-        """The number of rows."""
         return len(self.a_mm)
 
 
@@ -206,8 +205,8 @@ def nearest_table(geometry: Geometry, parallel_below_rad: float) -> NearestTable
         x_axis = normal
     a, d, alphas, offsets = np.array(rows).T
     bare = DHTable("classic", a, d, alphas, offsets, base, np.eye(4))
-    between, taken, slides = np.array(pairs[: n - 1]).reshape(-1, 3).T
-    return NearestTable(_with_tool(bare, geometry), between, taken > 0.5, slides)
+    between, is_parallel, slides = np.array(pairs[: n - 1]).reshape(-1, 3).T
+    return NearestTable(_with_tool(bare, geometry), between, is_parallel > 0.5, slides)
 
 
 def _with_tool(bare: DHTable, geometry: Geometry) -> DHTable:

@@ -101,23 +101,23 @@ def columns_of(keys: Iterable[str], units: Units) -> tuple[dict[str, Column], Wr
     """Return what each key of a row, or of a header, holds."""
     columns: dict[str, Column] = {}
     wrong: Wrong = []
-    taken: dict[str, str] = {}
+    header_of: dict[str, str] = {}
     for key in keys:
         try:
             column = _column(key, units)
         except ValueError as error:
             wrong.append((key, str(error)))
             # A key that cannot be used is not missing too.
-            taken.setdefault(key.partition("_")[0], key)
+            header_of.setdefault(key.partition("_")[0], key)
             continue
-        if column.field in taken:
-            wrong.append((key, f"says again what '{taken[column.field]}' says"))
+        if column.field in header_of:
+            wrong.append((key, f"says again what '{header_of[column.field]}' says"))
         else:
             columns[key] = column
-        taken.setdefault(column.field, key)
+        header_of.setdefault(column.field, key)
     for quantity in _REQUIRED:
         field = f"{quantity}_{next(iter(_QUANTITIES[quantity]))}"
-        if field not in taken and quantity not in taken:
+        if field not in header_of and quantity not in header_of:
             wrong.append((field, "is missing; add it"))
     return columns, wrong
 
@@ -160,16 +160,16 @@ def _column(key: str, units: Units) -> Column:
     quantity, _, unit = key.partition("_")
     factors = _QUANTITIES.get(quantity)
     if factors is not None and not unit:
-        option, given = (
+        option, unit_in_file = (
             ("--lengths", units.lengths)
             if factors is _LENGTHS
             else ("--angles", units.angles)
         )
-        if given is None:
+        if unit_in_file is None:
             named = " or ".join(f"'{quantity}_{known}'" for known in factors)
             either = " or ".join(factors)
             raise ValueError(f"has no unit; name it {named}, or give {option} {either}")
-        unit = given
+        unit = unit_in_file
     if factors is None or unit not in factors:
         raise ValueError(unknown_name_message("key", key, _KNOWN))
     return Column(f"{quantity}_{next(iter(factors))}", factors[unit])
@@ -218,7 +218,7 @@ class DHFile:
     tool: Placement | None = None
 
     def doubts(self) -> Iterator[str]:
-        """Ask about angles that can hardly be meant."""
+        """Yield questions about implausible angles."""
         for number, row in enumerate(self.rows, 1):
             for key, angle_rad, in_degrees in row.angles:
                 what = f"{key} of {row.name or f'J{number}'}"
@@ -263,8 +263,8 @@ def _parse_toml(text: str, source: str, units: Units) -> DHFile:
                 yield Problem(f"rows[{index}].{key}", message)
             rows.extend([row] if row else [])
 
-    said = parse_strict(text, source, _TomlTable, row_problems)
-    return DHFile(tuple(rows), said.convention, said.name, said.base, said.tool)
+    table = parse_strict(text, source, _TomlTable, row_problems)
+    return DHFile(tuple(rows), table.convention, table.name, table.base, table.tool)
 
 
 def _rows_of_table(table: Table, units: Units) -> tuple[DHRow, ...]:
@@ -363,7 +363,7 @@ def _placement(transform: Floats) -> dict[str, Any]:
     }
 
 
-def _options(which: str, transform: Floats) -> str:
+def _options(option_stem: str, transform: Floats) -> str:
     placed = _placement(transform)
     xyz, rpy = (",".join(map(str, placed[key])) for key in ("xyz_mm", "rpy_rad"))
-    return f"--{which}-xyz-mm={xyz} --{which}-rpy-rad={rpy}"
+    return f"--{option_stem}-xyz-mm={xyz} --{option_stem}-rpy-rad={rpy}"

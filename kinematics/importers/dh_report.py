@@ -63,7 +63,7 @@ def dh_report(
             }
             for k in range(geometry.n_joints - 1)
         ],
-        "not_in_table": [what for what, is_there in kept.items() if is_there],
+        "not_in_table": [part for part, is_there in kept.items() if is_there],
     }
     remarks = "".join(f"# {line}\n" for line in remark_lines(report))
     return report, dh_csv(nearest.table, names, zeros_rad) + remarks
@@ -94,15 +94,16 @@ def remark_lines(report: Mapping[str, Any]) -> Iterator[str]:
         f"{misfit['rms']:.3g} mm, largest {misfit['max']:.3g} mm"
     )
     for pair in report["pairs"]:
-        both = " and ".join(pair["joints"])
+        joints = " and ".join(pair["joints"])
         if pair["parallel"]:
-            yield f"{both} are {pair['between_rad']:.3g} rad apart: taken as parallel"
+            yield f"{joints} are {pair['between_rad']:.3g} rad apart: taken as parallel"
         elif pair["ill_conditioned"]:
             slide_mm = pair["slide_mm_per_rad"] * _TILT_RAD
             yield (
-                f"{both} are {pair['between_rad']:.3g} rad apart: {_TILT_RAD:g} rad of "
-                f"tilt slide their common normal by {slide_mm:.3g} mm, so d and theta "
-                "beside it say little; --parallel-below-rad takes them as parallel"
+                f"{joints} are {pair['between_rad']:.3g} rad apart: {_TILT_RAD:g} "
+                f"rad of tilt slide their common normal by {slide_mm:.3g} mm, so d "
+                "and theta beside it say little; --parallel-below-rad takes them as "
+                "parallel"
             )
     if report["not_in_table"]:
         yield f"not in a table: {', '.join(report['not_in_table'])}"

@@ -36,16 +36,16 @@ def names_for_arm(
             )
     kept = {name: renames.get(name, name) for name in names}
     new_names = {old: new for old, new in kept.items() if is_joint_name(new)}
-    taken = set(new_names.values())
-    for at, name in enumerate(names, 1):
+    used_names = set(new_names.values())
+    for position, name in enumerate(names, 1):
         if name in new_names:
             continue
-        plain = _plain(name) or f"J{at}"
+        plain = _plain(name) or f"J{position}"
         new, number = plain, 1
-        while new in taken:
+        while new in used_names:
             number += 1
             new = f"{plain}_{number}"
-        taken.add(new)
+        used_names.add(new)
         new_names[name] = new
     changed = {old: new for old, new in new_names.items() if old != new}
     return tuple(new_names[name] for name in names), changed

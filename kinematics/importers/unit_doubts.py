@@ -1,4 +1,4 @@
-"""Values that can hardly be meant in their unit: questions, not refusals."""
+"""Questions about values that are implausible in their unit."""
 
 import math
 from collections.abc import Iterator
@@ -16,11 +16,11 @@ _EIGHTH_RAD = 2.0 * math.pi / _EIGHTHS
 _PRINTED_RAD = 5e-4  # by as much as three decimals round
 
 
-def angle_doubt(what: str, angle_rad: float) -> Iterator[str]:
+def angle_doubt(name: str, angle_rad: float) -> Iterator[str]:
     """Ask whether an angle of more than a turn was given in degrees."""
     if abs(angle_rad) > _FULL_TURN_RAD:
         yield (
-            f"{what} is {angle_rad:g}, more than a turn in radians: degrees? "
+            f"{name} is {angle_rad:g}, more than a turn in radians: degrees? "
             f"{angle_rad:g} degrees are {math.radians(angle_rad):.10g}"
         )
 

@@ -42,7 +42,6 @@ class ChainJoint:
     """A joint between two frames, with the bodies fixed to the frame behind it.
 
     Attributes:
-        name: As in the description.
         origin: Transform from the child's frame to the parent's, not turned, (4, 4).
         axis: In the child's frame, any length > 0, (3,); nothing for a fixed joint.
         bodies: What the child carries, in the child's frame.

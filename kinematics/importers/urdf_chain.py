@@ -36,12 +36,7 @@ _WHY_NOT = {
 
 @dataclass(frozen=True, slots=True)
 class Holds:
-    """Joints that are held at a value, by name.
-
-    Attributes:
-        mm: Of joints that slide.
-        rad: Of joints that turn.
-    """
+    """Joints that are held at a value, by name."""
 
     mm: Mapping[str, float] = field(default_factory=dict)
     rad: Mapping[str, float] = field(default_factory=dict)
@@ -98,20 +93,20 @@ def _held(robot: Robot, holds: Holds) -> Robot:
     problems = []
     # As in the description: m and rad.
     values: dict[str, float] = {}
-    for option, given, kinds, factor in (
+    for option, held, kinds, factor in (
         ("--hold-mm", holds.mm, ("prismatic",), 1e-3),
         ("--hold-rad", holds.rad, _TURNING, 1.0),
     ):
-        for name, value in given.items():
+        for name, value in held.items():
             if name not in joints:
                 message = unknown_name_message("joint", name, joints)
                 problems.append(Problem(option, message))
             elif joints[name].kind not in kinds:
                 expected = " or ".join(kinds)
-                what = (
+                problem = (
                     f"joint {shown(name)} is {joints[name].kind}, expected {expected}"
                 )
-                problems.append(Problem(option, what))
+                problems.append(Problem(option, problem))
             else:
                 values[name] = factor * value
     if problems:
@@ -152,7 +147,7 @@ def _with_free_master(joint: UrdfJoint, robot: Robot, free: Sequence[str]) -> Ur
     """Let a joint that mimics a mimic follow the one that turns freely."""
     if joint.mimic is None or joint.kind not in _TURNING or joint.mimic.joint in free:
         return joint
-    joints = {other.name: other for other in robot.joint_of_child.values()}
+    joints = {candidate.name: candidate for candidate in robot.joint_of_child.values()}
     master, ratio, offset_rad = _master(joint.name, joints)
     if master not in free or ratio == 0.0:
         return joint
@@ -180,14 +175,16 @@ def _path(robot: Robot, root: str | None, tip: str | None) -> list[UrdfJoint]:
     ways_up = {end: _way_up(robot, end, root) for end in tips}
     ways = {end: way for end, way in ways_up.items() if way}
     if not ways:
-        what = f"no chain of joints leads from {shown(root) if root else 'a root'} to "
-        _refuse(robot, "", f"{what}{shown(tip) if tip else 'an end'}")
+        problem = (
+            f"no chain of joints leads from {shown(root) if root else 'a root'} to "
+        )
+        _refuse(robot, "", f"{problem}{shown(tip) if tip else 'an end'}")
     if len(ways) > 1:
         # Ends that only fixed joints lead to are parts of the base.
         ways = {end: way for end, way in ways.items() if _turns(way)} or ways
     if len(ways) > 1:
-        said = ", ".join(f"{end} ({_turns(way)} turning)" for end, way in ways.items())
-        _refuse(robot, "", f"holds several chains; say --tip LINK, one of: {said}")
+        ends = ", ".join(f"{end} ({_turns(way)} turning)" for end, way in ways.items())
+        _refuse(robot, "", f"holds several chains; say --tip LINK, one of: {ends}")
     return next(iter(ways.values()))
 
 
@@ -199,8 +196,8 @@ def _way_up(robot: Robot, tip: str, root: str | None) -> list[UrdfJoint] | None:
     while link != root and link in robot.joint_of_child:
         joint = robot.joint_of_child[link]
         if link in passed:
-            what = f"joint {shown(joint.name)} is in a ring; an arm is an open chain"
-            _refuse(robot, f"line {joint.line}", what)
+            problem = f"joint {shown(joint.name)} is in a ring; an arm is an open chain"
+            _refuse(robot, f"line {joint.line}", problem)
         passed.add(link)
         way.append(joint)
         link = joint.parent
@@ -214,18 +211,22 @@ def _turns(way: list[UrdfJoint]) -> int:
 def _joint_problems(joint: UrdfJoint, free: Sequence[str]) -> Iterator[Problem]:
     where = f"line {joint.line}"
     if joint.kind in _WHY_NOT:
-        what = f"joint {shown(joint.name)} is {joint.kind}: {_WHY_NOT[joint.kind]}"
+        problem = f"joint {shown(joint.name)} is {joint.kind}: {_WHY_NOT[joint.kind]}"
         hold = f"hold it by --hold-mm {joint.name}=VALUE, "
         hold = hold if joint.kind == "prismatic" else ""
-        yield Problem(where, f"{what}; {hold}make it fixed, or choose --root and --tip")
+        yield Problem(
+            where, f"{problem}; {hold}make it fixed, or choose --root and --tip"
+        )
     mimic = joint.mimic if joint.kind in _TURNING else None
     if mimic is not None and mimic.joint not in free:
-        what = (
+        problem = (
             f"joint {shown(joint.name)} mimics {shown(mimic.joint)}; expected a joint"
         )
         hold = f"or hold it by --hold-rad {joint.name}=VALUE"
         known = ", ".join(free) or "none"
-        yield Problem(where, f"{what} of the chain that turns freely: {known}; {hold}")
+        yield Problem(
+            where, f"{problem} of the chain that turns freely: {known}; {hold}"
+        )
 
 
 def _bodies(
@@ -241,5 +242,5 @@ def _bodies(
         pending += [(j.child, pose @ j.origin) for j in fixed.get(name, ())]
 
 
-def _refuse(robot: Robot, where: str, what: str) -> NoReturn:
-    raise FileError(robot.source, [Problem(where, what)])
+def _refuse(robot: Robot, where: str, problem: str) -> NoReturn:
+    raise FileError(robot.source, [Problem(where, problem)])

@@ -74,10 +74,8 @@ class Robot:
     """A robot as described.
 
     Attributes:
-        source: The file, for errors.
         links: Every link's body, if it has a mass.
         joint_of_child: What carries each link but the root.
-        doubts: What can hardly be meant, by line.
     """
 
     name: str
@@ -102,11 +100,11 @@ def read_urdf(path: Path) -> Robot:
         with open_regular(path) as file:
             content = file.read(_LARGEST_BYTES + 1)
     except OSError as error:
-        what = f"cannot be read: {error.strerror or error}; check the path"
-        raise FileError(source, what) from error
+        problem = f"cannot be read: {error.strerror or error}; check the path"
+        raise FileError(source, problem) from error
     if len(content) > _LARGEST_BYTES:
-        what = f"is larger than {_LARGEST_BYTES} bytes; a robot description is not"
-        raise FileError(source, what)
+        problem = f"is larger than {_LARGEST_BYTES} bytes; a robot description is not"
+        raise FileError(source, problem)
     root, lines = _elements(content, source)
     return _Reading(source, lines).robot(root)
 
@@ -140,8 +138,10 @@ def _elements(content: bytes, source: str) -> tuple[Element, dict[Element, int]]
         parser.Parse(content, True)
     except (expat.ExpatError, _RefusedError, ValueError, LookupError) as error:
         where = f"line {parser.CurrentLineNumber}"
-        what = str(error) if isinstance(error, _RefusedError) else f"not XML: {error}"
-        raise FileError(source, [Problem(where, what)]) from error
+        problem = (
+            str(error) if isinstance(error, _RefusedError) else f"not XML: {error}"
+        )
+        raise FileError(source, [Problem(where, problem)]) from error
     return builder.close(), lines
 
 
@@ -165,29 +165,33 @@ class _Reading:
             name = element.get("name", "")
             if ":" in element.tag:
                 if any(part.tag.split(":")[-1] == "parent" for part in element.iter()):
-                    what = "is a joint of another tool, which cannot be followed"
+                    problem = "is a joint of another tool, which cannot be followed"
                     remedy = "write it as <joint>, or take it out"
-                    self._refuse(element, f"<{element.tag}> {what}; {remedy}")
+                    self._refuse(element, f"<{element.tag}> {problem}; {remedy}")
                 continue
-            taken = {"link": links, "joint": names}.get(element.tag, ())
-            if element.tag in ("link", "joint") and (not name or name in taken):
-                what = f"{element.tag} {shown(name)}: each needs its own name"
-                self._refuse(element, what)
+            known = {"link": links, "joint": names}.get(element.tag, ())
+            if element.tag in ("link", "joint") and (not name or name in known):
+                problem = f"{element.tag} {shown(name)}: each needs its own name"
+                self._refuse(element, problem)
             if element.tag == "link":
                 links[name] = self._body(element)
             elif element.tag == "joint":
                 names.add(name)
                 joint = self._joint(element, name)
                 if joint.child in joints:
-                    other = joints[joint.child].name
-                    what = f"joints {shown(other)} and {shown(name)} both carry "
-                    self._refuse(element, f"{what}{shown(joint.child)}")
+                    first_joint = joints[joint.child].name
+                    problem = (
+                        f"joints {shown(first_joint)} and {shown(name)} both carry "
+                    )
+                    self._refuse(element, f"{problem}{shown(joint.child)}")
                 joints[joint.child] = joint
         for joint in joints.values():
             for link in (joint.parent, joint.child):
                 if link not in links:
-                    what = f"joint {shown(joint.name)}: there is no link {shown(link)}"
-                    self._problems.append(Problem(f"line {joint.line}", what))
+                    problem = (
+                        f"joint {shown(joint.name)}: there is no link {shown(link)}"
+                    )
+                    self._problems.append(Problem(f"line {joint.line}", problem))
         if self._problems:
             raise FileError(self._source, self._problems)
         name = root.get("name", "")
@@ -208,8 +212,8 @@ class _Reading:
                 continue
             for key, value in element.attrib.items():
                 if "${" in value or "$(" in value:
-                    what = f"<{element.tag}> {key} = {shown(value)} is an expression"
-                    self._refuse(element, f"{what} of xacro; {_EXPAND}")
+                    problem = f"<{element.tag}> {key} = {shown(value)} is an expression"
+                    self._refuse(element, f"{problem} of xacro; {_EXPAND}")
 
     def _joint(self, element: Element, name: str) -> UrdfJoint:
         kind = element.get("type", "")
@@ -221,8 +225,8 @@ class _Reading:
                 self._check_attributes(part)
         for tag in _KNOWN:
             if len(element.findall(tag)) > 1:
-                what = f"joint {shown(name)}: has several <{tag}>; expected one"
-                self._refuse(element, what)
+                problem = f"joint {shown(name)}: has several <{tag}>; expected one"
+                self._refuse(element, problem)
         axis_element = element.find("axis")
         axis = self._numbers(axis_element, "xyz", (1.0, 0.0, 0.0))
         if axis_element is not None and kind in _TYPES[:2] and not any(axis):
@@ -257,12 +261,12 @@ class _Reading:
         (offset_rad,) = self._numbers(element, "offset", (0.0,))
         return Mimic(element.get("joint", ""), ratio, offset_rad)
 
-    def _link_name(self, element: Element, which: str) -> str:
-        link = element.find(which)
+    def _link_name(self, element: Element, tag: str) -> str:
+        link = element.find(tag)
         name = "" if link is None else link.get("link", "")
         if not name:
             joint = shown(element.get("name", ""))
-            self._refuse(element, f'joint {joint}: has no <{which} link="...">')
+            self._refuse(element, f'joint {joint}: has no <{tag} link="...">')
         return name
 
     def _body(self, link: Element) -> Body | None:
@@ -301,8 +305,8 @@ class _Reading:
         x, y, z, w = self._numbers(origin, "quat_xyzw", (0.0, 0.0, 0.0, 1.0))
         length = float(np.linalg.norm([x, y, z, w]))
         if abs(length - 1.0) > _UNIT:
-            what = f"<origin> quat_xyzw has the length {length:.6g}; expected 1"
-            self._refuse(origin, what)
+            problem = f"<origin> quat_xyzw has the length {length:.6g}; expected 1"
+            self._refuse(origin, problem)
             return np.eye(3)
         return rotation_matrix(np.array([w, x, y, z]) / length)
 
@@ -317,12 +321,12 @@ class _Reading:
         good = len(words) == len(numbers) == len(default)
         if not good or not all(abs(number) < _LARGEST for number in numbers):
             expected = f"{counted(len(default), 'number')} below 1e6"
-            what = f"<{element.tag}> {key} = {shown(text)}: expected {expected}"
+            problem = f"<{element.tag}> {key} = {shown(text)}: expected {expected}"
             if odd := odd_characters(" ".join(words)):
-                what += f"; it has {odd}"
-            self._refuse(element, what)
+                problem += f"; it has {odd}"
+            self._refuse(element, problem)
             return default
         return numbers
 
-    def _refuse(self, element: Element, what: str) -> None:
-        self._problems.append(Problem(f"line {self._lines[element]}", what))
+    def _refuse(self, element: Element, problem: str) -> None:
+        self._problems.append(Problem(f"line {self._lines[element]}", problem))

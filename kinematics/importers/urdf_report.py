@@ -86,8 +86,8 @@ def urdf_remarks(report: Mapping[str, Any]) -> Iterator[str]:
     if report["not_in_loss"]:
         names = ", ".join(report["not_in_loss"])
         yield f"not in these figures, for want of a time or a surface: {names}"
-    for what in report["not_in_urdf"]:
-        yield f"not in the description: {what}"
+    for omission in report["not_in_urdf"]:
+        yield f"not in the description: {omission}"
 
 
 def _not_in_urdf(arm: Arm, effects: Iterable[str]) -> Iterator[str]:
@@ -116,16 +116,16 @@ class _Hinge(NamedTuple):
 
 
 def _hinges(arm: Arm, geometry: Geometry, k: int) -> Iterator[_Hinge]:
-    """What joint k is in the description: what follows another joint, what is read."""
+    """Yield the hinges that describe joint k: those that follow another, its own."""
     joint, axis, led = arm.joints[k], geometry.axes[k], _led(arm)
     # The reading of a joint that is led never changes, so it leads nothing.
     ways = [c for c in geometry.couplings if c.joint == k and c.other not in led]
-    for _, other, ratio in ways:
-        name = f"{joint.name}_by_{arm.joints[other].name}"
+    for _, master, ratio in ways:
+        name = f"{joint.name}_by_{arm.joints[master].name}"
         while any(name == urdf_joint.name for urdf_joint in arm.joints):
             name += "_"
-        offset_rad = -ratio * float(geometry.zeros_rad[other])
-        mimic = Mimic(arm.joints[other].name, ratio, offset_rad)
+        offset_rad = -ratio * float(geometry.zeros_rad[master])
+        mimic = Mimic(arm.joints[master].name, ratio, offset_rad)
         yield _Hinge(joint.name if k in led else name, axis, mimic=mimic)
     if k not in led:
         yield _Hinge(joint.name, axis, joint.zero_rad)

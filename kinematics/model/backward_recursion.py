@@ -65,7 +65,7 @@ class BackwardRecursion:
 
     def turn(self, axis: Floats, joint: int) -> None:
         """Turn about an axis (3,): w cos + (u x w) sin + u (u . w) (1 - cos)."""
-        vectors, across, other, along = (
+        vectors, across, products, along = (
             self.vectors,
             self._across,
             self._other,
@@ -74,14 +74,14 @@ class BackwardRecursion:
         u = np.concatenate((axis, axis[:2]))[:, np.newaxis]
         self._cyclic[3:] = vectors[:2]
         np.multiply(u[1:4], self._cyclic[2:5], out=across)
-        np.multiply(u[2:5], self._cyclic[1:4], out=other)
-        across -= other
+        np.multiply(u[2:5], self._cyclic[1:4], out=products)
+        across -= products
         across *= self._turns.sines[joint]
-        np.multiply(u[:3], vectors, out=other)
-        np.add(other[0], other[1], out=along)
-        along += other[2]
+        np.multiply(u[:3], vectors, out=products)
+        np.add(products[0], products[1], out=along)
+        along += products[2]
         along *= self._turns.versines[joint]
         vectors *= self._turns.cosines[joint]
         vectors += across
-        np.multiply(u[:3], along, out=other)
-        vectors += other
+        np.multiply(u[:3], along, out=products)
+        vectors += products

@@ -86,10 +86,6 @@ def turn_derivatives(
 ) -> tuple[Floats, Floats]:
     """Compute derivatives of the last body's turn from the rotations of all bodies.
 
-    Args:
-        geometry: The arm.
-        derivatives: Of some samples.
-
     Returns:
         Small turns by readings, rad/rad, (n_samples, 3, n_joints), and by axes, rad,
         (n_samples, 3, n_joints, 3), indexed as those of the ball's centre.

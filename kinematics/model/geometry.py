@@ -88,8 +88,8 @@ class Geometry:
         if not self.couplings:
             return angles_rad
         hinges_rad = np.array(angles_rad, dtype=np.float64)
-        for joint, other, ratio in self.couplings:
-            turns_rad = angles_rad[:, other] - self.zeros_rad[other]
+        for joint, master, ratio in self.couplings:
+            turns_rad = angles_rad[:, master] - self.zeros_rad[master]
             hinges_rad[:, joint] += ratio * turns_rad
         return hinges_rad
 
@@ -102,8 +102,8 @@ class Geometry:
         if not self.couplings:
             return by_hinges
         by_readings = by_hinges.copy()
-        for joint, other, ratio in self.couplings:
-            by_readings[..., other] += ratio * by_hinges[..., joint]
+        for joint, master, ratio in self.couplings:
+            by_readings[..., master] += ratio * by_hinges[..., joint]
         return by_readings
 
 
@@ -137,8 +137,8 @@ def across(
     u, and w = u x v; each (3,).
     """
     smallest = np.eye(3)[np.argmin(np.abs(axis))]
-    rest = smallest - float(smallest @ axis) * axis
-    first = rest / np.linalg.norm(rest)
+    perpendicular = smallest - float(smallest @ axis) * axis
+    first = perpendicular / np.linalg.norm(perpendicular)
     return first, np.cross(axis, first)
 
 

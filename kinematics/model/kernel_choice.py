@@ -29,20 +29,20 @@ VARIABLE = "TRAVERSE_KERNEL"
 KERNELS = ("numpy", *_RUNNABLE)
 
 
-def chosen_kernel(wanted: str | None, kernels: tuple[str, ...]) -> str:
+def chosen_kernel(requested: str | None, kernels: tuple[str, ...]) -> str:
     """Choose the last of kernels in rising order of speed, or the requested one.
 
     Raises:
         ValueError: the requested kernel does not run here.
     """
-    if not wanted:
+    if not requested:
         return kernels[-1]
-    if wanted not in kernels:
+    if requested not in kernels:
         raise ValueError(
-            f"{VARIABLE} is {wanted!r}, which does not run here; expected one of "
+            f"{VARIABLE} is {requested!r}, which does not run here; expected one of "
             f"{', '.join(kernels)}, or nothing for the fastest"
         )
-    return wanted
+    return requested
 
 
 KERNEL = chosen_kernel(os.environ.get(VARIABLE), KERNELS)

@@ -32,8 +32,8 @@ def pose_function(
 
     def coupled_pose(angles_rad: Sequence[float] | Floats) -> Pose:
         hinges_rad = [float(alpha) for alpha in angles_rad]
-        for joint, other, ratio in geometry.couplings:
-            hinges_rad[joint] += ratio * (float(angles_rad[other]) - zeros_rad[other])
+        for joint, master, ratio in geometry.couplings:
+            hinges_rad[joint] += ratio * (float(angles_rad[master]) - zeros_rad[master])
         return pose(hinges_rad)
 
     return coupled_pose

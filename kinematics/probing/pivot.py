@@ -51,8 +51,8 @@ def fit_pivot(vector_mm: Floats, centres_mm: Floats, by_vector: Floats) -> Pivot
     """
     n = len(centres_mm)
     if n < _LEAST_POSES:
-        said = counted(n, "pose")
-        raise ValueError(f"{said} in the cone, expected at least {_LEAST_POSES}")
+        n_poses = counted(n, "pose")
+        raise ValueError(f"{n_poses} in the cone, expected at least {_LEAST_POSES}")
     # Unknowns: the change of p, and the seat relative to the mean of the balls.
     mean_mm = centres_mm.mean(axis=0)
     seats = np.broadcast_to(-np.eye(3), (n, 3, 3))

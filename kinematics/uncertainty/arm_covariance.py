@@ -69,11 +69,6 @@ def parameter_columns(
     Columns of the geometry are those of the arm at the corrected readings: deflections
     change them by a relative 1e-4 at most.
 
-    Args:
-        geometry: the arm.
-        effects: of the same arm.
-        block: the samples with inputs of the effects.
-
     Returns:
         dx/dp, (n_samples, 3, n_parameters), and the derivatives that it is made of.
     """
@@ -159,13 +154,13 @@ def read_parameter_covariance(
     Raises:
         ValueError: the file is missing, damaged, or of another arm.
     """
-    given = arm.identification
-    if given is None or given.covariance_file is None:
+    reference = arm.identification
+    if reference is None or reference.covariance_file is None:
         return None
     joints = [joint.name for joint in arm.joints]
     names = parameter_names(joints, effects.parameter_names)
     covariance = read_arm_covariance(
-        path.parent / given.covariance_file, names, given.covariance_digest
+        path.parent / reference.covariance_file, names, reference.covariance_digest
     )
     places = {name: row for row, name in enumerate(names)}
     kept = parameter_names(joints, inline_effects.parameter_names)

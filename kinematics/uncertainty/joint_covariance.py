@@ -79,7 +79,6 @@ class JointCovariance:
         return joint
 
     def part(self, rows: list[int]) -> "JointCovariance":
-        """Select points."""
         return JointCovariance(
             self.points_mm[rows], self.covariances_mm2[rows], self.shared_mm[rows]
         )

@@ -208,10 +208,10 @@ _HEARTBEAT = struct.Struct("<BBBBIIIII")
 def _parse_hello(body: bytes) -> Hello | None:
     if len(body) < _HELLO.size:
         return None
-    _, request, major, minor, board_id, firmware, n_channels, *more = (
+    _, request, major, minor, board_id, firmware, n_channels, *properties = (
         _HELLO.unpack_from(body)
     )
-    n_inputs, n_temperatures, tick_rate_hz, max_rate, boot_id = more
+    n_inputs, n_temperatures, tick_rate_hz, max_rate, boot_id = properties
     described = body[_HELLO.size :]
     if len(described) != n_channels * _CHANNEL.size:
         return None
@@ -279,8 +279,8 @@ def _parse_alarm(body: bytes) -> Alarm | None:
 def _parse_heartbeat(body: bytes) -> Heartbeat | None:
     if len(body) != _HEARTBEAT.size:
         return None
-    _, state, inputs, back, *rest = _HEARTBEAT.unpack(body)
-    return Heartbeat(state == 1, inputs, back, *rest)
+    _, state, inputs, back, *counters = _HEARTBEAT.unpack(body)
+    return Heartbeat(state == 1, inputs, back, *counters)
 
 
 PARSERS: dict[int, Callable[[bytes], Message | None]] = {
@@ -375,10 +375,8 @@ def stop_request(request: int) -> bytes:
 
 
 def latch_request(request: int) -> bytes:
-    """Latch once, now."""
     return encode_frame(bytes((LATCH, request)))
 
 
 def edge_ack(seq: int) -> bytes:
-    """Acknowledge all edges up to ``seq``."""
     return encode_frame(struct.pack("<BI", EDGE_ACK, seq))

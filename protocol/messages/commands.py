@@ -278,8 +278,8 @@ class Command(Message):
     @classmethod
     def carrying(cls, args: Args, request: str, expires: Expiry | None = None) -> Self:
         """The envelope around typed arguments; what is left out stays out."""
-        given = args.model_dump(exclude_unset=True)
-        return cls(request=request, args=given, expires=expires)
+        values = args.model_dump(exclude_unset=True)
+        return cls(request=request, args=values, expires=expires)
 
 
 def _is_rotation(rows: tuple[Vector, Vector, Vector]) -> bool:

@@ -83,7 +83,7 @@ def _is_name(key: object) -> bool:
 
 
 def _is_encodable(text: str) -> bool:
-    """Whether UTF-8 can say it: a lone half of a surrogate pair it cannot."""
+    """Return whether UTF-8 can encode a text: a lone surrogate it cannot."""
     return text.isascii() or not any(
         "\ud800" <= character <= "\udfff" for character in text
     )

@@ -67,7 +67,6 @@ class PacketDecoder:
     """Finds packets in a stream of bytes; keeps less than one of them.
 
     Attributes:
-        accepted: whole packets so far.
         faults: what else arrived, by name: "broken" packets that another one cut short,
             "foreign" ones without a request, "stray" bytes outside of packets.
     """

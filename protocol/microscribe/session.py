@@ -163,8 +163,8 @@ def motion_request(framing: Framing, delay_ms: int, *, timer: bool) -> bytes:
     any_button, no_analogs = b"\x7f", bytes([0xFF] * 8)
     smallest_step = b"\x00\x01" * framing.n_encoders
     start = bytes([MOTION]) + struct.pack(">H", delay_ms)
-    asked = packet_request(timer=timer)
-    return start + asked + any_button + no_analogs + smallest_step
+    first_packet = packet_request(timer=timer)
+    return start + first_packet + any_button + no_analogs + smallest_step
 
 
 def _after_echo(command: int, data: bytes) -> bytes | None:

@@ -54,7 +54,6 @@ class TrueArm:
     """A virtual arm.
 
     Attributes:
-        mechanism: in the base posture.
         zeros_rad: (n_joints,) readings in the base posture.
         gearing: (n_joints, n_joints) turns of the hinges by those of the encoders.
         switching: the probe has a switch.
@@ -102,5 +101,7 @@ def gearing_of(arm: Arm) -> Floats:
     """Return the hinges' turns by the encoders' turns, (n_joints, n_joints)."""
     gearing = np.eye(len(arm.joints))
     for row, joint in zip(gearing, arm.joints, strict=True):
-        row[[other.name == joint.coupled_to for other in arm.joints]] = joint.ratio
+        row[[candidate.name == joint.coupled_to for candidate in arm.joints]] = (
+            joint.ratio
+        )
     return gearing

@@ -13,8 +13,8 @@ def main() -> int:
     parser.add_argument("spec", type=Path, help="specification, TOML")
     parser.add_argument("--out", type=Path, required=True, help="folder to write")
     parser.add_argument("--seed", type=int, help="in place of the specification's")
-    given = parser.parse_args()
-    return campaign_made(given.spec, given.out, given.seed)
+    arguments = parser.parse_args()
+    return campaign_made(arguments.spec, arguments.out, arguments.seed)
 
 
 if __name__ == "__main__":

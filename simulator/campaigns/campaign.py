@@ -114,7 +114,6 @@ class Truth:
     """True values that the campaign does not state; arrays are read-only.
 
     Attributes:
-        artefacts: with their true places.
         turns_rad: (n, n_joints) true turns from the base posture at the contact.
         contacts_mm: (n, 3) centre of a ball of the arm file's radius, on a stiff
             stylus: the right result of corrected readings.

@@ -50,21 +50,21 @@ def spoilt_poses(
     shifts_mm = np.zeros((poses.n_poses, 3))
     jumps_rad = np.zeros((poses.n_poses, n_joints))
     off_rad = np.zeros((poses.n_poses, 3))
-    others, oriented = _confusable(poses), oriented_poses(poses)
-    rows = rng.permutation(_spoilable(poses, noise, others))
+    confusable, oriented = _confusable(poses), oriented_poses(poses)
+    rows = rng.permutation(_spoilable(poses, noise, confusable))
     rows = rows[: round(noise.blunder_share * poses.n_poses)]
     blunders = []
     for row in np.sort(rows).tolist():
         kinds = [
             kind
             for kind in noise.blunder_kinds
-            if (kind != "label" or others[poses.artefact_index[row]])
+            if (kind != "label" or confusable[poses.artefact_index[row]])
             and (kind != "orientation" or oriented[row])
         ]
         kind: BlunderKind = kinds[int(rng.integers(len(kinds)))]
         if kind == "label":
             was = f"{artefact[row]}/{feature[row]}"
-            artefact[row], feature[row] = _mistaken(poses, row, others, rng)
+            artefact[row], feature[row] = _mistaken(poses, row, confusable, rng)
             blunders.append(Blunder(row, kind, np.nan, "", was))
             continue
         if kind == "orientation":
@@ -118,40 +118,40 @@ def _confusable(poses: PoseSet) -> list[list[tuple[int, int]]]:
     same kind.
     """
     kinds = [placed.artefact.kind for placed in poses.artefacts]
-    others = []
+    labels_of = []
     for number, placed in enumerate(poses.artefacts):
         n_features = len(placed.artefact.features)
         if n_features > 1:
-            others.append([(number, feature) for feature in range(n_features)])
+            labels_of.append([(number, feature) for feature in range(n_features)])
         else:
             alike = np.flatnonzero(np.array(kinds) == kinds[number]).tolist()
-            others.append([(other, 0) for other in alike if other != number])
-    return others
+            labels_of.append([(twin, 0) for twin in alike if twin != number])
+    return labels_of
 
 
 def _spoilable(
-    poses: PoseSet, noise: NoiseTable, others: list[list[tuple[int, int]]]
+    poses: PoseSet, noise: NoiseTable, confusable_with: list[list[tuple[int, int]]]
 ) -> Indices:
     """Return rows in which a kind of blunder is possible."""
-    confusable = np.array([bool(labels) for labels in others])
-    which = {
+    confusable = np.array([bool(labels) for labels in confusable_with])
+    is_spoilable = {
         "label": confusable[poses.artefact_index],
         "orientation": oriented_poses(poses),
     }
     everyone = np.ones(poses.n_poses, dtype=np.bool_)
-    befallen = [which.get(kind, everyone) for kind in noise.blunder_kinds]
+    befallen = [is_spoilable.get(kind, everyone) for kind in noise.blunder_kinds]
     return np.flatnonzero(np.any(befallen, axis=0))
 
 
 def _mistaken(
     poses: PoseSet,
     row: int,
-    others: list[list[tuple[int, int]]],
+    confusable: list[list[tuple[int, int]]],
     rng: np.random.Generator,
 ) -> tuple[str, str]:
     """Draw a wrong id and feature name for a row."""
     right = (int(poses.artefact_index[row]), int(poses.feature_index[row]))
-    wrong = [labels for labels in others[right[0]] if labels != right]
+    wrong = [labels for labels in confusable[right[0]] if labels != right]
     number, feature = wrong[int(rng.integers(len(wrong)))]
     artefact = poses.artefacts[number].artefact
     return artefact.id, artefact.features[feature]

@@ -125,18 +125,18 @@ class _Touching:
         """Draw contacts of some rows, in the arm's system."""
         centres_mm, towards = np.empty((len(rows), 3)), np.empty((len(rows), 3))
         for number, placed in enumerate(self.artefacts):
-            here = np.flatnonzero(self.artefact_index[rows] == number)
-            warmer_c = self.around.temperature_c[rows[here]] - REFERENCE_C
+            on_artefact = np.flatnonzero(self.artefact_index[rows] == number)
+            warmer_c = self.around.temperature_c[rows[on_artefact]] - REFERENCE_C
             contacts = placed.artefact.contacts(
                 Touches(
                     rng,
-                    self.feature_index[rows[here]],
+                    self.feature_index[rows[on_artefact]],
                     self.truth.radius_mm,
                     1.0 + placed.artefact.thermal_growth_per_c * warmer_c,
                 )
             )
-            centres_mm[here] = placed.placement.points_mm(contacts.centres_mm)
-            towards[here] = placed.placement.directions(contacts.towards)
+            centres_mm[on_artefact] = placed.placement.points_mm(contacts.centres_mm)
+            towards[on_artefact] = placed.placement.directions(contacts.towards)
         return Contacts(centres_mm, towards)
 
     def _missed(self, rows: Indices) -> str:

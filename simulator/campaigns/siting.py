@@ -45,26 +45,26 @@ def _width_mm(workspace: Workspace, rng: np.random.Generator) -> float:
     return float(min(3.0 * np.sqrt(max(thinnest_mm2, 0.0)), reach_mm))
 
 
-def refuse_misfits(spec: CampaignSpec, arm: Arm, *others: Problem) -> None:
+def refuse_misfits(spec: CampaignSpec, arm: Arm, *more_problems: Problem) -> None:
     """Refuse a specification that does not fit an arm.
 
     Raises:
         FileError: lists all problems.
     """
-    if problems := [*_misfits(spec, arm), *others]:
+    if problems := [*_misfits(spec, arm), *more_problems]:
         raise FileError("campaign specification", problems)
 
 
 def _misfits(spec: CampaignSpec, arm: Arm) -> Iterator[Problem]:
     yield from spec_problems(spec.model_dump(exclude_unset=True))
     joints = [joint.name for joint in arm.joints]
-    for key, given in (
+    for key, entries in (
         ("limits_rad", spec.limits_rad),
         ("noise.encoders_rad", spec.noise.encoders_rad),
     ):
-        if given is not None and len(given) != len(joints):
+        if entries is not None and len(entries) != len(joints):
             message = (
-                f"has {counted(len(given), 'entry')}; the arm has "
+                f"has {counted(len(entries), 'entry')}; the arm has "
                 f"{counted(len(joints), 'joint')}, "
                 f"{', '.join(joints)}; give one for each"
             )

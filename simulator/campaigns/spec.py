@@ -34,8 +34,8 @@ def mix_artefacts(name: str, n_poses: int, width_mm: float) -> tuple[Artefact, .
     Artefacts without poses are left out.
     """
     makers = MIXES[name]
-    share, rest = divmod(n_poses, len(makers))
-    counts = [share + (number < rest) for number in range(len(makers))]
+    share, remainder = divmod(n_poses, len(makers))
+    counts = [share + (number < remainder) for number in range(len(makers))]
     made = zip(makers.items(), counts, strict=True)
     return tuple(maker(id_, count, width_mm) for (id_, maker), count in made if count)
 

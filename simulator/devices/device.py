@@ -24,17 +24,15 @@ from traverse.simulator.scenario.wiring import CountSource, ScriptClock, Wiring
 
 @dataclass(frozen=True, slots=True)
 class DeviceContext:
-    """What a device receives besides its table.
+    """Inputs of a device besides its table.
 
     Attributes:
         folder: base of relative paths in its table.
         encoders: wired to it, by channel.
-        script: events of its inputs.
         clock: of the script; a device calls `clock.begin(time_s)` with its first
             reading.
         faults: that concern it and that its kind plays.
         seed: of everything that this device draws.
-        climate: of its temperature sensors.
     """
 
     folder: Path

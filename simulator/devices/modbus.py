@@ -125,19 +125,19 @@ class SimulatedModbusLine(SerialDevice):
             return 9 + self._frame[6] if len(self._frame) > 6 else 9
         return 8
 
-    def _obey(self, channel: int, asked: bytes, at_s: float) -> bytes:
-        function = asked[0]
-        first, value = (int.from_bytes(asked[i : i + 2], "big") for i in (1, 3))
+    def _obey(self, channel: int, request: bytes, at_s: float) -> bytes:
+        function = request[0]
+        first, value = (int.from_bytes(request[i : i + 2], "big") for i in (1, 3))
         if function in {READ_HOLDING, READ_INPUT}:
             return self._read(channel, function, first, value, at_s)
         if function == WRITE_ONE:
             self._write(channel, first, [value], at_s)
-            return asked
-        data = asked[6:]
+            return request
+        data = request[6:]
         if function == WRITE_MANY and len(data) == 2 * value:
             words = [int.from_bytes(data[i : i + 2]) for i in range(0, len(data), 2)]
             self._write(channel, first, words, at_s)
-            return asked[:5]
+            return request[:5]
         known = function == WRITE_MANY
         return bytes((function | 0x80, NO_VALUE if known else NO_FUNCTION))
 
@@ -169,9 +169,9 @@ class SimulatedModbusLine(SerialDevice):
         table = self._table
         if first == table.position_register and len(words) == table.words:
             ordered = words if table.word_order == "high" else words[::-1]
-            wanted = int.from_bytes(b"".join(w.to_bytes(2, "big") for w in ordered))
+            preset = int.from_bytes(b"".join(w.to_bytes(2, "big") for w in ordered))
             count, _ = self.latch(channel, at_s)
-            self._zeros[channel] = count - wanted
+            self._zeros[channel] = count - preset
             return
         for number, word in enumerate(words, start=first):
             self._written[channel, number] = word

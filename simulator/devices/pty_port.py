@@ -31,14 +31,14 @@ class PtyPort:
         self._make()
 
     def _make(self) -> None:
-        self.descriptor, other = os.openpty()
+        self.descriptor, device_side = os.openpty()
         try:
-            tty.setraw(other)
+            tty.setraw(device_side)
             os.set_blocking(self.descriptor, False)
-            self._target = os.ttyname(other)
+            self._target = os.ttyname(device_side)
             _link(self.path, self._target)
         finally:
-            os.close(other)
+            os.close(device_side)
         self._poll = select.poll()
         self._poll.register(self.descriptor, select.POLLIN)
         # While no host holds the other end the descriptor is always ready, to report
@@ -62,7 +62,6 @@ class PtyPort:
 
     @property
     def held(self) -> bool:
-        """Whether a host had the other end open at the last check."""
         return self._held
 
     def readers(self) -> list[int]:
@@ -99,7 +98,7 @@ class PtyPort:
         cannot change that, and makes a new one for the symlink.
         """
         try:
-            other = os.open(self._target, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            descriptor = os.open(self._target, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         except OSError:
             worn, watched = self.descriptor, self._changes
             self._make()
@@ -107,8 +106,8 @@ class PtyPort:
             os.close(worn)
             return
         with contextlib.suppress(OSError):
-            fcntl.ioctl(other, termios.TIOCNXCL)
-        os.close(other)
+            fcntl.ioctl(descriptor, termios.TIOCNXCL)
+        os.close(descriptor)
         self._changes.poll(0)  # of our own opening and closing
 
     def read(self) -> bytes:

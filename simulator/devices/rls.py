@@ -111,10 +111,10 @@ class SimulatedRls(SerialDevice):
             self._answer(line, byte, at_s)
 
     def _set(self, port: _Port, at_s: float) -> None:
-        wanted = ARGUMENTS.get(port.setting[0])
-        if wanted is None:
+        n_arguments = ARGUMENTS.get(port.setting[0])
+        if n_arguments is None:
             self.n_rejected += 1
-        elif len(port.setting) < 1 + wanted:
+        elif len(port.setting) < 1 + n_arguments:
             return
         elif port.setting[0] == ord("T"):
             port.request = port.setting[2]

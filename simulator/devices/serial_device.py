@@ -68,7 +68,7 @@ class SerialDevice(SimulatedDevice):
         """Process a byte of a line, whose last bit arrived at an instant."""
 
     def advance(self, to_s: float) -> None:
-        """Do what is due by itself until an instant, in order of time."""
+        """Do all that is due until an instant, in order of time."""
         del to_s  # most devices speak when they are spoken to
 
     def own_due_s(self) -> float:

@@ -43,7 +43,6 @@ class DisturbedLine:
 
     Attributes:
         faults: of the line, and `silent` ones.
-        counts: of disturbances so far.
     """
 
     faults: tuple[Fault, ...]

@@ -183,8 +183,8 @@ def knocked_base(entry: EffectEntry, posture: Posture, yielding: Deflection) -> 
 def _across(vectors: Floats, units: Floats) -> Floats:
     """Return components of vectors (n, 3) across units (n, 3)."""
     along = np.einsum("ni,ni->n", vectors, units)
-    rest: Floats = vectors - along[:, None] * units
-    return rest
+    perpendicular: Floats = vectors - along[:, None] * units
+    return perpendicular
 
 
 def larger_ball(entry: EffectEntry, touch: Touch) -> Floats:

@@ -75,11 +75,11 @@ def _articulation(
     """
     u = np.linspace(0.0, 1.0, N_KNOTS)
     fractions = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-    reach, here = stage.reach, stage.posture_rad
+    reach, start_rad = stage.reach, stage.posture_rad
     low, high = reach.limits_rad.T
-    wished = reach.rng.uniform(low, high, (N_TRIES, len(here)))
+    wished = reach.rng.uniform(low, high, (N_TRIES, len(start_rad)))
     pull = reach.rng.uniform(0.3, 1.0, (N_TRIES, 1))
-    starts = np.tile(here, (N_TRIES, 1))
+    starts = np.tile(start_rad, (N_TRIES, 1))
     targets_rad = starts + fractions[:, None, None] * (pull * (wished - starts))
     ways = reach.nearest(starts, targets_rad, np.tile(seat_mm, (N_TRIES, 1)))
     centres_mm, shanks = probe_pose(reach.mechanism, ways[-1])
@@ -87,7 +87,7 @@ def _articulation(
     good &= shanks @ shank >= np.cos(stage.operator.tilt_rad)
     good &= np.all((ways >= low) & (ways <= high), axis=(0, 2))
     good &= np.max(np.abs(np.diff(ways, axis=0)), axis=(0, 2)) < LONGEST_STEP_RAD
-    lengths = np.linalg.norm(ways[-1] - here, axis=1) * good
+    lengths = np.linalg.norm(ways[-1] - start_rad, axis=1) * good
     for best in np.argsort(-lengths):
         if lengths[best] < SHORTEST_RAD:
             break

@@ -84,13 +84,13 @@ class CourseBuilder:
 
         Without a free way the direct one is taken: surfaces are not solid here.
         """
-        limits, here = self.reach.limits_rad, self.posture_rad
+        limits, start_rad = self.reach.limits_rad, self.posture_rad
         duration_s = self.operator.move_s
-        if not self._is_free(here, posture_rad, is_clear):
+        if not self._is_free(start_rad, posture_rad, is_clear):
             for _ in range(N_DETOURS):
-                bend = self.reach.rng.uniform(-0.8, 0.8, len(here))
-                past = np.clip(0.5 * (here + posture_rad) + bend, *limits.T)
-                if self._is_free(here, past, is_clear) and self._is_free(
+                bend = self.reach.rng.uniform(-0.8, 0.8, len(start_rad))
+                past = np.clip(0.5 * (start_rad + posture_rad) + bend, *limits.T)
+                if self._is_free(start_rad, past, is_clear) and self._is_free(
                     past, posture_rad, is_clear
                 ):
                     duration_s *= 0.5

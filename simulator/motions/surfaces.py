@@ -18,15 +18,15 @@ from traverse.simulator.motions.touching import (
 
 def crossed(normal: Floats) -> tuple[Floats, Floats]:
     """Return two unit vectors that span the plane across a unit vector (3,)."""
-    other = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    first = other - (other @ normal) * normal
+    least_aligned = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    first = least_aligned - (least_aligned @ normal) * normal
     first /= np.linalg.norm(first)
     return first, np.cross(normal, first)
 
 
 def unit(vector: tuple[float, float, float]) -> Floats:
-    whole = np.array(vector, dtype=np.float64)
-    direction: Floats = whole / np.linalg.norm(whole)
+    components = np.array(vector, dtype=np.float64)
+    direction: Floats = components / np.linalg.norm(components)
     return direction
 
 
@@ -159,10 +159,12 @@ class Sweep(Motion):
         swept = stage.reach.path(posture[0], centres_mm)
         approach = hard_approach(stage)
         away_mm = approach.distances_mm[::-1, None]
-        come = stage.reach.path(swept[0], centres_mm[0] + away_mm * normals[0])[::-1]
+        approach_path = stage.reach.path(
+            swept[0], centres_mm[0] + away_mm * normals[0]
+        )[::-1]
         leave = stage.reach.path(swept[-1], centres_mm[-1] + away_mm * normals[-1])
-        stage.move(come[0], stage.operator.move_s)
-        stage.follow(come, approach.times_s)
+        stage.move(approach_path[0], stage.operator.move_s)
+        stage.follow(approach_path, approach.times_s)
         stage.events.append(contact.change(stage.time_s, "button", 1))
         stage.follow(swept, length_mm / self.speed_mm_s * u)
         last = Contact(self.artefact, "", surfaces_mm[-1], normals[-1])

@@ -112,10 +112,10 @@ def _touch_with_switch(
 def hard_approach(stage: CourseBuilder) -> Approach:
     """Stop exactly in contact, with least jerk."""
     u = np.linspace(0.0, 1.0, N_APPROACH_KNOTS)
-    come = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    share = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
     return Approach(
         stage.operator.approach_s * u,
-        stage.operator.clearance_mm * (1.0 - come),
+        stage.operator.clearance_mm * (1.0 - share),
         N_APPROACH_KNOTS - 1,
     )
 

@@ -75,15 +75,15 @@ def contact_directions(script: Script) -> ContactDirections:
     nexts = (*script.events[1:], None)
     for event, next_ in zip(script.events, nexts[: len(script.events)], strict=True):
         end_s = script.duration_s if next_ is None else next_.time_s
-        here = _towards(event)
+        direction = _towards(event)
         before_s = min(HOLD_S, SHARE * (event.time_s - knots_s[-1]))
         knots_s += [event.time_s - before_s, event.time_s]
-        towards += [here, here]
-        if next_ is not None and np.array_equal(here, _towards(next_)):
+        towards += [direction, direction]
+        if next_ is not None and np.array_equal(direction, _towards(next_)):
             continue
         after_s = min(HOLD_S, SHARE * (end_s - event.time_s))
         knots_s += [event.time_s + after_s, 0.5 * (event.time_s + end_s)]
-        towards += [here, np.zeros(3)]
+        towards += [direction, np.zeros(3)]
     return ContactDirections(
         np.array(knots_s),
         np.array(towards),

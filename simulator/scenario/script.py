@@ -54,8 +54,8 @@ class Script:
         """Return signs of the last motion, (n, n_joints): -1, +1, or 0 before any."""
         senses = self.trajectory.senses(self._in_loop_s(times_s))
         if self.repeat:
-            again = (times_s >= self.duration_s)[:, None] & (senses == 0.0)
-            senses = np.where(again, self.trajectory.last_senses, senses)
+            is_repeated = (times_s >= self.duration_s)[:, None] & (senses == 0.0)
+            senses = np.where(is_repeated, self.trajectory.last_senses, senses)
         return senses
 
     def _in_loop_s(self, times_s: Floats) -> Floats:

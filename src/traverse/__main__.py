@@ -9,10 +9,10 @@ INTERRUPTED = 130
 
 
 def _open_standard_streams() -> None:
-    """Give the descriptors 0 to 2 something to be, where a program was begun without.
+    """Open descriptors 0 to 2 where a program was started without them.
 
-    Else the next file that is opened is "standard error", and a crash is written into
-    it: a database, say.
+    Otherwise the next opened file, a database say, becomes "standard error", and a
+    crash is written into it.
     """
     for number in range(3):
         try:

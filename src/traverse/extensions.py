@@ -1,4 +1,4 @@
-"""What other packages add to Traverse, by entry points of their metadata.
+"""Additions of other packages to Traverse, by entry points of their metadata.
 
 A package is imported when something of it is used, not before. Names that Traverse has
 itself come first: no package can take them.
@@ -21,7 +21,7 @@ Kind = TypeVar("Kind")
 
 
 class BrokenExtensionError(ValueError):
-    """What a package offers cannot be used; states which package, and why."""
+    """An offer of a package cannot be used; states which package, and why."""
 
 
 @cache
@@ -48,9 +48,9 @@ def load_extension(group: str, name: str, kind: type[Kind]) -> Kind:
         KeyError: no package offers it.
         BrokenExtensionError: it cannot be imported, or is something else.
     """
-    entry, *others = offered_extensions(group)[name]
-    if others:
-        packages = ", ".join(package_of(each) for each in (entry, *others))
+    entry, *rivals = offered_extensions(group)[name]
+    if rivals:
+        packages = ", ".join(package_of(each) for each in (entry, *rivals))
         raise BrokenExtensionError(
             f"{name!r} ({group}) is offered by several packages: {packages}; "
             "remove all but one"

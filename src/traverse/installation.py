@@ -52,9 +52,9 @@ _NOT_IN_DEBIAN = {
 PACKAGED = "/usr/lib/traverse"
 
 
-def missing(what: str, library: str, extra: str) -> str:
-    """Say what needs a library that is not installed, and what to do."""
-    return f"{what} needs {library}, which is not installed; {remedy(extra)}"
+def missing(feature: str, library: str, extra: str) -> str:
+    """Say that a feature needs a library that is not installed, and how to get it."""
+    return f"{feature} needs {library}, which is not installed; {remedy(extra)}"
 
 
 def remedy(extra: str) -> str:

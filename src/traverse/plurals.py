@@ -13,9 +13,9 @@ def counted(count: float, noun: str, verb: str = "") -> str:
     """
     number = f"{count:g}" if isinstance(count, float) else str(count)
     if count == 1:
-        said = _SINGULAR.get(verb, f"{verb}s") if verb else ""
+        verb_form = _SINGULAR.get(verb, f"{verb}s") if verb else ""
     else:
         is_soft = noun.endswith(("ch", "sh", "s", "x"))
         noun = f"{noun[:-1]}ies" if noun.endswith("ry") else noun + "es"[not is_soft :]
-        said = verb
-    return f"{number} {noun} {said}".rstrip()
+        verb_form = verb
+    return f"{number} {noun} {verb_form}".rstrip()

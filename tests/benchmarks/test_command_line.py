@@ -1,5 +1,3 @@
-"""Arguments of programs in benchmarks/ and deploy/."""
-
 import ast
 import subprocess
 import sys
@@ -13,7 +11,6 @@ READERS = ("run_main", "argparse", "typer", "Program")
 
 
 def programs():
-    """Files with a `__main__` block."""
     for folder in ("benchmarks", "deploy"):
         for path in sorted((CHECKOUT / folder).rglob("*.py")):
             if '__name__ == "__main__"' in path.read_text("utf-8"):
@@ -53,8 +50,8 @@ def test_help_is_no_file_to_write(tmp_path):
 def test_parameters_are_arguments(monkeypatch, words, seen):
     calls = []
 
-    async def main(seconds: float = 1.5, file: str | None = None, *more: int) -> int:
-        calls.append((seconds, file, more))
+    async def main(seconds: float = 1.5, file: str | None = None, *numbers: int) -> int:
+        calls.append((seconds, file, numbers))
         return 3
 
     monkeypatch.setattr(sys, "argv", ["program", *words])

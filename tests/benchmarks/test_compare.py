@@ -22,10 +22,10 @@ def written(folder, *, point_us=2000.0, ours_s=1e-6):
     """A run with one table, one rate of points and one stream."""
     benchmarks = [
         {
-            "metadata": {"table": "one pose", "who": who, "peer": peer},
+            "metadata": {"table": "one pose", "who": measured, "peer": peer},
             "runs": [{"values": [seconds, 1.1 * seconds, 0.9 * seconds]}],
         }
-        for who, peer, seconds in (
+        for measured, peer, seconds in (
             ("ours", 0, ours_s),
             ("slower", 0, 9e-6),
             ("theirs", 1, 4e-6),
@@ -147,13 +147,13 @@ def test_what_is_not_comparable_is_not_worse(tmp_path):
     ],
 )
 def test_only_the_same_machine_gives_a_status(tmp_path, cpu, status, word):
-    kept, here = tmp_path / "kept.json", machine()
+    kept, this_machine = tmp_path / "kept.json", machine()
     compare = [sys.executable, "-m", "benchmarks.tools.compare", str(tmp_path)]
     compare += ["--kept", str(kept)]
     written(tmp_path)
     run_program(*compare, "--keep", cwd=CHECKOUT)
     stored = json.loads(kept.read_text())
-    assert stored["machine"] == here
+    assert stored["machine"] == this_machine
     if cpu == "other":
         stored["machine"]["cpu"] = "another one"
         kept.write_text(json.dumps(stored))

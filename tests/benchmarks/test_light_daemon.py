@@ -1,5 +1,3 @@
-"""What a daemon imports: nothing that only other commands need."""
-
 import sys
 
 from tests.running import run_program

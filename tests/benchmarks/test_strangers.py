@@ -1,5 +1,3 @@
-"""Sets in the forms of their owners, simulated here with known true values."""
-
 import csv
 from dataclasses import replace
 
@@ -57,19 +55,19 @@ def test_both_ways_find_the_arm_again(folder):
     (measured,) = read_sets(folder)
     assert measured.is_kept.sum() == 10
     arm = read_arm(folder / "arm.toml")
-    _, given = nominal_and_campaign(measured)
+    _, campaign = nominal_and_campaign(measured)
     tool = plain.fitted(plain.chain_of(arm), measured, tool_only=True)
     rival = plain.fitted(tool, measured)
     tool_mm, plainly_mm = (
         plain.held_out_mm(chain.places_mm(measured.angles_rad), measured)
         for chain in (tool, rival)
     )
-    ours_mm = distances_mm(measured, identify(given, arm).arm)
+    ours_mm = distances_mm(measured, identify(campaign, arm).arm)
     assert tool_mm.mean() > 10 * NOISE_MM
     for found_mm in (plainly_mm, ours_mm):
         assert found_mm.mean() < 3 * NOISE_MM
     # With the tool alone fitted the two ways agree on how far off the arm is.
-    held = placed(given, arm, with_tool=True).arm
+    held = placed(campaign, arm, with_tool=True).arm
     assert distances_mm(measured, held).mean() == pytest.approx(
         tool_mm.mean(), rel=0.02
     )

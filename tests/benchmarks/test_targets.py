@@ -1,5 +1,3 @@
-"""Targets of benchmarks, proofs and packages run, and leave the checkout as it was."""
-
 import contextlib
 import os
 import re
@@ -85,11 +83,7 @@ def test_target_runs_in_a_tiny_size(target, tmp_path):
     # Not a part of the make that may run this; under pytest the page does not start.
     outer = ("MAKE", "PYTEST_")
     inherited = {k: v for k, v in os.environ.items() if not k.startswith(outer)}
-    options = (
-        "TINY=1",
-        f"BUILD={tmp_path}",
-        f"DIST={tmp_path}",
-    )
+    options = ("TINY=1", f"BUILD={tmp_path}", f"DIST={tmp_path}")
     with subprocess.Popen(
         ["make", target, *options],
         cwd=CHECKOUT,

@@ -88,8 +88,6 @@ async def _no_task() -> AsyncIterator[None]:
 
 
 class OpenPage(Protocol):
-    """Serve the page of an arm, and open it."""
-
     def __call__(
         self, arm: str, broker: str, **options: Any
     ) -> contextlib.AbstractAsyncContextManager[Page]:
@@ -112,7 +110,6 @@ class ServePage(Protocol):
 
 @pytest.fixture
 def served_page(chromium: Browser, tmp_path: Path) -> OpenPage:
-    """Serves the page of an arm, and opens it."""
     return partial(_served_page, chromium, tmp_path)
 
 
@@ -228,7 +225,6 @@ class PosedDaemon(VirtualDaemon):
                 await cancel_tasks([sending])
 
     async def touch(self, *xyz_mm: float, **fields: Any) -> Point:
-        """Take a point there."""
         made = self._next_point()
         fine = {"quality": Quality(ok=True, flags=()), "xyz_mm": xyz_mm}
         changes = {"time_ns": time.time_ns(), "part_xyz_mm": None, **fine, **fields}

@@ -1,5 +1,3 @@
-"""The page without findings of axe-core, in both themes, also while it measures."""
-
 from pathlib import Path
 from typing import Any
 

@@ -20,7 +20,6 @@ FINE = {"quality": {"ok": True, "flags": []}}
 
 
 async def is_said(page: Page, word: str, level: str) -> None:
-    """The banner says this, in the class of this level."""
     await expect(page.locator(".word")).to_have_text(word)
     await expect(page.locator("header")).to_have_class(re.compile(rf"\b{level}\b"))
 
@@ -33,13 +32,11 @@ async def invites_as_the_banner(page: Page) -> None:
 
 
 async def n_played(page: Page, kind: str) -> int:
-    """So many sounds of a kind have been played."""
     script = "kind => traverse_sounds.played.filter(k => k === kind).length"
     return int(await page.evaluate(script, kind))
 
 
 def block(n: int, seq: int, **changes: object) -> Scan:
-    """A block of a scan of n points."""
     fields = {name: getattr(SCAN, name) for name in Scan.model_fields}
     del fields["schema_"]
     joints = fields["angles_rad"].shape[1]
@@ -141,8 +138,8 @@ async def test_nothing_is_green_when_broker_or_arm_is_gone(
             await expect(page.get_by_role("button", name=name)).to_be_disabled()
         await expect(page.get_by_text("Out of date:", exact=True)).to_be_visible()
         await expect(page.get_by_text("have been: out of date")).to_be_visible()
-        for gone in (".state.good", ".sectors rect.here", ".message .point"):
-            await expect(page.locator(gone)).to_have_count(0)
+        for removed in (".state.good", ".sectors rect.here", ".message .point"):
+            await expect(page.locator(removed)).to_have_count(0)
         await expect(page.get_by_text("connected", exact=True)).to_have_count(0)
         assert await n_played(page, "alarm") == 1
 

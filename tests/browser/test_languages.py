@@ -24,10 +24,7 @@ async def test_a_german_browser_shows_a_german_page_without_english_rests(
     posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:
     posed.pose["xyz_mm"] = [13.0, 24.0, 30.0]
-    async with (
-        posed.posing(),
-        served_page(posed.arm, address, locale="de-DE") as page,
-    ):
+    async with posed.posing(), served_page(posed.arm, address, locale="de-DE") as page:
         await expect(page.locator("header .word")).to_have_text("Bereit")
         await expect(page.locator("header .said .sentence")).to_have_text(
             "Bereit zum Messen."

@@ -1,5 +1,3 @@
-"""Points, coordinates, sessions, checks and settings on the page."""
-
 import re
 
 import pytest
@@ -26,13 +24,11 @@ pytestmark = [
 
 
 def rows(page: Page) -> Locator:
-    """Rows of the list of points."""
     seventh = page.locator("td:nth-child(7)")
     return page.locator("table.plain tbody tr", has=seventh)
 
 
 async def are_shown(page: Page, n: int) -> None:
-    """So many points are in the list and in the view."""
     await expect(rows(page)).to_have_count(n)
     await page.wait_for_function(
         "n => traverse_scene.points.size === n", arg=n, polling=100
@@ -40,7 +36,7 @@ async def are_shown(page: Page, n: int) -> None:
 
 
 async def cells(page: Page, row: int) -> list[str]:
-    """What is in a row of the list of points."""
+    """Cells of a row of the list of points."""
     return await rows(page).nth(row).locator("td").all_inner_texts()
 
 
@@ -156,8 +152,8 @@ async def test_differences_to_the_last_point_and_to_a_nominal_place_and_spacings
                 await expect(status).to_contain_text("-1 is no spacing")
         await expect(spacing).to_have_text("Scan: each 0.250 mm")
         await page.keyboard.press("s")
-        wanted = ScanArgs(action="start", mode="distance", spacing_mm=0.25)
-        await until(lambda: posed.commands[-1] == wanted, "a scan with a spacing")
+        expected = ScanArgs(action="start", mode="distance", spacing_mm=0.25)
+        await until(lambda: posed.commands[-1] == expected, "a scan with a spacing")
 
 
 async def test_read_out_and_list_are_in_one_system_and_unit(
@@ -284,5 +280,5 @@ async def test_a_guided_check_has_a_verdict_and_refuses_another_seat(
         # The command follows what is shown.
         last = LabelArgs(artefact="bar", feature="left")
         await until(lambda: posed.commands[-1] == last, "the label is as before")
-    said = [args for args in posed.commands if isinstance(args, LabelArgs)]
-    assert said == [last, LabelArgs(artefact="check", feature="articulation"), last]
+    labels = [args for args in posed.commands if isinstance(args, LabelArgs)]
+    assert labels == [last, LabelArgs(artefact="check", feature="articulation"), last]

@@ -16,7 +16,6 @@ pytestmark = [
 
 
 async def sounds(scene: Scene, kind: str) -> None:
-    """Wait until a sound has been played."""
     await scene.page.wait_for_function(
         "kind => traverse_sounds.played.includes(kind)", arg=kind, polling=100
     )
@@ -101,11 +100,11 @@ async def test_points_are_labelled_and_saved_and_nobody_needs_a_mouse(
         await page.keyboard.press("Tab")
         script = "document.activeElement.ariaLabel || document.activeElement.innerText"
         names.append(str(await page.evaluate(script)).split("\n")[0].lower())
-    for wanted in (
+    for expected in (
         *("take point", "undo 3", "start scan", "top", "save points as csv"),
         *("circle", "distance", "open the report sheet"),
     ):
-        assert wanted in names, names
+        assert expected in names, names
     unnamed = await page.evaluate(
         "[...document.querySelectorAll('button')]"
         ".filter(b => !(b.innerText || b.ariaLabel || '').trim()).length"

@@ -43,8 +43,8 @@ async def touch_all(posed: PosedDaemon, points: list[Point], shared) -> None:
                 *("counts", "probe_radius_mm", "model", "label"),
             )
         }
-        taken = await posed.touch(*point.xyz_mm, **fields)
-        posed.shared_mm[taken.id] = shared[point.id].tolist()
+        touched = await posed.touch(*point.xyz_mm, **fields)
+        posed.shared_mm[touched.id] = shared[point.id].tolist()
 
 
 @pytest.mark.slow
@@ -153,14 +153,13 @@ async def test_touches_can_be_left_out_moved_and_undone(
 
 
 async def relate(page: Page, kind: str, *names: str) -> None:
-    """Relate two features by the buttons."""
     button = page.locator(".relations").get_by_role("button", name=kind)
     await button.click()
     dialog = page.get_by_role("dialog")
-    for which, name in zip(("First", "Second"), names, strict=True):
-        await expect(dialog).to_contain_text(which)
+    for ordinal, name in zip(("First", "Second"), names, strict=True):
+        await expect(dialog).to_contain_text(ordinal)
         await dialog.get_by_role("button", name=name, exact=True).click()
-        await expect(dialog.get_by_text(f"{kind}: {which}")).to_have_count(0)
+        await expect(dialog.get_by_text(f"{kind}: {ordinal}")).to_have_count(0)
 
 
 async def conditions(page: Page, *values: str) -> None:
@@ -177,7 +176,6 @@ async def conditions(page: Page, *values: str) -> None:
 async def tolerance(
     page: Page, name: str, figure: str, limits: tuple[float, float, float]
 ) -> None:
-    """Give a figure a tolerance."""
     row = page.locator(".part .feature", has_text=name)
     await expect(row).to_contain_text("±")
     await row.click()

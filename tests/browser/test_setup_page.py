@@ -1,5 +1,3 @@
-"""`traverse setup`, from nothing to an arm file with its encoders, in Chromium."""
-
 import asyncio
 import contextlib
 from functools import partial
@@ -29,7 +27,6 @@ TABLE = b"name,a_mm,d_mm,alpha_deg\nJ1,0,120,90\nJ2,250,0,0\nJ3,0,0,90\nJ4,0,220
 
 @contextlib.asynccontextmanager
 async def setup_page(browser, folder):
-    """Serve the page for a folder, and open it."""
     errors, port = [], free_port()
     where = [str(folder / "traverse.toml"), "--port", str(port)]
     with Program(folder, f"setup-{port}", "setup", *where) as server:
@@ -88,7 +85,6 @@ async def choose(page, place, label, option):
 
 
 async def set_broker(page, broker):
-    """Try the broker, and set it."""
     form = section(page, 4)
     await form.get_by_label("port").fill(str(broker.port))
     await form.get_by_label("host").fill(HOST)

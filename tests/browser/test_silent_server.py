@@ -1,5 +1,3 @@
-"""The browser knows by itself that the server is silent; no press is forgotten."""
-
 import re
 import signal
 

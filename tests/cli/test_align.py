@@ -1,5 +1,3 @@
-"""`traverse align` from files to files, and to a daemon."""
-
 import asyncio
 import json
 import threading
@@ -71,14 +69,14 @@ def lines(path, places, arm="bench-7"):
         )
         for n, place in enumerate(places.tolist())
     ]
-    gone = messages[-1].model_copy(
+    undone = messages[-1].model_copy(
         update={"id": "wrong", "seq": 99, "xyz_mm": (0.0, 0.0, 0.0)}
     )
-    taken_back = gone.retraction(
-        seq=100, point_id="back", trigger="command", time_ns=gone.time_ns
+    taken_back = undone.retraction(
+        seq=100, point_id="back", trigger="command", time_ns=undone.time_ns
     )
     path.write_bytes(
-        b"\n".join(encode(m, "json") for m in [*messages, gone, taken_back])
+        b"\n".join(encode(m, "json") for m in [*messages, undone, taken_back])
     )
     return path
 
@@ -104,8 +102,8 @@ def test_a_table_is_aligned_and_everything_written(files, tmp_path):
     Page(page).check_is_self_contained()
     assert page.count("data:image/png") == 2
     assert "Quality" in page
-    again = align(points, "--nominal", nominal, "--std", 0.01, "--json").stdout
-    assert json.loads(again)["alignment"] == values["alignment"]
+    repeated = align(points, "--nominal", nominal, "--std", 0.01, "--json").stdout
+    assert json.loads(repeated)["alignment"] == values["alignment"]
 
 
 def test_points_bring_covariances_names_and_arm(files, tmp_path):
@@ -136,7 +134,7 @@ def test_points_that_determine_nothing_are_refused(files, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         (
             ["--method", "worst-fit"],
@@ -150,14 +148,14 @@ def test_points_that_determine_nothing_are_refused(files, tmp_path):
         (["--coordinates", "surface"], "surface_x_mm"),
     ],
 )
-def test_options_that_cannot_be_are_refused(files, words, said):
-    assert said in align(files[0], "--nominal", files[1], *words, status=2).output
+def test_options_that_cannot_be_are_refused(files, words, expected):
+    assert expected in align(files[0], "--nominal", files[1], *words, status=2).output
 
 
 def test_a_volume_is_all_that_the_arm_reaches(files):
     arm = "cli/demo_data/arm.toml"
-    given = ["--arm", arm, "--volume", "reach", "--std", 0.01, "--json"]
-    values = json.loads(align(files[0], "--nominal", files[1], *given).stdout)
+    options = ["--arm", arm, "--volume", "reach", "--std", 0.01, "--json"]
+    values = json.loads(align(files[0], "--nominal", files[1], *options).stdout)
     volume = values["quality"]["volume"]
     assert volume["kind"] == "ball"
     assert values["quality"]["index"]["max"] > values["quality"]["index"]["rms"]
@@ -174,20 +172,22 @@ def test_a_leapfrog_onto_an_alignment_leads_to_the_part(files, tmp_path):
     second = table(
         tmp_path / "second.csv", measured(moved, seed=2, places=measured(seed=1))
     )
-    given = ["--nominal", points, "--method", "leapfrog", "--std", 0.01]
-    second_alone = json.loads(align(second, *given, "--json").stdout)
+    options = ["--nominal", points, "--method", "leapfrog", "--std", 0.01]
+    second_alone = json.loads(align(second, *options, "--json").stdout)
     np.testing.assert_allclose(
         second_alone["alignment"]["rotation"], moved.rotation, atol=1e-4
     )
-    both = json.loads(align(second, *given, "--onto", out, "--json").stdout)
-    whole = TRUE.after(moved)
-    np.testing.assert_allclose(both["alignment"]["rotation"], whole.rotation, atol=1e-4)
+    combined = json.loads(align(second, *options, "--onto", out, "--json").stdout)
+    true = TRUE.after(moved)
     np.testing.assert_allclose(
-        both["alignment"]["translation_mm"], whole.translation_mm, atol=0.1
+        combined["alignment"]["rotation"], true.rotation, atol=1e-4
     )
-    assert both["alignment"]["name"] == "part"
+    np.testing.assert_allclose(
+        combined["alignment"]["translation_mm"], true.translation_mm, atol=0.1
+    )
+    assert combined["alignment"]["name"] == "part"
     first = json.loads((out / "alignment.json").read_text())
-    pairs = zip(both["covariance"]["std"], first["covariance"]["std"], strict=True)
+    pairs = zip(combined["covariance"]["std"], first["covariance"]["std"], strict=True)
     assert all(a > b for a, b in pairs)
 
 
@@ -217,8 +217,8 @@ def test_a_file_is_sent_later_or_at_once(files, tmp_path, mosquitto):
     try:
         align(out, *to)
         assert aligned() == [expected]
-        given = ["--nominal", nominal, "--std", 0.01, "--name", "part"]
-        align(points, *given, *to)
+        options = ["--nominal", nominal, "--std", 0.01, "--name", "part"]
+        align(points, *options, *to)
         assert aligned() == [expected, expected]
         # Nothing that failed a test is sent.
         align(points, "--nominal", nominal, "--std", 0.0001, *to, status=1)
@@ -265,8 +265,8 @@ def test_plane_line_and_point_of_a_table(tmp_path):
     points = tmp_path / "points.csv"
     points.write_text("\n".join(rows) + "\n")
     out = tmp_path / "out"
-    given = ["--method", "3-2-1", "--std", 0.02, "-o", out]
-    text = align(points, "--nominal", nominal, *given).stdout
+    options = ["--method", "3-2-1", "--std", 0.02, "-o", out]
+    text = align(points, "--nominal", nominal, *options).stdout
     assert "left: residual +0.0000 +0.0000 +0.0000 mm; no error" in text
     values = json.loads((out / "alignment.json").read_text())
     np.testing.assert_allclose(
@@ -275,8 +275,8 @@ def test_plane_line_and_point_of_a_table(tmp_path):
     assert values["alignment"]["name"] == "bracket"
     assert [f["redundancy"] for f in values["features"]] == [1, 1, 0]
     assert "Errors in the volume" in (out / "alignment.html").read_text()
-    wanted = ["--nominal", nominal, "--method", "3-2-1", "--scale"]
-    assert "--scale" in align(points, *wanted, status=2).output
+    expected = ["--nominal", nominal, "--method", "3-2-1", "--scale"]
+    assert "--scale" in align(points, *expected, status=2).output
 
 
 def test_a_campaign_is_a_source_and_spheres_touched_all_around_are_no_points(tmp_path):
@@ -284,14 +284,14 @@ def test_a_campaign_is_a_source_and_spheres_touched_all_around_are_no_points(tmp
     folder = tmp_path / "campaign"
     poses = acceptance_poses(arm, "asme-b89.4.22", seed=1)
     write_campaign(folder, drawn_acceptance(poses, seed=1), arm)
-    given = [folder, "--nominal", folder, "--method", "leapfrog", "--std", 0.02]
-    given += ["--arm", folder / "arm.toml", "--json"]
-    values = json.loads(align(*given).stdout)
+    arguments = [folder, "--nominal", folder, "--method", "leapfrog", "--std", 0.02]
+    arguments += ["--arm", folder / "arm.toml", "--json"]
+    values = json.loads(align(*arguments).stdout)
     np.testing.assert_allclose(values["alignment"]["rotation"], np.eye(3), atol=1e-12)
     flags = {flag["code"]: flag["text"] for flag in values["flags"]}
     assert "diameter/1 (14" in flags["scattered_touches"]
     assert values["arm"] == arm.name
-    align(*given[:-3], status=2)
+    align(*arguments[:-3], status=2)
 
 
 @pytest.fixture(scope="module")
@@ -340,9 +340,14 @@ def shared_errors(path, arm, angles_rad):
 
 
 def test_errors_of_the_arm_are_common_to_its_points(same_arm):
-    given = [same_arm / "points.jsonl", "--nominal", same_arm / "nominal.csv", "--json"]
-    apart = json.loads(align(*given).stdout)
-    together = json.loads(align(*given, "--arm", same_arm / "arm.toml").stdout)
+    arguments = [
+        same_arm / "points.jsonl",
+        "--nominal",
+        same_arm / "nominal.csv",
+        "--json",
+    ]
+    apart = json.loads(align(*arguments).stdout)
+    together = json.loads(align(*arguments, "--arm", same_arm / "arm.toml").stdout)
     assert any(
         "as each point's own: the arm file is not" in r for r in apart["remarks"]
     )
@@ -361,16 +366,21 @@ def test_points_of_another_arm_file_share_nothing_and_it_is_told(same_arm, tmp_p
     text = (same_arm / "arm.toml").read_text()
     (tmp_path / "arm.toml").write_text(text.replace("220.0", "220.5", 1))
     assert (tmp_path / "arm.toml").read_text() != text
-    given = [same_arm / "points.jsonl", "--nominal", same_arm / "nominal.csv", "--json"]
-    values = json.loads(align(*given, "--arm", tmp_path / "arm.toml").stdout)
+    arguments = [
+        same_arm / "points.jsonl",
+        "--nominal",
+        same_arm / "nominal.csv",
+        "--json",
+    ]
+    values = json.loads(align(*arguments, "--arm", tmp_path / "arm.toml").stdout)
     assert any("were not taken with" in remark for remark in values["remarks"])
 
 
 def test_a_leapfrog_of_one_arm_knows_what_both_stations_share(same_arm):
     points = same_arm / "points.jsonl"
-    given = [points, "--nominal", points, "--method", "leapfrog", "--json"]
-    apart = json.loads(align(*given).stdout)
-    together = json.loads(align(*given, "--arm", same_arm / "arm.toml").stdout)
+    arguments = [points, "--nominal", points, "--method", "leapfrog", "--json"]
+    apart = json.loads(align(*arguments).stdout)
+    together = json.loads(align(*arguments, "--arm", same_arm / "arm.toml").stdout)
     # The same postures again: what the arm is off is off in both.
     assert np.sum(np.square(together["covariance"]["std"][:3])) == pytest.approx(
         2.0 * 3.0 * 0.01**2 / 6.0, rel=0.02
@@ -383,11 +393,11 @@ def test_a_campaign_with_noise_states_its_errors(same_arm, tmp_path):
     folder = tmp_path / "campaign"
     poses = acceptance_poses(arm, "vdi2617-9", seed=1, noise=NoiseTable())
     write_campaign(folder, drawn_acceptance(poses, seed=1), arm)
-    given = [folder, "--nominal", folder, "--method", "leapfrog", "--json"]
-    values = json.loads(align(*given, "--arm", same_arm / "arm.toml").stdout)
+    arguments = [folder, "--nominal", folder, "--method", "leapfrog", "--json"]
+    values = json.loads(align(*arguments, "--arm", same_arm / "arm.toml").stdout)
     assert values["errors_stated"]
     text = (folder / "campaign.toml").read_text()
     (folder / "campaign.toml").write_text(text.replace("encoder_rad", "# encoder_rad"))
-    values = json.loads(align(*given, "--arm", same_arm / "arm.toml").stdout)
+    values = json.loads(align(*arguments, "--arm", same_arm / "arm.toml").stdout)
     assert not values["errors_stated"]
     assert any("no errors stated: campaign.toml" in r for r in values["remarks"])

@@ -1,5 +1,3 @@
-"""`traverse certify` and `verify --check`, as the how-to page has them."""
-
 import json
 import re
 import shlex
@@ -97,14 +95,14 @@ def test_results_are_signed_and_checked_as_the_page_says(at_desk: Path) -> None:
 def test_wishes_that_do_not_go_together_are_refused(at_desk: Path) -> None:
     run("verify acceptance --standard vdi2617-9 --arm design.toml --out unlimited", 1)
     base = "certify unlimited --laboratory laboratory.toml"
-    for more, message in (
+    for options, message in (
         ("--key laboratory.key", "--key and --certificate belong together"),
         ("--campaign campaign", "--campaign and --arm belong together"),
         ("--key laboratory.pem --certificate laboratory.pem", "is no private key"),
         ("--key laboratory.key --certificate laboratory.key", "is no X.509"),
         ("--schemas acceptance", "is no schema that can be used"),
     ):
-        assert message in run(f"{base} {more}", 2).output
+        assert message in run(f"{base} {options}", 2).output
     message = run("verify --check unlimited --trust laboratory.pem", 2).output
     assert "has no dcc.xml; `traverse certify` signs" in message
     message = run("certify acceptance --laboratory laboratory.toml", 2).output

@@ -1,5 +1,3 @@
-"""`traverse check`: prints the kind of a file and all its errors."""
-
 import json
 from pathlib import Path
 
@@ -7,6 +5,7 @@ import pytest
 from click.testing import Result
 
 import traverse.cli
+from tests.campaign_texts import ONE_CONE
 from tests.running import invoke
 
 DATA = Path(traverse.cli.__file__).parent / "demo_data"
@@ -31,7 +30,6 @@ z_mm = 0.0
 
 
 def check(text: str | bytes, folder: Path, *options: str, status: int = 0) -> Result:
-    """Check a file with some content."""
     path = folder / "checked.toml"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     (folder / "arm.toml").write_text((DATA / "arm.toml").read_text("utf-8"), "utf-8")
@@ -51,10 +49,10 @@ def check(text: str | bytes, folder: Path, *options: str, status: int = 0) -> Re
 def test_good_files_are_reported_by_what_they_are(
     text: str, kind: str, tmp_path: Path
 ) -> None:
-    said = check(text, tmp_path)
-    assert said.stderr == ""
+    result = check(text, tmp_path)
+    assert result.stderr == ""
     name = kind.replace("'s", "")
-    assert said.stdout.endswith(f"checked.toml: valid {name}\n")
+    assert result.stdout.endswith(f"checked.toml: valid {name}\n")
     report = json.loads(check(text, tmp_path, "--json").stdout)
     assert report == {
         "file": str(tmp_path / "checked.toml"),
@@ -76,16 +74,16 @@ def test_all_mistakes_of_an_arm_file_are_reported_at_once(tmp_path: Path) -> Non
         "joints[1].zero_rad",
         "joints[2].name",
     }
-    said = check(text, tmp_path, status=2)
-    assert said.stdout == ""
-    assert all(f"  {where}: " in said.stderr for where in expected)
+    result = check(text, tmp_path, status=2)
+    assert result.stdout == ""
+    assert all(f"  {where}: " in result.stderr for where in expected)
     report = json.loads(check(text, tmp_path, "--json", status=2).stdout)
     assert {problem["where"] for problem in report["problems"]} == expected
     assert all(problem["message"] for problem in report["problems"])
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         (b"\xff\xfe", "UTF-8"),
         ("a = ", "line 1"),
@@ -97,9 +95,9 @@ def test_all_mistakes_of_an_arm_file_are_reported_at_once(tmp_path: Path) -> Non
     ],
 )
 def test_a_bad_file_is_refused_as_what_it_was_meant_to_be(
-    text: str | bytes, said: str, tmp_path: Path
+    text: str | bytes, expected: str, tmp_path: Path
 ) -> None:
-    assert said in check(text, tmp_path, status=2).stderr
+    assert expected in check(text, tmp_path, status=2).stderr
     report = json.loads(check(text, tmp_path, "--json", status=2).stdout)
     assert report["problems"]
 
@@ -112,9 +110,9 @@ def test_a_configuration_is_checked_with_the_files_that_it_names(
     )
     stop = '[[quality.end_stops]]\njoint = "J9"\nlow_rad = -1.0\nhigh_rad = 1.0\n'
     (tmp_path / "probes.toml").write_text(PROBES.replace("3.0", "-3.0"))
-    said = check(text + stop, tmp_path, status=2)
-    assert "probes.toml: 1 problem\n  probes[0].radius_mm: -3.0" in said.stderr
-    assert "quality.end_stops[0].joint: 'J9' is no joint of the arm" in said.stderr
+    result = check(text + stop, tmp_path, status=2)
+    assert "probes.toml: 1 problem\n  probes[0].radius_mm: -3.0" in result.stderr
+    assert "quality.end_stops[0].joint: 'J9' is no joint of the arm" in result.stderr
     report = json.loads(check(text + stop, tmp_path, "--json", status=2).stdout)
     files = {Path(problem["file"]).name for problem in report["problems"]}
     assert files == {"probes.toml", "checked.toml"}
@@ -126,23 +124,16 @@ def test_what_cannot_be_read_is_refused(name: str, tmp_path: Path) -> None:
     assert "cannot be read" in result.stderr
 
 
-CAMPAIGN = """\
-schema = "traverse/campaign/1"
-poses = "poses.csv"
-[[artefacts]]
-id = "seat"
-kind = "cone"
-"""
 POSES = "time_s,artefact,feature,J1_rad,J2_rad\n0.0,seat,,0.1,0.2\n1.0,seat,,0.3,0.4\n"
 
 
 def test_a_campaign_is_checked_with_its_poses(tmp_path: Path) -> None:
-    (tmp_path / "campaign.toml").write_text(CAMPAIGN)
+    (tmp_path / "campaign.toml").write_text(ONE_CONE)
     (tmp_path / "poses.csv").write_text(POSES)
-    said = invoke("check", tmp_path)
-    assert said.stderr == ""
-    assert said.stdout.endswith("campaign.toml: valid campaign\n")
+    result = invoke("check", tmp_path)
+    assert result.stderr == ""
+    assert result.stdout.endswith("campaign.toml: valid campaign\n")
     (tmp_path / "poses.csv").write_text(POSES.replace("1.0,seat", "1.0,seet"))
-    said = invoke("check", tmp_path / "campaign.toml", status=2)
-    assert "poses.csv" in said.stderr
-    assert "line 3: unknown artefact 'seet'; did you mean 'seat'?" in said.stderr
+    result = invoke("check", tmp_path / "campaign.toml", status=2)
+    assert "poses.csv" in result.stderr
+    assert "line 3: unknown artefact 'seet'; did you mean 'seat'?" in result.stderr

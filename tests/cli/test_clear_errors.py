@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import traverse.cli
+from tests.campaign_texts import ONE_CONE
 from tests.running import invoke, run_program, run_traverse
 from traverse.strict_toml.files import lock_alone
 
@@ -21,13 +22,6 @@ id = "base"
 driver = "latch-board"
 port = "nowhere"
 """
-CAMPAIGN = """\
-schema = "traverse/campaign/1"
-poses = "poses.csv"
-[[artefacts]]
-id = "seat"
-kind = "cone"
-"""
 
 
 @pytest.fixture
@@ -35,8 +29,8 @@ def folder(tmp_path: Path) -> Path:
     shutil.copy(ARM, tmp_path / "arm.toml")
     (tmp_path / "daemon.toml").write_text(DAEMON)
     (tmp_path / "campaign").mkdir()
-    (tmp_path / "campaign" / "campaign.toml").write_text(CAMPAIGN)
-    (tmp_path / "wire.toml").write_text(CAMPAIGN.replace("cone", "draw_wire"))
+    (tmp_path / "campaign" / "campaign.toml").write_text(ONE_CONE)
+    (tmp_path / "wire.toml").write_text(ONE_CONE.replace("cone", "draw_wire"))
     (tmp_path / "empty").touch()
     (tmp_path / "there.csv").write_text("mine")
     (tmp_path / "there.mcap").write_text("mine")
@@ -101,10 +95,10 @@ def test_a_mistake_is_named(
 ) -> None:
     monkeypatch.chdir(folder)
     result = invoke(*words.split(), status=status)
-    said = result.stdout + result.stderr
-    assert expected in said
-    assert "Errno" not in said
-    assert "Traceback" not in said
+    output = result.stdout + result.stderr
+    assert expected in output
+    assert "Errno" not in output
+    assert "Traceback" not in output
     # Whatever was there still is.
     assert (folder / "arm.toml").read_bytes() == ARM.read_bytes()
     assert {(folder / f"there.{kind}").read_text() for kind in ("csv", "mcap")} == {

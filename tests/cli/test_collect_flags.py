@@ -1,5 +1,3 @@
-"""Points with flags: which a collection takes, and what it says of the others."""
-
 from pathlib import Path
 
 import pytest

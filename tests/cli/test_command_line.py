@@ -1,5 +1,3 @@
-"""The command line as a whole: help, version, exit statuses of misuse."""
-
 import sys
 from importlib.metadata import version
 
@@ -11,14 +9,14 @@ from traverse.kinematics.model.kernel_choice import KERNEL
 COMMANDS = ("demo", "run", "simulate", "watch", "check")
 
 
-def said(*arguments: str) -> tuple[int, str]:
+def output_of(*arguments: str) -> tuple[int, str]:
     """Exit status and words, line breaks and frames of the terminal left out."""
     result = invoke(*arguments, env={"COLUMNS": "300"}, status=None)
     return result.exit_code, " ".join(result.output.replace("│", " ").split())
 
 
 def test_version_says_which_kernel_computes() -> None:
-    status, text = said("--version")
+    status, text = output_of("--version")
     assert status == 0
     assert text == f"traverse {version('traverse-cmm')} (kernel: {KERNEL})"
 
@@ -30,7 +28,7 @@ def test_the_module_is_the_command() -> None:
 
 
 def test_help_names_every_command() -> None:
-    status, text = said("--help")
+    status, text = output_of("--help")
     assert status == 0
     assert all(f" {command} " in text for command in COMMANDS)
 
@@ -49,7 +47,7 @@ def test_help_lists_units_and_exit_statuses(
     command: str, words: tuple[str, ...]
 ) -> None:
     for option in ("--help", "-h"):
-        status, text = said(*command.split(), option)
+        status, text = output_of(*command.split(), option)
         assert status == 0
         assert [word for word in words if word not in text] == []
 
@@ -71,4 +69,4 @@ def test_help_lists_units_and_exit_statuses(
     ],
 )
 def test_misuse_is_refused_with_status_2(arguments: tuple[str, ...]) -> None:
-    assert said(*arguments)[0] == 2
+    assert output_of(*arguments)[0] == 2

@@ -1,8 +1,5 @@
-"""`traverse daily-check` from folders of checks; the guided one is in end_to_end."""
-
 import json
 from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,10 +28,10 @@ def campaign(folder, *, day, scatter_mm=0.01, missing=0):
     ways = rng.normal(size=(9, 3))
     ways /= np.linalg.norm(ways, axis=1)[:, np.newaxis]
     tip_mm = arm.probe.radius_mm
-    wanted = [("cone", side, np.zeros(3)) for side in 5 * ["left"] + 5 * ["right"]]
-    wanted += [("sphere", "", (RADIUS_MM + tip_mm) * way) for way in ways]
+    expected = [("cone", side, np.zeros(3)) for side in 5 * ["left"] + 5 * ["right"]]
+    expected += [("sphere", "", (RADIUS_MM + tip_mm) * way) for way in ways]
     lines = ["time_s,artefact,feature," + ",".join(f"{n}_rad" for n in names)]
-    for row, (artefact, feature, offset_mm) in enumerate(wanted[missing:]):
+    for row, (artefact, feature, offset_mm) in enumerate(expected[missing:]):
         target_mm = start_mm + offset_mm + rng.normal(0, scatter_mm, 3)
         posture = angles.copy()
         for _ in range(8):
@@ -75,8 +72,8 @@ def test_checks_go_into_the_history_and_a_bad_one_is_found(run, tmp_path):
     # sigma 0.01 mm an axis: 2 s is 2 sqrt(3) times that.
     assert by_key["spat_2s_mm"] == pytest.approx(0.035, rel=0.5)
     assert abs(by_key["sphere_diameter_mm"]) < 0.03
-    again = run("--campaign", folder)
-    assert "counted before" in again.stderr
+    repeated = run("--campaign", folder)
+    assert "counted before" in repeated.stderr
     bad = campaign(tmp_path / "bad", day=7, scatter_mm=0.5)
     result = run("--campaign", bad, "--out", tmp_path / "charts", status=1)
     assert "OUT OF CONTROL" in result.output
@@ -117,17 +114,3 @@ def test_a_history_that_is_a_folder_is_refused_with_what_is_expected(tmp_path):
     words = ["daily-check", "--arm", str(ARM), "--history", str(tmp_path), "--show"]
     done = invoke(*words, status=2)
     assert f"{tmp_path}: is not a file; expected the SQLite file" in done.stderr
-
-
-def test_its_former_name_does_the_same(tmp_path: Path) -> None:
-    words = (
-        "--arm",
-        tmp_path / "no-arm.toml",
-        "--history",
-        tmp_path / "h.db",
-        "--show",
-    )
-    answers = [
-        invoke(name, *words, status=2).output for name in ("daily-check", "interim")
-    ]
-    assert answers[0].replace("daily-check", "interim") == answers[1]

@@ -1,5 +1,3 @@
-"""The demonstration's judgement, on points with results known by construction."""
-
 import tomllib
 from pathlib import Path
 
@@ -57,10 +55,10 @@ def test_a_perfect_arm_on_a_long_bar_shows_the_bars_deviation() -> None:
     measured = Round()
     for seq, expected in enumerate(expected_points()):
         assert measured.rounds == 0
-        taken = point(seq, measured_centre_mm(expected, rng))
-        said = measured.add_point(taken, taken.time_ns + 7_000_000)
-        assert said == expected
-        measured.add_point(taken, taken.time_ns + 9_000_000)  # delivered again
+        touch = point(seq, measured_centre_mm(expected, rng))
+        answer = measured.add_point(touch, touch.time_ns + 7_000_000)
+        assert answer == expected
+        measured.add_point(touch, touch.time_ns + 9_000_000)  # delivered again
     assert measured.rounds == 1
     text = "\n".join(measured.summary())
     assert "measured 1 round, 48 points" in text

@@ -1,5 +1,3 @@
-"""`traverse diagnose`: exit statuses, files, what it says where; run as a program."""
-
 import json
 import os
 import pty
@@ -65,11 +63,11 @@ def diagnosed(campaign_folder: Path) -> Path:
 
 
 def test_the_effect_is_named_written_and_told(diagnosed: Path) -> None:
-    said = (diagnosed / "said").read_text("utf-8").splitlines()
-    assert said[0].endswith("verdict: named")
-    assert said[1] == "state: good"
-    assert said[2].startswith("Missing effect: encoder eccentricity, joint J3 (")
-    assert said[-1].startswith("wrote out: arm.toml, arm.cov.npz, diagnosis.json")
+    lines = (diagnosed / "said").read_text("utf-8").splitlines()
+    assert lines[0].endswith("verdict: named")
+    assert lines[1] == "state: good"
+    assert lines[2].startswith("Missing effect: encoder eccentricity, joint J3 (")
+    assert lines[-1].startswith("wrote out: arm.toml, arm.cov.npz, diagnosis.json")
     (effect,) = read_arm(diagnosed / "out" / "arm.toml").effects
     assert (effect.kind, effect.joint) == ("encoder_eccentricity", "J3")
     assert read_arm(diagnosed / "arm.toml").effects == ()
@@ -92,11 +90,11 @@ def test_accepted_in_place_as_json_and_strict(diagnosed: Path, tmp_path: Path) -
         *("--accept", "--json", "--strict"),
         status=1,
     )
-    said = json.loads(ran.stdout)
+    document = json.loads(ran.stdout)
     first = json.loads((diagnosed / "out" / "diagnosis.json").read_text("utf-8"))
-    for values in (said, first):
+    for values in (document, first):
         assert values.pop("provenance")["campaign"]["name"] == "campaign"
-    assert said == first
+    assert document == first
     accepted = read_arm(tmp_path / "arm.toml")
     assert accepted == read_arm(tmp_path / "out" / "arm.toml")
     assert accepted.identification is not None

@@ -1,5 +1,3 @@
-"""`traverse features` from points and a plan to figures and a report sheet."""
-
 import csv
 import json
 

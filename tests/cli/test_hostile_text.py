@@ -1,5 +1,3 @@
-"""Texts from outside forge no line, move no cursor and are no formula anywhere."""
-
 import csv
 import io
 import json
@@ -94,9 +92,9 @@ def test_the_terminal_view_has_no_escape_sequence(text):
 @pytest.mark.parametrize("form", [PlainLines, JsonLines])
 def test_an_entry_of_the_log_cannot_begin_another(text, form):
     record = logging.makeLogRecord({"msg": "said %s", "args": (text,)})
-    first, *others = form().format(record).split("\n")
-    assert all(line.isprintable() for line in (first, *others))
-    assert all(line.startswith(" ") for line in others)
+    first, *following = form().format(record).split("\n")
+    assert all(line.isprintable() for line in (first, *following))
+    assert all(line.startswith(" ") for line in following)
     if form is JsonLines:
         assert json.loads(first)["message"] == f"said {text}"
 

@@ -64,7 +64,6 @@ class Conversation:
         )
 
     def event(self, *kinds):
-        """Read until an event of a kind."""
         for line in self._process.stdout:
             event = json.loads(line)
             if event["event"] in kinds:
@@ -89,7 +88,6 @@ def board(tmp_path):
 
 
 def turn(conversation, board, counts):
-    """Turn some channels, and press Enter."""
     conversation.event("turn")
     board.do(*(f"count {channel} {count}" for channel, count in counts.items()))
     conversation.enter()
@@ -107,16 +105,16 @@ def test_each_joint_is_found_by_turning_it_and_written(board, tmp_path):
     # Backwards over its wrap, by a little less than requested.
     finding = turn(conversation, board, {2: 2**BITS - quarter + 50_000})
     assert (finding["source"], finding["sign"]) == ("board/2", -1)
-    both = turn(conversation, board, {0: quarter, 1: quarter})
-    assert "more than one joint was turned: board/0, board/1" in both["reason"]
+    refusal = turn(conversation, board, {0: quarter, 1: quarter})
+    assert "more than one joint was turned: board/0, board/1" in refusal["reason"]
     finding = turn(conversation, board, {1: quarter + quarter})
     assert (finding["source"], finding["sign"], finding["counts_per_turn"]) == (
         "board/1",
         1,
         2**BITS,
     )
-    again = turn(conversation, board, {2: 0})
-    assert "board/2 is J1's encoder already" in again["reason"]
+    repeated = turn(conversation, board, {2: 0})
+    assert "board/2 is J1's encoder already" in repeated["reason"]
     finding = turn(conversation, board, {0: 0})
     assert (finding["source"], finding["sign"]) == ("board/0", -1)
     status, events = conversation.end()

@@ -71,8 +71,7 @@ ELSEWHERE = {
     "extensions": "tests/test_extensions.py",
     "features": "tests/cli/test_features.py",
     **dict.fromkeys(
-        ("amt21 scan", "amt21 zero", "amt21 reset"),
-        "tests/cli/devices/test_amt21.py",
+        ("amt21 scan", "amt21 zero", "amt21 reset"), "tests/cli/devices/test_amt21.py"
     ),
 }
 """Commands that want a device or daemon, or take seconds: their tests read the JSON."""
@@ -87,7 +86,6 @@ NOMINAL = "name,x_mm,y_mm,z_mm\nA,0,0,0\nB,800,0,0\nC,0,500,0\nD,0,0,90\n"
 
 
 def commands() -> Iterator[tuple[str, Any]]:
-    """Every command with its name, those of groups included; no old names."""
     waiting = [("", typer.main.get_command(app))]
     while waiting:
         name, command = waiting.pop()
@@ -95,8 +93,7 @@ def commands() -> Iterator[tuple[str, Any]]:
             yield name, command
             continue
         for word, below in command.commands.items():
-            if not below.hidden:
-                waiting.append((f"{name} {word}".strip(), below))
+            waiting.append((f"{name} {word}".strip(), below))
 
 
 def has_json(command: Any) -> bool:
@@ -148,8 +145,8 @@ OFFICE = {
 REFUSED = {"check table.csv": 2}
 
 
-def said(line: str, status: int = 0) -> Any:
-    """What a command prints with `--json`, which is one document and no more."""
+def document_of(line: str, status: int = 0) -> Any:
+    """Parse a command's output with `--json`: one document and no more."""
     ran = invoke(*line.split(), "--json", status=status)
     return json.loads(ran.stdout)
 
@@ -159,7 +156,7 @@ def test_a_command_on_files_prints_one_document(
     line: str, desk: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(desk)
-    assert said(line, REFUSED.get(line, 0))
+    assert document_of(line, REFUSED.get(line, 0))
 
 
 def test_points_of_an_outbox_are_a_document_a_line(desk: Path) -> None:

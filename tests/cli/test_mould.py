@@ -1,5 +1,3 @@
-"""Commands of one mould: options of one name are alike."""
-
 import re
 from pathlib import Path
 
@@ -59,8 +57,10 @@ def test_run_takes_its_configuration_behind_config_too() -> None:
     ],
 )
 def test_what_is_not_there_is_said_before_anything_else(words: tuple[str, ...]) -> None:
-    said = invoke(*words, status=2).stderr
-    assert "NOTHERE: cannot be read: No such file or directory; check the path" in said
+    output = invoke(*words, status=2).stderr
+    assert (
+        "NOTHERE: cannot be read: No such file or directory; check the path" in output
+    )
 
 
 def test_help_shows_the_help_of_a_command() -> None:

@@ -1,5 +1,3 @@
-"""`traverse predict`, and `traverse identify --holdout`; run as programs."""
-
 import csv
 import json
 import shutil
@@ -18,7 +16,6 @@ N_POSES = 120
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A campaign, its design, and results of most of its poses."""
     folder = tmp_path_factory.mktemp("predicted")
     write_simulated(folder, "cones+bar", N_POSES)
     ran = run_identify(
@@ -35,14 +32,14 @@ def predicted(folder: Path, *arguments: str) -> Any:
 
 
 def test_poses_kept_aside_are_predicted_before_and_after(folder: Path) -> None:
-    said = json.loads((folder / "out" / "identification.json").read_text("utf-8"))
-    holdout = said["holdout"]
+    document = json.loads((folder / "out" / "identification.json").read_text("utf-8"))
+    holdout = document["holdout"]
     before, after = (holdout["distance_mm"][of] for of in ("before", "after"))
     assert (holdout["by"], holdout["seed"]) == ("time", 2)
     assert before["n"] == after["n"]
     assert 0.25 * N_POSES <= after["n"] <= 0.35 * N_POSES
-    n_used = sum(entry["n"] for entry in said["artefacts"].values())
-    assert n_used + after["n"] + len(said["excluded"]) == N_POSES
+    n_used = sum(entry["n"] for entry in document["artefacts"].values())
+    assert n_used + after["n"] + len(document["excluded"]) == N_POSES
     assert after["mean_mm"] < 0.03
     assert before["mean_mm"] > 0.1
     text = (folder / "said").read_text("utf-8")
@@ -52,11 +49,11 @@ def test_poses_kept_aside_are_predicted_before_and_after(folder: Path) -> None:
 
 def test_whole_artefacts_can_be_kept_aside(folder: Path) -> None:
     arguments = ("--holdout", "0.3", "--holdout-by", "artefact", "--json")
-    said = said_json(
+    document = said_json(
         run_identify(folder, "campaign", "--arm", "arm.toml", "--out", "a", *arguments)
     )
-    kept_aside = said["holdout"]["artefacts"]
-    assert not set(kept_aside) & set(said["artefacts"])
+    kept_aside = document["holdout"]["artefacts"]
+    assert not set(kept_aside) & set(document["artefacts"])
     assert {entry["placed_by"] for entry in kept_aside.values()} == {"itself"}
 
 

@@ -1,5 +1,3 @@
-"""`traverse probe pivot`: the vector found, compared, confirmed and written."""
-
 import json
 import shutil
 
@@ -57,9 +55,9 @@ def library(folder, vector=VECTOR_MM):
     return path
 
 
-def run(bench, *options, said=None, status=0):
+def run(bench, *options, typed=None, status=0):
     base = ["probe", "pivot", str(bench), "--arm", str(bench / "arm.toml")]
-    return invoke(*base, *options, input=said, status=status)
+    return invoke(*base, *options, input=typed, status=status)
 
 
 def test_the_vector_is_found_within_its_uncertainty(bench):

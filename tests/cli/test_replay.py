@@ -1,5 +1,3 @@
-"""`traverse replay` and `traverse record` where there is nothing to replay or ask."""
-
 import json
 
 import pytest

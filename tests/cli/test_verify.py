@@ -1,5 +1,3 @@
-"""`traverse verify` as a user runs it."""
-
 import json
 import re
 import shutil
@@ -41,7 +39,6 @@ def run(*arguments, status=0):
 
 @pytest.fixture(scope="module")
 def campaigns(tmp_path_factory):
-    """A campaign of every standard."""
     folder, arm = tmp_path_factory.mktemp("acceptance"), read_arm(ARM)
     for standard in ("iso10360-12", "asme-b89.4.22", "vdi2617-9"):
         poses = acceptance_poses(arm, standard, 1, noise=NOISE)
@@ -125,7 +122,7 @@ def test_without_what_a_verdict_rests_on_there_are_figures_only(campaigns, tmp_p
     assert {figure["verdict"] for figure in values["figures"]} == {"withheld"}
     absent = {entry["code"]: entry for entry in values["statements"]["absent"]}
     assert list(absent) == [
-        *("arm_serial_number", "humidity", "certificate_holds", "expansion"),
+        *("arm_serial_number", "humidity", "certificate_holds", "expansion")
     ]
     assert absent["certificate_holds"]["names"] == ["sphere KS 25", "points L 1700"]
     missing = "Missing: serial number of the arm (serial_number of arm.toml)."
@@ -146,13 +143,13 @@ def test_what_a_verdict_needs_is_asked_for_before_anything_is_touched(tmp_path):
     campaign = out / "campaign.toml"
     campaign.write_text(campaign.read_text().replace("EXAMPLE", "K"))
     ran = run(out, "--standard", "vdi2617-9", "--arm", ARM, status=2)
-    for asked in (
+    for option in (
         "a verdict lacks serial number of the arm: give serial_number of arm.toml",
         "a verdict lacks last day of validity of ball bar K bar 1: give "
         "valid_until in [[artefacts]] of campaign.toml",
         "a verdict lacks coefficient of expansion of ball bar K bar 1: give material",
     ):
-        assert asked in ran.output
+        assert option in ran.output
     assert "humidity" not in ran.output  # of an interim check it is not required
 
 
@@ -180,18 +177,18 @@ def test_as_found_as_left_and_the_previous_certificate(campaigns, tmp_path):
     )
     values = json.loads((out / "certificate.json").read_text())
     (figure,) = values["figures"]
-    (as_found,), (then,) = (
-        values[what]["figures"] for what in ("as_found", "previous")
+    (as_found,), (in_previous,) = (
+        values[section]["figures"] for section in ("as_found", "previous")
     )
-    assert as_found["value_mm"] == then["value_mm"] == of_found["value_mm"]
-    assert abs(figure["value_mm"]) < 0.03 < abs(then["value_mm"])
-    change_mm = abs(figure["value_mm"]) - abs(then["value_mm"])
-    assert then["change_mm"] == pytest.approx(change_mm)
+    assert as_found["value_mm"] == in_previous["value_mm"] == of_found["value_mm"]
+    assert abs(figure["value_mm"]) < 0.03 < abs(in_previous["value_mm"])
+    change_mm = abs(figure["value_mm"]) - abs(in_previous["value_mm"])
+    assert in_previous["change_mm"] == pytest.approx(change_mm)
     expanded_mm = np.hypot(
         figure["expanded_with_arm_mm"], of_found["expanded_with_arm_mm"]
     )
-    assert then["expanded_change_mm"] == pytest.approx(expanded_mm)
-    assert then["changed"] == (abs(change_mm) > expanded_mm)
+    assert in_previous["expanded_change_mm"] == pytest.approx(expanded_mm)
+    assert in_previous["changed"] == (abs(change_mm) > expanded_mm)
     assert f"as found: {of_found['value_mm']:+.4f} mm, as left" in ran.output
     assert "As found, as left, and before" in (out / "certificate.html").read_text()
     run("--check", out)
@@ -262,8 +259,8 @@ def test_a_plan_is_a_campaign_that_can_be_collected(standard, tmp_path):
     (out / "campaign.toml").write_text(text.replace("EXAMPLE", "K"))
     ran = run(out, "--standard", standard, "--arm", ARM, status=2)
     assert "poses.csv" in ran.output
-    again = run("--plan", standard, "--arm", ARM, "--out", out, status=2)
-    assert "is there already" in again.output
+    repeated = run("--plan", standard, "--arm", ARM, "--out", out, status=2)
+    assert "is there already" in repeated.output
 
 
 @pytest.mark.parametrize(

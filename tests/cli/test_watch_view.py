@@ -1,15 +1,6 @@
-"""The live display of `traverse watch`."""
-
 from rich.console import Console
 
-from tests.client.display.values import (
-    event,
-    health,
-    live,
-    point,
-    retraction,
-    status,
-)
+from tests.client.display.values import event, health, live, point, retraction, status
 from traverse.cli.watch.view import picture
 from traverse.client.display.arm_state import ArmSight
 

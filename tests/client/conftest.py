@@ -1,5 +1,3 @@
-"""Fixtures of the client's tests."""
-
 import uuid
 from collections.abc import AsyncIterator
 
@@ -19,7 +17,6 @@ def virtual(mosquitto: Mosquitto) -> VirtualDaemon:
 
 @pytest.fixture
 def broker(mosquitto: Mosquitto) -> str:
-    """Address of the broker."""
     return f"{mosquitto.host}:{mosquitto.port}"
 
 

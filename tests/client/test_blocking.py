@@ -1,5 +1,3 @@
-"""The client for programs without asyncio."""
-
 import asyncio
 import threading
 from collections.abc import Callable, Coroutine, Iterator
@@ -79,9 +77,9 @@ def test_every_command_can_be_given(
         assert arm.sessions()[-1].session == session
         assert arm.resend(session).points == 0
         names = [type(args).__name__ for args in virtual.commands]
-        wanted = ["LabelArgs", "ProbeArgs", "ReloadArgs", "AlignArgs", "AlignArgs"]
+        expected = ["LabelArgs", "ProbeArgs", "ReloadArgs", "AlignArgs", "AlignArgs"]
         assert [name for name in names if name != "ResendArgs"] == [
-            *wanted,
+            *expected,
             "SessionArgs",
         ]
         virtual.can_resend = False

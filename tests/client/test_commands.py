@@ -69,12 +69,12 @@ async def test_every_command_is_carried_out(
             ScanArgs(action="stop"),
         ]
         # It asks once by itself for what it has missed, whenever it is connected.
-        given = [
+        answers = [
             command
             for command in virtual.commands
             if not isinstance(command, ResendArgs)
         ]
-        assert given == expected
+        assert answers == expected
         first, second = virtual.session, await arm.new_session("after lunch")
         assert second == virtual.session != first
         held = await arm.sessions()

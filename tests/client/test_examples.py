@@ -88,14 +88,14 @@ async def test_follow_continues_where_it_stopped(
     place.write_text(
         f'{{"schema": "traverse/place/1", "arm": "{virtual.arm}", "sessions": {{}}}}'
     )
-    what = (virtual.arm, broker, str(place))
+    arguments = (virtual.arm, broker, str(place))
     async with virtual.running():
         await virtual.take(3)
-        with Example(tmp_path, "follow", *what) as example:
+        with Example(tmp_path, "follow", *arguments) as example:
             await until(lambda: len(example.output.splitlines()) == 3)
             await until(lambda: f'"{virtual.session}": 3' in place.read_text())
         await virtual.take(1)
-        with Example(tmp_path, "follow", *what) as example:
+        with Example(tmp_path, "follow", *arguments) as example:
             await until(lambda: example.output != "")
         assert [line.split()[0] for line in example.output.splitlines()] == ["3"]
 
@@ -113,7 +113,6 @@ async def test_store_has_every_point_once_after_being_killed(
 
 
 def macro(name: str) -> Path:
-    """The file of a script that runs in another program."""
     (path,) = EXAMPLES.glob(f"{name}.*")
     return path
 
@@ -128,7 +127,7 @@ def test_a_macro_without_its_program_says_where_to_run_it(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "unit"), MACROS.items())
 def test_a_macro_groups_points_that_were_not_taken_back(name: str, unit: float) -> None:
-    taken = {
+    changes_of = {
         "a": {"label": Label(artefact="plate", feature="7")},
         "b": {"label": Label(artefact="plate", feature="7")},
         "c": {},
@@ -137,7 +136,7 @@ def test_a_macro_groups_points_that_were_not_taken_back(name: str, unit: float) 
     }
     good = {"quality": Quality.from_bits(0), "label": Label()}
     standing = runpy.run_path(str(macro(name)))["Standing"]()
-    for number, (point_id, changes) in enumerate(taken.items()):
+    for number, (point_id, changes) in enumerate(changes_of.items()):
         place = {"id": point_id, "xyz_mm": (1000.0 * number, -20.0, 0.5)}
         standing.take(POINT.model_copy(update=good | place | changes))
     assert standing.groups() == {
@@ -158,7 +157,6 @@ def test_a_macro_counts_points_without_the_chosen_coordinates(
 
 
 def has_stored(path: Path, n: int) -> bool:
-    """Whether the first n points are there, in order."""
     with closing(sqlite3.connect(path)) as database:
         try:
             rows = database.execute("SELECT seq FROM points ORDER BY rowid").fetchall()

@@ -1,5 +1,3 @@
-"""Points in notebooks: as a table of pandas, and each as HTML."""
-
 from html.parser import HTMLParser
 
 import pandas as pd
@@ -55,11 +53,7 @@ def test_a_notebook_shows_coordinates_with_their_uncertainty():
 
 
 def test_a_notebook_shows_doubts_and_no_markup_of_others():
-    doubtful = point(
-        session="<script>",
-        covariance_mm2=None,
-        quality=DOUBTFUL,
-    )
+    doubtful = point(session="<script>", covariance_mm2=None, quality=DOUBTFUL)
     shown = Text(doubtful._repr_html_())
     assert "script" not in shown.tags
     assert "in doubt: skewed" in shown.texts[0]

@@ -1,5 +1,3 @@
-"""Blocks of a scan in order, some of them repeated."""
-
 import numpy as np
 
 from tests.protocol.message_examples import SCAN

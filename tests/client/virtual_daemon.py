@@ -113,10 +113,10 @@ class VirtualDaemon:
 
     async def take(self, n: int = 1, age_s: float = 0.0) -> list[Point]:
         """Take points, by their times a while ago: into the outbox, and out."""
-        taken = [self._next_point(age_s=age_s) for _ in range(n)]
+        points = [self._next_point(age_s=age_s) for _ in range(n)]
         if not self.is_mute:
-            await asyncio.gather(*map(self.publish, taken))
-        return taken
+            await asyncio.gather(*map(self.publish, points))
+        return points
 
     async def publish(self, message: Message) -> None:
         """Say something on the topic of its kind."""
@@ -251,15 +251,15 @@ class VirtualDaemon:
             return {"sessions": held_sessions, "scans": list(self.scans)}
         held = self.outbox.get(args.session, {})
         last = max(held, default=-1) if args.to_seq is None else args.to_seq
-        wanted = [p for seq, p in held.items() if args.from_seq <= seq <= last]
-        sending = asyncio.gather(*map(self.publish, wanted))
+        points = [p for seq, p in held.items() if args.from_seq <= seq <= last]
+        sending = asyncio.gather(*map(self.publish, points))
         sending.add_done_callback(lambda done: done.cancelled() or done.exception())
         known = self._held(args.session)
         del known["begun_ns"]
         return known | {
             "from_seq": args.from_seq,
             "to_seq": args.to_seq,
-            "points": len(wanted),
+            "points": len(points),
         }
 
     def _held(self, session: str) -> dict[str, Any]:

@@ -15,8 +15,8 @@ def program(name: str) -> str:
     return path_of_program
 
 
-def said(*words: str | Path) -> str:
-    """What a program says on both its outputs; it must succeed."""
+def output_of(*words: str | Path) -> str:
+    """Output of a program, on both streams; it must succeed."""
     done = subprocess.run(
         words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
     )

@@ -17,7 +17,7 @@ from types import ModuleType
 
 import pytest
 
-from tests.deploy.places import DEPLOY, program, said
+from tests.deploy.places import DEPLOY, output_of, program
 from tests.running import run_program
 from traverse.cli.__main__ import app
 
@@ -48,7 +48,7 @@ def test_systemd_understands_every_line_of_a_unit(tmp_path: Path, file: Path) ->
         text = text.replace("/bin/kill", "/bin/true")
     unit = tmp_path / f"{file.stem}bench-7.service"
     unit.write_text(text, "utf-8")
-    assert said(analyze, "--man=no", "verify", unit) == ""
+    assert output_of(analyze, "--man=no", "verify", unit) == ""
 
 
 @each
@@ -57,7 +57,7 @@ def test_a_unit_is_shut_as_tightly_as_it_shall_be(tmp_path: Path, file: Path) ->
     analyze = program("systemd-analyze")
     shutil.copy(file, tmp_path)
     unit = tmp_path / file.name
-    output = said(analyze, "security", "--no-pager", "--offline=true", unit)
+    output = output_of(analyze, "security", "--no-pager", "--offline=true", unit)
     figure = re.search(r"exposure level for .*: ([\d.]+)", output)
     assert figure is not None
     assert float(figure[1]) <= MOST_EXPOSURE
@@ -92,7 +92,7 @@ def test_user_and_groups_can_be_made(tmp_path: Path) -> None:
     sysusers = program("systemd-sysusers")
     (tmp_path / "etc").mkdir()
     file = DEPLOY / "systemd/traverse.sysusers"
-    said(sysusers, f"--root={tmp_path}", file)
+    output_of(sysusers, f"--root={tmp_path}", file)
     users = (tmp_path / "etc/passwd").read_text("utf-8")
     assert re.search(r"^traverse:.*:/var/lib/traverse:/usr/sbin/nologin$", users, re.M)
     groups = (tmp_path / "etc/group").read_text("utf-8")
@@ -105,9 +105,9 @@ def test_user_and_groups_can_be_made(tmp_path: Path) -> None:
 def test_folders_can_be_made(tmp_path: Path) -> None:
     tmpfiles = program("systemd-tmpfiles")
     (tmp_path / "etc").mkdir()
-    said(program("systemd-sysusers"), f"--root={tmp_path}", sysusers_file())
+    output_of(program("systemd-sysusers"), f"--root={tmp_path}", sysusers_file())
     file = DEPLOY / "systemd/traverse.tmpfiles"
-    said(tmpfiles, "--create", f"--root={tmp_path}", file)
+    output_of(tmpfiles, "--create", f"--root={tmp_path}", file)
     for name in ("etc/traverse", "var/lib/traverse"):
         assert (tmp_path / name).stat().st_mode & 0o777 == 0o750
     assert (tmp_path / "etc/traverse").stat().st_uid == 0
@@ -115,13 +115,11 @@ def test_folders_can_be_made(tmp_path: Path) -> None:
 
 
 def sysusers_file() -> Path:
-    """What makes the user."""
     return DEPLOY / "systemd/traverse.sysusers"
 
 
 def written() -> str:
-    """The page in roff."""
-    return said(sys.executable, DEPLOY / "package/man_page.py")
+    return output_of(sys.executable, DEPLOY / "package/man_page.py")
 
 
 def test_every_command_and_group_has_its_part() -> None:
@@ -142,7 +140,7 @@ def test_man_prints_it_without_a_warning(tmp_path: Path) -> None:
     page = tmp_path / "traverse.1"
     page.write_text(written(), "utf-8")
     groff = program("groff")
-    output = said(groff, "-man", "-Tutf8", "-ww", "-b", "-z", page)
+    output = output_of(groff, "-man", "-Tutf8", "-ww", "-b", "-z", page)
     assert output == ""
 
 
@@ -233,7 +231,7 @@ def test_markers_of_other_machines_do_not_count(environment, tmp_path):
         "# made by make lock\nrich==15.0.0\n    # via typer\n"
         "pywin==1 ; sys_platform == 'win32'\nold==1 ; python_version < '3'\n"
     )
-    assert environment.wanted(lock) == ["rich"]
+    assert environment.required_packages(lock) == ["rich"]
 
 
 def test_a_damaged_lock_file_is_named_with_its_line(tmp_path):

@@ -1,12 +1,10 @@
-"""A gateway as its unit starts it: an arm in Home Assistant."""
-
 import json
 import re
 from pathlib import Path
 
 import pytest
 
-from tests.deploy.places import DEPLOY, said
+from tests.deploy.places import DEPLOY, output_of
 from tests.end_to_end.programs import Program
 from tests.mosquitto import HOST, Mosquitto
 from tests.protocol.message_examples import STATUS
@@ -25,12 +23,12 @@ def test_home_assistant_is_told_of_an_arm_by_the_unit(tmp_path: Path) -> None:
     broker.start()
     port = ("-h", HOST, "-p", str(broker.port))
     status = encode(STATUS, "json").decode()
-    said("mosquitto_pub", *port, "-r", "-t", status_topic("bench-7"), "-m", status)
+    output_of("mosquitto_pub", *port, "-r", "-t", status_topic("bench-7"), "-m", status)
     words = line.replace(f"${gateway[0]}", gateway[1]).split()
     try:
         with Program(tmp_path, "gateway", *words, f"--broker={HOST}:{broker.port}"):
             once = ("-C", "1", "-W", "20", "-t", TOPIC)
-            announced = said("mosquitto_sub", *port, *once)
+            announced = output_of("mosquitto_sub", *port, *once)
     finally:
         broker.stop()
     assert json.loads(announced)["device"]["identifiers"]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.deploy.places import DEPLOY, program, said
+from tests.deploy.places import DEPLOY, output_of, program
 from tests.mosquitto import HOST, free_port
 
 FILE = DEPLOY / "mosquitto/traverse.conf"
@@ -44,7 +44,7 @@ def write_secrets(folder: Path) -> None:
     """Certificates of a day, a password and the rights."""
     openssl = program("openssl")
     for name in ("traverse-ca", "broker"):
-        said(
+        output_of(
             *(openssl, "req", "-x509", "-newkey", "ec", "-nodes", "-days", "1"),
             *("-pkeyopt", "ec_paramgen_curve:prime256v1"),
             *("-subj", f"/CN={name}", "-keyout", folder / f"{name}.key"),
@@ -52,7 +52,7 @@ def write_secrets(folder: Path) -> None:
         )
     passwords = folder / "traverse.passwords"
     passwords.write_text("bench-7:word\n", "utf-8")
-    said(program("mosquitto_passwd"), "-U", passwords)
+    output_of(program("mosquitto_passwd"), "-U", passwords)
     acl = folder / "traverse.acl"
     acl.write_text("topic read $SYS/#\n", "utf-8")
     for file in (passwords, acl):
@@ -78,7 +78,6 @@ def running(folder: Path, *ports: int) -> Iterator[str]:
 
 
 def listens(port: int) -> bool:
-    """Whether a server answers there."""
     with socket.socket() as probe:
         return probe.connect_ex((HOST, port)) == 0
 

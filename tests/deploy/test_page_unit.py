@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.deploy.places import DEPLOY, program, said
+from tests.deploy.places import DEPLOY, output_of, program
 from tests.deploy.test_mosquitto_configuration import listens
 from tests.end_to_end.programs import Program
 from tests.mosquitto import HOST, Mosquitto, free_port
@@ -24,7 +24,6 @@ pytestmark = pytest.mark.needs("mosquitto", "openssl")
 
 
 def started(folder: Path, options: str) -> Program:
-    """What the unit starts."""
     (line,) = re.findall(r"^ExecStart=/usr/bin/traverse (.*)$", UNIT.read_text(), re.M)
     line = line.replace("%i", ARM).replace("$TRAVERSE_PAGE_OPTIONS", options)
     with pytest.MonkeyPatch.context() as environment:
@@ -59,21 +58,21 @@ async def visited(connection: http.client.HTTPConnection) -> str:
     """Request the page, log in, load it; return the cookie."""
     with contextlib.closing(connection):
 
-        def asked(method: str, path: str, body: str = "", **headers: str) -> int:
+        def status_of(method: str, path: str, body: str = "", **headers: str) -> int:
             connection.request(method, path, body, headers)
-            nonlocal text, given
+            nonlocal text, cookie
             with connection.getresponse() as answer:
                 text = answer.read().decode()
-                given = answer.getheader("set-cookie", "")
+                cookie = answer.getheader("set-cookie", "")
                 return answer.status
 
-        text = given = ""
+        text = cookie = ""
         await until(lambda: listens(connection.port), "the page listens")
-        assert asked("GET", "/") == 303
-        assert asked("POST", "/login", "token=something-else-here") == 401
-        assert asked("POST", "/login", f"token={TOKEN}") == 303
-        flags = given
-        assert asked("GET", "/", cookie=given.partition(";")[0]) == 200
+        assert status_of("GET", "/") == 303
+        assert status_of("POST", "/login", "token=something-else-here") == 401
+        assert status_of("POST", "/login", f"token={TOKEN}") == 303
+        flags = cookie
+        assert status_of("GET", "/", cookie=cookie.partition(";")[0]) == 200
         assert ARM in text
         return flags
 
@@ -94,7 +93,7 @@ async def test_the_example_of_the_environment_is_for_other_computers(
     credentials: Path, broker: Mosquitto, tmp_path: Path
 ) -> None:
     openssl = program("openssl")
-    said(
+    output_of(
         *(openssl, "req", "-x509", "-newkey", "ec", "-nodes", "-days", "1"),
         *("-pkeyopt", "ec_paramgen_curve:prime256v1", "-subj", "/CN=localhost"),
         *("-keyout", credentials / "page.key", "-out", credentials / "page.pem"),

@@ -27,11 +27,10 @@ _HEADING = re.compile(r"^(?P<level>#+) (?P<text>.*)$", re.MULTILINE)
 
 
 def _subcommands(command: Any, name: str) -> dict[str, Any]:
-    """A command and all below it that are shown, by full names, groups first."""
+    """A command and all below it by full names, groups first."""
     by_words = {name: command}
     for word, inner in getattr(command, "commands", {}).items():
-        if not inner.hidden:
-            by_words |= _subcommands(inner, f"{name} {word}")
+        by_words |= _subcommands(inner, f"{name} {word}")
     return by_words
 
 
@@ -39,17 +38,14 @@ COMMANDS = _subcommands(typer.main.get_command(app), "traverse")
 
 
 def name_of(page: Path) -> str:
-    """How a page is called in the names of tests."""
     return str(page.relative_to(CHECKOUT))
 
 
 def text_of(name: str) -> str:
-    """The text of a page by its path in the checkout."""
     return (CHECKOUT / name).read_text("utf-8")
 
 
 def examples(kind: str) -> list[tuple[str, str]]:
-    """All examples of a kind: name of the page, text."""
     return [
         (name_of(page), match["text"])
         for page in PAGES
@@ -58,8 +54,15 @@ def examples(kind: str) -> list[tuple[str, str]]:
     ]
 
 
+def write_configurations(page: str, folder: Path, port: int) -> None:
+    """Write a page's simulator.toml and daemon.toml, for a broker on another port."""
+    for kind in ("simulator", "daemon"):
+        ((_, text),) = [example for example in examples(kind) if example[0] == page]
+        text = text.replace("port = 1883", f"port = {port}")
+        (folder / f"{kind}.toml").write_text(text, "utf-8")
+
+
 def kinds_of_examples() -> set[str]:
-    """Every kind of example that the documentation has."""
     return {
         match["kind"]
         for page in PAGES
@@ -68,13 +71,12 @@ def kinds_of_examples() -> set[str]:
 
 
 def relative_links(page: Path) -> list[str]:
-    """The links of a page to files of the checkout."""
     prose = _CODE.sub("", page.read_text("utf-8"))
     return [link for link in _LINK.findall(prose) if "://" not in link]
 
 
 def anchors(page: Path) -> set[str]:
-    """What a link into a page may name, as GitHub makes it of the headings."""
+    """Anchors of a page, as GitHub makes them of the headings."""
     text = re.sub(r"^```.*?^```$", "", page.read_text("utf-8"), flags=re.S | re.M)
     plain = (match["text"].lower() for match in _HEADING.finditer(text))
     return {re.sub(r"[^\w\- ]", "", heading).replace(" ", "-") for heading in plain}
@@ -103,7 +105,6 @@ def tables(name: str) -> dict[str, list[list[str]]]:
 
 
 def code_words(cell: str) -> list[str]:
-    """Text in code style in a cell."""
     return re.findall(r"`([^`]+)`", cell)
 
 

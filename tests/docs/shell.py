@@ -69,11 +69,9 @@ class Shell(AbstractContextManager["Shell"]):
 
     @property
     def output(self) -> str:
-        """All that it has said so far."""
         return self._out.read_text("utf-8")
 
     async def says(self, text: str) -> None:
-        """Wait until it has said something."""
         await until(
             lambda: text in self.output or self.process.poll() is not None,
             f"{self.line}: {text!r}",

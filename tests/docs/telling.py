@@ -19,7 +19,6 @@ _OURS = ("python ", "traverse ", "sed ")
 
 
 def blocks(page: str, language: str) -> list[str]:
-    """All blocks of a page in a language."""
     matches = _BLOCK.finditer(text_of(page))
     return [match["text"] for match in matches if match["language"] == language]
 
@@ -67,10 +66,8 @@ def assert_printed(printed: str, shown: list[str], command: str) -> None:
 
 
 def words_of(line: str) -> str:
-    """A line without its numbers."""
     return _NUMBER.sub("#", line)
 
 
 def numbers_of(line: str) -> list[float]:
-    """A line's numbers."""
     return [float(number) for number in _NUMBER.findall(line)]

@@ -1,5 +1,3 @@
-"""The worked example of the acceptance test does what its page says."""
-
 import re
 import subprocess
 import sys
@@ -28,9 +26,9 @@ def test_the_arm_is_judged_as_told(tmp_path: Path) -> None:
     # Nothing is decided, then neither accepted nor rejected: exit status 1.
     printed = output_of(command[1], tmp_path, status=1)
     assert_printed(printed, lacking.splitlines(), command[1])
-    more = re.search(r"and (\d+) more \[statements\]", text_of(PAGE))
-    assert more is not None
-    assert printed.count("Missing: ") == 3 + int(more[1])
+    remainder = re.search(r"and (\d+) more \[statements\]", text_of(PAGE))
+    assert remainder is not None
+    assert printed.count("Missing: ") == 3 + int(remainder[1])
     state_all(tmp_path / "example")
     write_numbered(arm, tmp_path / "example" / "arm.toml")
     form = "measuring_range_mm = 2400.0\n[mpe]", "[standards]\nform_mm = 0.0006\n"

@@ -1,5 +1,3 @@
-"""The worked example of docs/alignment.md prints what the page shows."""
-
 import json
 import re
 from typing import Any
@@ -32,8 +30,16 @@ FLAG = re.compile(r'AlignmentWarning\(\s*"(\w+)"')
 
 
 def aligned(*words: str) -> tuple[int, str]:
-    given = ["align", "touched.csv", "--nominal", "part.csv", "--std", "0.025", *words]
-    result = invoke(*given, status=None)
+    arguments = [
+        "align",
+        "touched.csv",
+        "--nominal",
+        "part.csv",
+        "--std",
+        "0.025",
+        *words,
+    ]
+    result = invoke(*arguments, status=None)
     return result.exit_code, result.output
 
 

@@ -27,9 +27,9 @@ def test_an_arm_of_a_board_is_calibrated_as_told(tmp_path: Path) -> None:
     (tmp_path / "arm.csv").write_text(table, "utf-8")
     for command, shown in printed_blocks(PAGE):
         if "simulate campaign" in command:
-            whole = "cat design.toml magnet.toml > built.toml"
-            assert f"$ {whole}" in (CHECKOUT / PAGE).read_text("utf-8")
-            subprocess.run(["/bin/sh", "-c", whole], cwd=tmp_path, check=True)
+            joining = "cat design.toml magnet.toml > built.toml"
+            assert f"$ {joining}" in (CHECKOUT / PAGE).read_text("utf-8")
+            subprocess.run(["/bin/sh", "-c", joining], cwd=tmp_path, check=True)
         assert_printed(output_of(command, tmp_path), shown, command)
     # The configuration fits the designed arm and the calibrated one.
     assert "valid" in output_of("traverse check traverse.toml", tmp_path)

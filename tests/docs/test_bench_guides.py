@@ -1,5 +1,3 @@
-"""Guides for an arm that measures: every command of theirs, at a simulated one."""
-
 import json
 import re
 from collections.abc import Callable
@@ -48,17 +46,16 @@ HERE = {
 
 
 async def first_said(bench: Workbench, line: str) -> str:
-    """What a command says; the whole of it where it ends by itself."""
+    """Output of a command; all of it where it ends by itself."""
     with Shell(bench.folder, "shown", as_run(line, bench.port)) as shell:
-        for words, said in ENDLESS.items():
+        for words, expected in ENDLESS.items():
             if words in line:
-                await shell.says(said)
+                await shell.says(expected)
                 return shell.output
         return await shell.ends()
 
 
 def to_run(page: str, **names: str) -> list[str]:
-    """The commands of a page, for this bench."""
     lines = [line for line in commands(page) if why_not_run(line) is None]
     for shown, ours in (HERE | names).items():
         lines = [line.replace(shown, ours) for line in lines]

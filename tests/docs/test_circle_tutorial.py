@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.docs.accounts import why_not_run
-from tests.docs.pages import commands, examples, text_of
+from tests.docs.pages import commands, text_of, write_configurations
 from tests.docs.shell import Shell, as_run
 from tests.established import believe_utc
 from tests.mosquitto import Mosquitto
@@ -24,10 +24,7 @@ async def test_a_circle(
 ) -> None:
     port = make_mosquitto().port
     believe_utc(tmp_path)
-    for kind in ("simulator", "daemon"):
-        ((_, text),) = [example for example in examples(kind) if example[0] == PAGE]
-        text = text.replace("port = 1883", f"port = {port}")
-        (tmp_path / f"{kind}.toml").write_text(text, "utf-8")
+    write_configurations(PAGE, tmp_path, port)
     lines = [line for line in commands(PAGE) if why_not_run(line) is None]
     copy, simulate, run, serve, confirm, measure = [
         as_run(line, port) for line in lines
@@ -48,12 +45,14 @@ async def test_a_circle(
                 confirmed = await confirming.ends()
             assert f"$ traverse confirm\n{confirmed}```" in text_of(PAGE)
             with Shell(tmp_path, "measure", f"{measure} {where}") as client:
-                said = await client.ends()
+                conversation = await client.ends()
             await gateway.interrupt()
             await daemon.interrupt()
         await simulator.interrupt()
     match = PRINTED.search(text_of(PAGE))
     assert match is not None
     # Touches before the round began are warned of; how many, depends on the start.
-    measured = [line for line in said.splitlines() if " ! Error(1,1001," not in line]
+    measured = [
+        line for line in conversation.splitlines() if " ! Error(1,1001," not in line
+    ]
     assert measured == match[0].splitlines()

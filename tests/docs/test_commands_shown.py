@@ -43,19 +43,16 @@ def problem(line: str) -> str | None:
 
 
 def target_problem(target: str) -> str | None:
-    """Whether make has this target."""
     text = (CHECKOUT / "Makefile").read_text("utf-8")
     return None if re.search(rf"^{target}:", text, re.M) else f"no target {target}"
 
 
 @cache
 def cli() -> Any:
-    """Build the command line."""
     return typer.main.get_command(app)
 
 
 def parse_problem(words: list[str]) -> str | None:
-    """Whether command, options and number of arguments are good."""
     command = cli()
     while hasattr(command, "commands"):
         name, *rest = words or [""]
@@ -71,7 +68,6 @@ def parse_problem(words: list[str]) -> str | None:
 
 
 def parts(line: str) -> list[str]:
-    """The commands of a line of shell."""
     quoted = re.sub(r"'[^']*'|\"[^\"]*\"", lambda m: "q" * len(m[0]), line)
     cuts = [m.span() for m in re.finditer(r"&&|;|\||&$", quoted)]
     starts = [0, *(end for _, end in cuts)]

@@ -1,5 +1,3 @@
-"""The page of the conditions is what the table says."""
-
 import sys
 
 from tests.docs.pages import CHECKOUT

@@ -1,5 +1,3 @@
-"""The worked example of the diagnosis does what its page says."""
-
 import shutil
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""The examples of the documentation are read and run as a reader would."""
-
 import json
 import os
 import re
@@ -114,8 +112,8 @@ FILES = [(kind, *example) for kind in READERS for example in examples(kind)]
 
 
 def test_every_kind_of_example_is_known_here() -> None:
-    others = {"output", "points", "arrays", "poses", "tooled", "oriented"}
-    assert kinds_of_examples() == {*READERS} | others
+    plain_kinds = {"output", "points", "arrays", "poses", "tooled", "oriented"}
+    assert kinds_of_examples() == {*READERS} | plain_kinds
 
 
 @pytest.mark.parametrize(
@@ -186,10 +184,5 @@ def test_point_reader_prints_a_point(mosquitto: Mosquitto) -> None:
 def publish(mosquitto: Mosquitto, topic: str, payload: bytes) -> None:
     """Leave a retained message at a broker."""
     paho.mqtt.publish.single(
-        topic,
-        payload,
-        qos=1,
-        retain=True,
-        hostname=mosquitto.host,
-        port=mosquitto.port,
+        topic, payload, qos=1, retain=True, hostname=mosquitto.host, port=mosquitto.port
     )

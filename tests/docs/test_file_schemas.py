@@ -1,5 +1,3 @@
-"""JSON Schemas of files: as the models are, and as strict as their readers."""
-
 import json
 import sys
 import tomllib

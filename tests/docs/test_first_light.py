@@ -1,5 +1,3 @@
-"""The first tutorial does what its page says."""
-
 import json
 import re
 from collections.abc import Callable
@@ -8,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.docs.accounts import why_not_run
-from tests.docs.pages import commands, examples, text_of
+from tests.docs.pages import commands, text_of, write_configurations
 from tests.docs.shell import Shell, answered, as_run
 from tests.established import believe_utc
 from tests.mosquitto import Mosquitto
@@ -18,7 +16,7 @@ PAGE = "docs/tutorial/first-light.md"
 
 
 def skipped(line: str) -> bool:
-    """What another test does, or none."""
+    """Return whether another test runs a line, or none can."""
     return why_not_run(line) is not None or line == "make demo"
 
 
@@ -29,10 +27,7 @@ async def test_every_part_by_hand(
 ) -> None:
     port = make_mosquitto().port
     believe_utc(tmp_path)
-    for kind in ("simulator", "daemon"):
-        ((_, text),) = [example for example in examples(kind) if example[0] == PAGE]
-        text = text.replace("port = 1883", f"port = {port}")
-        (tmp_path / f"{kind}.toml").write_text(text, "utf-8")
+    write_configurations(PAGE, tmp_path, port)
     lines = iter(commands(PAGE))
 
     def shell(name: str, words: str) -> Shell:
@@ -48,11 +43,11 @@ async def test_every_part_by_hand(
             return await command.ends()
 
     await does("cp ")
-    said = await does("check identified")
-    assert said == "identified.toml: valid arm file\n"
+    printed = await does("check identified")
+    assert printed == "identified.toml: valid arm file\n"
     assert await does("mosquitto_pub -t test") == "works\n"
-    said = await does("check simulator")
-    assert said == "simulator.toml: valid simulator configuration\n"
+    printed = await does("check simulator")
+    assert printed == "simulator.toml: valid simulator configuration\n"
     with shell("simulate", "traverse simulate") as simulate:
         await simulate.says("ready base board.pty\n")
         with shell("run", "traverse run") as run:

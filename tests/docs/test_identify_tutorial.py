@@ -1,5 +1,3 @@
-"""The tutorial of the identification does what its page says."""
-
 import shutil
 from pathlib import Path
 

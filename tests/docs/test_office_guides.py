@@ -93,7 +93,7 @@ def _reaches_python(name: str) -> bool:
 
 
 def _mosquitto_folders(place: Path) -> Path:
-    """What Debian's package has in /etc/mosquitto, readable by everybody."""
+    """Make the folders of Debian's /etc/mosquitto, readable by everybody."""
     place.chmod(0o755)
     for name in ("conf.d", "certs", "ca_certificates"):
         (place / "mosquitto" / name).mkdir(parents=True)
@@ -188,8 +188,8 @@ async def _a_point_as_other_users(home: Path, port: int) -> None:
         await display.says("ready")
         assert _user_of(arm.process.pid) == DAEMON
         with Shell(person, "point", _as_user(PERSON, point)) as session:
-            taken = await session.ends()
-        assert "mm" in taken
+            printed = await session.ends()
+        assert "mm" in printed
         await display.says(" point ")
     with Shell(person, "secret", _as_user(PERSON, f"cat {home}/broker.password")) as no:
         await until(lambda: no.process.poll() is not None, "an end")

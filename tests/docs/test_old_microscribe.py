@@ -1,5 +1,3 @@
-"""The commands of the tutorial for owners of a MicroScribe do what it says."""
-
 import re
 import shlex
 from pathlib import Path
@@ -76,7 +74,6 @@ async def test_the_two_commands_bring_points_on_the_ball(tmp_path: Path):
 
 
 def points(output: str) -> np.ndarray:
-    """Coordinates of all complete lines of points."""
     lines = [line for line in output.splitlines(keepends=True) if line[-1] == "\n"]
     matches = [re.search(r" point +\d+((?: +-?[\d.]+){3}) mm", line) for line in lines]
     return np.array([match[1].split() for match in matches if match], dtype=float)

@@ -1,5 +1,3 @@
-"""Guides for who measures: every command in order, at a simulated arm that touches."""
-
 import re
 from collections.abc import Callable
 from pathlib import Path

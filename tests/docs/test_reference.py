@@ -94,8 +94,8 @@ def test_every_key_stands_there_with_its_default(
     fields = {field.alias or name: field for name, field in model.model_fields.items()}
     assert set(rows) == set(fields)
     for name, field in fields.items():
-        said = shown_default(rows[name][DEFAULT_COLUMN])
-        assert said == default_of(field), name
+        stated = shown_default(rows[name][DEFAULT_COLUMN])
+        assert stated == default_of(field), name
 
 
 def test_every_key_of_a_filter_stands_there_with_its_default() -> None:
@@ -103,7 +103,7 @@ def test_every_key_of_a_filter_stands_there_with_its_default() -> None:
     assert {code_words(row[0])[0] for row in by_heading["`[[scan.filters]]`"]} == {
         *FILTERS
     }
-    said = {
+    stated = {
         tuple(code_words(row[0])): shown_default(row[DEFAULT_COLUMN])
         for row in by_heading["Keys of the filters"]
     }
@@ -113,19 +113,18 @@ def test_every_key_of_a_filter_stands_there_with_its_default() -> None:
         assert fields.pop("kind").default is PydanticUndefined
         for name, field in fields.items():
             expected[kind, name] = default_of(field)
-    assert said == expected
+    assert stated == expected
 
 
 def test_every_column_of_poses_stands_there() -> None:
     rows = tables("docs/reference/campaign.md")["Poses"]
-    said = {word for row in rows for word in code_words(row[0])}
+    stated = {word for row in rows for word in code_words(row[0])}
     required = {"time_s", "artefact", "feature", "J1_rad"}
     optional = {name for names in optional_columns(["J1"]).values() for name in names}
-    assert said == required | {"tool"} | optional
+    assert stated == required | {"tool"} | optional
 
 
 def default_of(field: FieldInfo) -> Any:
-    """The default of a key, as returned by `shown_default`."""
     if field.default is PydanticUndefined:
         return "required"
     if field.default == () or isinstance(field.default, BaseModel):
@@ -134,7 +133,7 @@ def default_of(field: FieldInfo) -> Any:
 
 
 def shown_default(cell: str) -> Any:
-    """What a cell says: "required", None, or a value in TOML."""
+    """Parse a cell: "required", None, or a value in TOML."""
     if cell == "required":
         return cell
     if cell == "none":
@@ -152,8 +151,8 @@ def test_effects_are_all_there_with_class_joint_and_keys() -> None:
     for name, kind in EFFECT_KINDS.items():
         _, effect_class, joint, keys, _ = rows[name]
         assert (effect_class, joint) == (kind.effect_class, kind.joint), name
-        said = [word for word in code_words(keys) if not word.startswith('"')]
-        assert said == list(kind.keys), name
+        stated = [word for word in code_words(keys) if not word.startswith('"')]
+        assert stated == list(kind.keys), name
 
 
 def test_every_command_has_a_section() -> None:
@@ -166,8 +165,8 @@ def test_every_command_has_a_section() -> None:
 def test_options_for_brokers_have_a_section() -> None:
     text = text_of("docs/reference/commands.md")
     (section,) = re.findall(r"^### Brokers$(.*?)^## ", text, re.M | re.DOTALL)
-    said = {word for word in code_words(section) if re.fullmatch(r"--[\w-]+", word)}
-    assert said == {
+    stated = {word for word in code_words(section) if re.fullmatch(r"--[\w-]+", word)}
+    assert stated == {
         f"--{option.name.replace('_', '-')}" for option in fields(BrokerOptions)
     }
 
@@ -181,8 +180,8 @@ def test_bounds_on_their_page_hold() -> None:
             value = getattr(import_module(named[1]), named[2])
             if isinstance(value, Limit):
                 value = value.rate_hz
-            said = re.match(r"[\d. ]+", bound)
-            assert said is not None
-            assert float(said[0].replace(" ", "")) == value, where
+            stated = re.match(r"[\d. ]+", bound)
+            assert stated is not None
+            assert float(stated[0].replace(" ", "")) == value, where
             checked += 1
     assert checked > 8

@@ -1,5 +1,3 @@
-"""The documentation as a site: built without a warning, whole, and good off-line."""
-
 import html
 import os
 import re
@@ -20,7 +18,7 @@ pytestmark = pytest.mark.slow
 
 
 class Parts(HTMLParser):
-    """What a page of the site loads, and where its navigation leads."""
+    """Resources of a page of the site, and targets of its navigation."""
 
     def __init__(self, page: Path) -> None:
         super().__init__()
@@ -40,7 +38,6 @@ class Parts(HTMLParser):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site, as `make docs` builds it."""
     folder = tmp_path_factory.mktemp("docs") / "site"
     # Not a part of the make that may run this.
     inherited = {k: v for k, v in os.environ.items() if not k.startswith("MAKE")}
@@ -63,9 +60,9 @@ def test_navigation_leads_to_every_page(site: Path) -> None:
     start = site / "index.html"
     led = {(site / link).resolve() for link in Parts(start).navigation if link}
     readme = CHECKOUT / "README.md"  # what index.md is for the site
-    wanted = {page_in(site, page) for page in PAGES if page != readme}
-    assert wanted - led - {start} == set()
-    assert all(page.exists() for page in wanted)
+    expected = {page_in(site, page) for page in PAGES if page != readme}
+    assert expected - led - {start} == set()
+    assert all(page.exists() for page in expected)
 
 
 def test_nothing_is_fetched_from_elsewhere(site: Path) -> None:
@@ -123,13 +120,13 @@ def test_every_command_is_followed_by_the_options_of_its_help(site: Path) -> Non
 @pytest.mark.needs("chromium")
 async def test_pages_work_in_a_browser_from_files(site: Path) -> None:
     """The search asks nobody; a console is copied without prompts and answers."""
-    asked: list[str] = []
+    urls: list[str] = []
     async with async_playwright() as playwright:
         browser = await playwright.chromium.launch(
             executable_path=shutil.which("chromium"), args=["--no-sandbox"]
         )
         page = await browser.new_page()
-        page.on("request", lambda request: asked.append(request.url))
+        page.on("request", lambda request: urls.append(request.url))
         await page.goto((site / "index.html").as_uri())
         await page.locator("input.md-search__input").fill("outbox")
         first = page.locator(".md-search-result__item h1").first
@@ -141,5 +138,5 @@ async def test_pages_work_in_a_browser_from_files(site: Path) -> None:
             "it => { it.setAttribute('data-md-copying', ''); return it.innerText }"
         )
         await browser.close()
-    assert all(url.startswith(("file:", "data:", "blob:")) for url in asked), asked
+    assert all(url.startswith(("file:", "data:", "blob:")) for url in urls), urls
     assert copied.strip() == "mosquitto_pub -t test -m hello && echo works"

@@ -1,4 +1,4 @@
-"""What a driver has delivered, taken apart."""
+"""Deliveries of a driver, taken apart."""
 
 from typing import Any
 
@@ -8,8 +8,6 @@ from traverse.drivers.base.values import STATUS_MISSING, CountSamples, DeviceCou
 
 
 class Delivered:
-    """All deliveries, in order."""
-
     all: list[Any]
 
     def of(self, kind):

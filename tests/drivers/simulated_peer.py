@@ -44,10 +44,7 @@ class SimulatedPeer(Peer):
     """
 
     def __init__(
-        self,
-        link: Path,
-        make: Callable[[], SimulatedDevice],
-        mounting: DeviceContext,
+        self, link: Path, make: Callable[[], SimulatedDevice], mounting: DeviceContext
     ) -> None:
         super().__init__()
         self.link = link

@@ -1,5 +1,3 @@
-"""A recording instead of a device: what it delivered, at the times of now."""
-
 import asyncio
 import time
 
@@ -131,7 +129,7 @@ def recording(path):
     return path
 
 
-async def taken(driver, delivery_queue, n_lost):
+async def delivered(driver, delivery_queue, n_lost):
     deliveries = []
     with driver:
         async with asyncio.timeout(10):
@@ -147,7 +145,7 @@ async def test_a_device_delivers_what_it_did_then_at_the_times_of_now(tmp_path):
         "arm", ReplayOptions(file=str(path), source="base", speed=2.0), delivery_queue
     )
     begun_ns = time.monotonic_ns()
-    deliveries = await taken(driver, delivery_queue, 2)
+    deliveries = await delivered(driver, delivery_queue, 2)
     ended_ns = time.monotonic_ns()
     assert {d.device for d in deliveries} == {"arm"}
     up, stream = (d for d in deliveries[:3] if not isinstance(d, DeviceCounters))
@@ -175,7 +173,7 @@ async def test_it_begins_anew_where_it_is_requested(tmp_path):
     driver = ReplayDriver(
         "base", ReplayOptions(file=str(path), speed=100.0, repeat=True), delivery_queue
     )
-    deliveries = await taken(driver, delivery_queue, 4)
+    deliveries = await delivered(driver, delivery_queue, 4)
     assert sum(isinstance(d, DeviceUp) for d in deliveries) >= 2
 
 
@@ -188,7 +186,7 @@ async def test_a_file_that_cannot_be_played_is_reported(tmp_path, content, messa
     if content is not None:
         path.write_bytes(content)
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-    (lost,) = await taken(
+    (lost,) = await delivered(
         ReplayDriver("base", ReplayOptions(file=str(path)), delivery_queue),
         delivery_queue,
         1,

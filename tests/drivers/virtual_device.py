@@ -29,8 +29,6 @@ FIRST_NS = 10**12
 
 @dataclass
 class Recorded(Delivered):
-    """What a driver has delivered."""
-
     all: list[Any]
     notes: Any
     totals: dict[str, Any] = field(default_factory=dict)
@@ -44,7 +42,7 @@ class Recorded(Delivered):
         return self.joined("sample_time_ns")[:, np.newaxis] + skew - FIRST_NS
 
     def counts_at(self, read_ns: np.ndarray) -> np.ndarray:
-        """What the encoders show at instants (n, n_channels), without wraps."""
+        """Counts of the encoders at instants, (n, n_channels), without wraps."""
         ahead = np.arange(read_ns.shape[1])
         return 1000.0 * (read_ns * 1e-9 + ahead)
 

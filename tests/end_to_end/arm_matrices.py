@@ -21,7 +21,6 @@ class MatrixArm:
         self._joints: list[dict[str, Any]] = self._file["joints"]
 
     def angles_rad(self, counts: Sequence[int]) -> list[float]:
-        """Readings at counts, one a joint."""
         turns = zip(counts, self._joints, strict=True)
         return [
             j["encoder"]["sign"] * c / j["encoder"]["counts_per_turn"] * math.tau

@@ -1,5 +1,3 @@
-"""Fixtures of the end-to-end tests."""
-
 from pathlib import Path
 
 import pytest

@@ -57,7 +57,6 @@ class Listener:
         self.errors: list[str] = []
 
     def take(self, message: object) -> None:
-        """Keep one message."""
         match message:
             case Point():
                 earlier = [p for p in self.points if p.id == message.id]
@@ -125,19 +124,16 @@ class Listener:
             await until(lambda: self.statuses[-1].state == state, f"a status {state}")
 
     async def n_points(self, n: int, timeout_s: float = PATIENCE_S) -> None:
-        """Wait for so many points."""
-        what = f"{n} points"
-        await until(lambda: len(self.points) >= n, what, timeout_s)
+        awaited = f"{n} points"
+        await until(lambda: len(self.points) >= n, awaited, timeout_s)
 
     async def event(
         self, code: str, active: bool | None = None, timeout_s: float = PATIENCE_S
     ) -> Event:
-        """Wait for an event of a code, raised or cleared."""
         await until(lambda: self.events_of(code, active), f"event {code}", timeout_s)
         return self.events_of(code, active)[-1]
 
     def events_of(self, code: str, active: bool | None = None) -> list[Event]:
-        """Events of a code so far."""
         return [e for e in self.events if e.code == code and e.active is active]
 
     async def start_scan(self, rate_hz: float | None = None, **args: Any) -> str:
@@ -211,7 +207,6 @@ async def listening(
 
 
 def numbers(blocks: list[Scan]) -> np.ndarray:
-    """Numbers of all points of some blocks, in their order."""
     of_blocks = [s.seq + np.arange(len(s.dtime_ns)) for s in blocks]
     return np.concatenate([np.zeros(0, np.int64), *of_blocks])
 

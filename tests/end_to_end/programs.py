@@ -29,11 +29,7 @@ class Program(AbstractContextManager["Program"]):
         environment.pop("PYTEST_CURRENT_TEST", None)
         with self._out.open("wb") as out, self._err.open("wb") as err:
             self.process = warm_start().start(
-                arguments,
-                folder,
-                environment,
-                stdout=out,
-                stderr=err,
+                arguments, folder, environment, stdout=out, stderr=err
             )
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
@@ -51,24 +47,20 @@ class Program(AbstractContextManager["Program"]):
 
     @property
     def output(self) -> str:
-        """Standard output so far."""
         return self._out.read_text("utf-8")
 
     @property
     def log(self) -> str:
-        """Standard error so far."""
         return self._err.read_text("utf-8")
 
     async def says(self, text: str, timeout_s: float = PATIENCE_S) -> None:
-        """Wait until the output or the log contains a text."""
-
-        def said() -> bool:
+        def has_said() -> bool:
             if text in self.output or text in self.log:
                 return True
             assert self.process.poll() is None, f"{self.name} ended without {text!r}"
             return False
 
-        await until(said, f"{self.name} says {text!r}", timeout_s)
+        await until(has_said, f"{self.name} says {text!r}", timeout_s)
 
     async def ended(self, timeout_s: float = PATIENCE_S) -> int:
         """Wait until it has ended by itself; its exit status."""

@@ -146,7 +146,6 @@ class Workbench:
         (self.folder / "daemon.toml").write_text("\n".join(parts), "utf-8")
 
     def change(self, file: str, old: str, new: str) -> None:
-        """Change a file of the folder."""
         text = (self.folder / file).read_text("utf-8")
         assert old in text
         (self.folder / file).write_text(text.replace(old, new), "utf-8")
@@ -164,7 +163,6 @@ class Workbench:
         await simulator.stop(signal.SIGKILL)
 
     def daemon(self, *options: str, name: str = "daemon") -> Program:
-        """Start the daemon."""
         return Program(self.folder, name, "run", "daemon.toml", *options)
 
     def truth(self) -> list[dict[str, Any]]:

@@ -11,7 +11,6 @@ FIRMWARE = CHECKOUT / "firmware"
 
 @shared
 def host_board() -> Path:
-    """Build the board as a program of this computer."""
     folder = new_folder()
     run_program("make", "-C", FIRMWARE, "host", f"BUILD={folder}", "CC=gcc")
     return folder / "latch-board"

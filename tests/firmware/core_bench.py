@@ -10,19 +10,17 @@ MOST_SENT = 60_000
 
 def opened(segment: bytes) -> bytes:
     """Return the body between two delimiters, by the definition of COBS."""
-    content, at = bytearray(), 0
-    while at < len(segment):
-        content += segment[at + 1 : at + segment[at]]
-        at += segment[at]
-        content += b"\0" if at < len(segment) else b""
+    content, position = bytearray(), 0
+    while position < len(segment):
+        content += segment[position + 1 : position + segment[position]]
+        position += segment[position]
+        content += b"\0" if position < len(segment) else b""
     body, crc = bytes(content[:-2]), int.from_bytes(content[-2:], "little")
     assert crc_bit_by_bit(body) == crc, segment.hex(" ")
     return body
 
 
 class CoreBench:
-    """A board from power-up on."""
-
     def __init__(self, *, rate_hz=1_000_000, first_ticks=0, channels=2, temperatures=2):
         self._core = ctypes.CDLL(str(bench_library()))
         self._core.bench_advance.argtypes = (ctypes.c_uint64, ctypes.c_uint32)
@@ -33,7 +31,7 @@ class CoreBench:
     def wire(self, data: bytes) -> bytes:
         """Give it bytes; return those that it sends at once."""
         self._core.bench_receive(data, len(data))
-        return self._taken()
+        return self._sent_bytes()
 
     def ask(self, body: str) -> list[str]:
         """Ask in hexadecimal digits; return bodies in such."""
@@ -49,7 +47,7 @@ class CoreBench:
         """
         self._core.bench_advance(n_ticks, poll_every)
         assert self._core.bench_n_locked() == 0
-        bodies = self._bodies(self._taken())
+        bodies = self._bodies(self._sent_bytes())
         return [body for body in bodies if kind in (None, body[0])]
 
     def inputs(self, levels: int, after_ticks: int = 0) -> None:
@@ -67,7 +65,7 @@ class CoreBench:
     def alarm(self, channel: int, state: int, code: int, value: int) -> bool:
         return bool(self._core.bench_alarm(channel, state, code, value))
 
-    def _taken(self) -> bytes:
+    def _sent_bytes(self) -> bytes:
         sent = ctypes.create_string_buffer(MOST_SENT)
         n_bytes = self._core.bench_take(sent)
         return sent.raw[:n_bytes]

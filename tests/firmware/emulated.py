@@ -40,7 +40,7 @@ class EmulatedProcessor(EmulatedBoard):
     """A board whose processor is emulated, with models of encoders at its pins."""
 
     def last_press(self) -> "Press":
-        """What the emulator knows of the last change of an input."""
+        """Last change of an input, by the emulator."""
         words = self.ask("latency").split()
         end = words.index("channels")
         return Press(
@@ -69,15 +69,15 @@ async def pressed(
     rig = ProcessorRig(board, debounce_us=5000)
     presses = []
     with rig.driver:
-        taken = await up(rig, rate_hz)
+        deliveries = await up(rig, rate_hz)
         for n in range(times):
             board.do(f"bounce 0 {1 - n % 2} 5")
             presses.append(board.last_press())
-            await taken.until(
-                lambda n=n: len(taken.of(LatchedCounts)) == n + 1, "the press"
+            await deliveries.until(
+                lambda n=n: len(deliveries.of(LatchedCounts)) == n + 1, "the press"
             )
-            rig.driver.acknowledge(taken.of(LatchedCounts)[-1].token)
-    return taken.of(LatchedCounts), presses
+            rig.driver.acknowledge(deliveries.of(LatchedCounts)[-1].token)
+    return deliveries.of(LatchedCounts), presses
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,18 +126,22 @@ async def assert_the_kind_is_read(
     board.do("turn 0 0", "count 0 0")
     expected = {(n, code) for n, code in enumerate(kind.alarms, 1) if code}
     with rig.driver:
-        taken = await up(rig, 250.0 if kind.is_read_in_turn else 500.0)
-        await taken.until(lambda: taken.of(StreamStarted), "the stream")
+        deliveries = await up(rig, 250.0 if kind.is_read_in_turn else 500.0)
+        await deliveries.until(lambda: deliveries.of(StreamStarted), "the stream")
         board.do("bounce 0 1 3")
         press = board.last_press()
-        await taken.until(lambda: taken.of(LatchedCounts), "the press")
-        await taken.until(lambda: len(taken.seqs()) > n_samples, "samples")
+        await deliveries.until(lambda: deliveries.of(LatchedCounts), "the press")
+        await deliveries.until(lambda: len(deliveries.seqs()) > n_samples, "samples")
         board.do(*(f"fail {n} {fault}" for n, fault in enumerate((3, 2, 1, 4), 1)))
-        await taken.until(lambda: len(taken.of(DeviceAlarm)) >= len(expected), "alarms")
+        await deliveries.until(
+            lambda: len(deliveries.of(DeviceAlarm)) >= len(expected), "alarms"
+        )
         lag_ms = board.lag_ms()
-    (latch,) = taken.of(LatchedCounts)
+    (latch,) = deliveries.of(LatchedCounts)
     assert latch.counts == counts
-    assert {(a.channel, a.code) for a in taken.of(DeviceAlarm) if a.raised} == expected
+    assert {
+        (a.channel, a.code) for a in deliveries.of(DeviceAlarm) if a.raised
+    } == expected
     late = [(status & STATUS_LATE) != 0 for status in latch.status]
     assert press.mark_cycles < late_cycles or all(late)
     if kind.is_read_in_turn:
@@ -146,7 +150,7 @@ async def assert_the_kind_is_read(
         # A Mega marks others, too: those whose first contact it may have missed.
         assert len(set(late)) == 1
         assert len(set(press.latch_cycles)) == 1  # all by one edge of the clock
-    received = taken.seqs()[:n_samples]
+    received = deliveries.seqs()[:n_samples]
     assert lag_ms > 0 or received == list(range(n_samples)), "samples were lost"
 
 
@@ -157,18 +161,20 @@ async def assert_thermometers_are_read(
     board.do("temperature 0 -1025", "temperature 1 2550", "temperature 2 -32768")
     rig = ProcessorRig(board)
     with rig.driver:
-        taken = await up(rig, rate_hz)
+        deliveries = await up(rig, rate_hz)
 
         def reported() -> set[tuple[float | None, ...]]:
-            return {event.values_c[:3] for event in taken.of(DeviceTemperatures)}
+            return {event.values_c[:3] for event in deliveries.of(DeviceTemperatures)}
 
-        await taken.until(lambda: (-10.25, 25.5, None) in reported(), "temperatures")
+        await deliveries.until(
+            lambda: (-10.25, 25.5, None) in reported(), "temperatures"
+        )
         board.do("temperature 0 -32768", "temperature 1 12500")
-        await taken.until(lambda: (None, 125.0, None) in reported(), "a loss")
+        await deliveries.until(lambda: (None, 125.0, None) in reported(), "a loss")
         lag_ms = board.lag_ms()
     between = {(-10.25, 125.0, None), (-10.25, 25.5, None), (None, 125.0, None)}
     assert reported() <= {(None, None, None)} | between
-    received = taken.seqs()
+    received = deliveries.seqs()
     assert lag_ms > 0 or received == list(range(len(received))), "samples were lost"
 
 

@@ -27,11 +27,7 @@ class EmulatedBoard(AbstractContextManager[Any]):
         self.n_edges = 0
         self._level = 0
         self._process = subprocess.Popen(
-            program,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            **options,
+            program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **options
         )
         assert self._answer() == ready
 
@@ -42,7 +38,6 @@ class EmulatedBoard(AbstractContextManager[Any]):
         return self._answer()
 
     def do(self, *commands: str) -> None:
-        """Execute commands."""
         for command in commands:
             assert self.ask(command) == "done", command
 

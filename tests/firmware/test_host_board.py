@@ -1,5 +1,3 @@
-"""The compiled board on its pty: the suites of all drivers, power, wraps, rates."""
-
 import numpy as np
 import pytest
 
@@ -43,45 +41,49 @@ class TestHostBoardContract(
 async def test_a_press_has_the_counts_of_its_first_contact(rig):
     rig.board.do("count 0 1000", "turn 3 -123456")
     with rig.driver:
-        taken = await up(rig)
+        deliveries = await up(rig)
         rig.press()
         rig.board.do("count 0 2000")
-        await taken.until(lambda: taken.of(LatchedCounts), "the press")
-    (latch,) = taken.of(LatchedCounts)
+        await deliveries.until(lambda: deliveries.of(LatchedCounts), "the press")
+    (latch,) = deliveries.of(LatchedCounts)
     assert (latch.input, latch.counts[0], len(latch.counts)) == (0, 1000, 7)
 
 
 async def test_a_loss_of_power_is_noticed(rig):
     with rig.driver:
-        taken = await streaming(rig)
+        deliveries = await streaming(rig)
         rig.press()
-        await taken.until(lambda: taken.of(LatchedCounts), "an edge")
+        await deliveries.until(lambda: deliveries.of(LatchedCounts), "an edge")
         rig.board.do("power")
-        await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is back")
-    assert [up.restarted for up in taken.of(DeviceUp)] == [False, True]
+        await deliveries.until(lambda: len(deliveries.of(DeviceUp)) == 2, "it is back")
+    assert [up.restarted for up in deliveries.of(DeviceUp)] == [False, True]
 
 
 async def test_10_khz_without_a_loss_over_the_wrap_of_ticks(rig):
     rig.board.do("turn 0 10000")
     with rig.driver:
-        taken = await streaming(rig, 10_000.0)
-        await taken.until(lambda: len(taken.seqs()) > 8000, "0.8 s of samples")
-    blocks = taken.of(CountSamples)
+        deliveries = await streaming(rig, 10_000.0)
+        await deliveries.until(
+            lambda: len(deliveries.seqs()) > 8000, "0.8 s of samples"
+        )
+    blocks = deliveries.of(CountSamples)
     ticks = np.concatenate([block.device_ticks for block in blocks])
-    assert taken.seqs() == list(range(len(ticks)))
+    assert deliveries.seqs() == list(range(len(ticks)))
     assert set(np.diff(ticks)) == {100}
     counts = np.concatenate([block.counts[:, 0] for block in blocks])
     assert set(np.diff(counts)) == {1}
-    assert taken.of(DeviceFault) == []
+    assert deliveries.of(DeviceFault) == []
 
 
 async def test_temperatures_and_alarms_arrive(rig):
     rig.board.do("temperature 0 -1234", "alarm 2 1 1 350")
     with rig.driver:
-        taken = await up(rig)
+        deliveries = await up(rig)
         rig.board.do("alarm 2 0 1 900")
-        await taken.until(lambda: taken.of(DeviceAlarm), "the alarm")
-        await taken.until(lambda: taken.of(DeviceTemperatures), "temperatures")
-    alarm = taken.of(DeviceAlarm)[-1]
+        await deliveries.until(lambda: deliveries.of(DeviceAlarm), "the alarm")
+        await deliveries.until(
+            lambda: deliveries.of(DeviceTemperatures), "temperatures"
+        )
+    alarm = deliveries.of(DeviceAlarm)[-1]
     assert (alarm.channel, alarm.raised, alarm.code, alarm.value) == (2, False, 1, 900)
-    assert taken.of(DeviceTemperatures)[0].values_c == (-12.34, None)
+    assert deliveries.of(DeviceTemperatures)[0].values_c == (-12.34, None)

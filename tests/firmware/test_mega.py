@@ -1,5 +1,3 @@
-"""The firmware of an Arduino Mega, as its processor runs it: emulated by libsimavr."""
-
 import math
 
 import numpy as np
@@ -125,18 +123,24 @@ async def test_the_counter_wraps_within_a_stream_and_the_power_comes_back(tmp_pa
     with MegaBoard(tmp_path / "port", firmware, *options) as board:
         rig = ProcessorRig(board)
         with rig.driver:
-            taken = await up(rig, 500.0)
-            await taken.until(lambda: len(taken.seqs()) > 1000, "2 s of samples")
+            deliveries = await up(rig, 500.0)
+            await deliveries.until(
+                lambda: len(deliveries.seqs()) > 1000, "2 s of samples"
+            )
             rig.press()
-            await taken.until(lambda: taken.of(LatchedCounts), "a press after it")
+            await deliveries.until(
+                lambda: deliveries.of(LatchedCounts), "a press after it"
+            )
             board.do("power")
-            await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is back")
-    blocks = taken.of(CountSamples)
+            await deliveries.until(
+                lambda: len(deliveries.of(DeviceUp)) == 2, "it is back"
+            )
+    blocks = deliveries.of(CountSamples)
     ticks = np.concatenate([block.device_ticks for block in blocks])[:1000]
-    seqs = np.array(taken.seqs())[:1000]
+    seqs = np.array(deliveries.seqs())[:1000]
     assert (np.diff(ticks) == 4000 * np.diff(seqs)).all()  # the driver unwraps them
     assert ticks[-1] - ticks[0] > 3_000_000
-    assert [up.restarted for up in taken.of(DeviceUp)] == [False, True]
+    assert [up.restarted for up in deliveries.of(DeviceUp)] == [False, True]
 
 
 async def test_a_minute_of_emulated_time_passes_the_wrap_of_an_idle_board(tmp_path):
@@ -146,10 +150,10 @@ async def test_a_minute_of_emulated_time_passes_the_wrap_of_an_idle_board(tmp_pa
         rig = ProcessorRig(board)
         board.do("turn 0 0", "forward 60")
         with rig.driver:
-            taken = await up(rig)
+            deliveries = await up(rig)
             token = rig.press()
-            await taken.until(lambda: taken.of(LatchedCounts), "the press")
-    (latch,) = taken.of(LatchedCounts)
+            await deliveries.until(lambda: deliveries.of(LatchedCounts), "the press")
+    (latch,) = deliveries.of(LatchedCounts)
     assert latch.token == token == 0
 
 
@@ -160,18 +164,24 @@ async def test_the_index_shows_that_counts_were_lost_and_puts_them_right(tmp_pat
         rig = ProcessorRig(board, debounce_us=5000)
         board.do("turn 0 0", "turn 3 2000")
         with rig.driver:
-            taken = await up(rig, 100.0)
-            await taken.until(lambda: len(taken.seqs()) > 100, "turns with its index")
-            assert taken.of(DeviceAlarm) == []
+            deliveries = await up(rig, 100.0)
+            await deliveries.until(
+                lambda: len(deliveries.seqs()) > 100, "turns with its index"
+            )
+            assert deliveries.of(DeviceAlarm) == []
             board.do("turn 3 90000")  # two counts while interrupts are locked
-            await taken.until(lambda: taken.of(DeviceAlarm), "the alarm")
+            await deliveries.until(lambda: deliveries.of(DeviceAlarm), "the alarm")
             board.do("turn 3 2000")
-            await taken.until(lambda: not taken.of(DeviceAlarm)[-1].raised, "its end")
+            await deliveries.until(
+                lambda: not deliveries.of(DeviceAlarm)[-1].raised, "its end"
+            )
             board.do("bounce 0 1 3")
             press = board.last_press()
-            await taken.until(lambda: taken.of(LatchedCounts), "a press")
-    assert {(alarm.channel, alarm.code) for alarm in taken.of(DeviceAlarm)} == {(3, 3)}
-    (latch,) = taken.of(LatchedCounts)
+            await deliveries.until(lambda: deliveries.of(LatchedCounts), "a press")
+    assert {(alarm.channel, alarm.code) for alarm in deliveries.of(DeviceAlarm)} == {
+        (3, 3)
+    }
+    (latch,) = deliveries.of(LatchedCounts)
     assert abs(latch.counts[3] - press.counts[3]) <= INDEX_COUNTS
     assert latch.status[3] & STATUS_ERROR == 0
 
@@ -183,9 +193,11 @@ async def test_a_button_that_is_held_at_power_up_makes_its_first_edge_when_relea
         board.do("input 0 1", "power")
         rig = ProcessorRig(board, debounce_us=5000)
         with rig.driver:
-            taken = await up(rig)
+            deliveries = await up(rig)
             board.do("input 0 0")
-            await taken.until(lambda: taken.of(LatchedCounts), "the release")
+            await deliveries.until(lambda: deliveries.of(LatchedCounts), "the release")
             board.do("input 0 1")
-            await taken.until(lambda: len(taken.of(LatchedCounts)) == 2, "a press")
-    assert [latch.active for latch in taken.of(LatchedCounts)] == [False, True]
+            await deliveries.until(
+                lambda: len(deliveries.of(LatchedCounts)) == 2, "a press"
+            )
+    assert [latch.active for latch in deliveries.of(LatchedCounts)] == [False, True]

@@ -1,5 +1,3 @@
-"""The firmware of a Raspberry Pi Pico, its processor emulated by rp2040js."""
-
 import struct
 
 import numpy as np
@@ -14,10 +12,7 @@ from tests.firmware.emulated import (
     pressed,
 )
 from tests.firmware.pico import PACKAGES, PicoBoard, pico_firmware
-from traverse.drivers.base.values import (
-    STATUS_ERROR,
-    STATUS_LATE,
-)
+from traverse.drivers.base.values import STATUS_ERROR, STATUS_LATE
 
 pytestmark = [pytest.mark.needs("arm", "node"), pytest.mark.slow]
 

@@ -15,7 +15,6 @@ def killed_at_three(number):
 
 
 def killed_once(file):
-    """Die the first time."""
     if file.name.startswith("once") and not file.exists():
         file.write_text("was here")
         os.kill(os.getpid(), signal.SIGKILL)

@@ -25,9 +25,9 @@ PATIENCE_S = 90.0
 
 @dataclass
 class Result:
-    """What was done, and what is left to complain about."""
+    """Counts of what was done, and of faults."""
 
-    taken: int = 0
+    captured: int = 0
     kills: dict[str, int] = field(default_factory=dict)
     lost: int = 0
     doubled: int = 0
@@ -37,8 +37,6 @@ class Result:
 
 
 class Members:
-    """Members of one group, each a process."""
-
     def __init__(self, broker: Mosquitto, database: str, folder: Path, n: int) -> None:
         self._broker, self._database, self._folder = broker, database, folder
         self._running: list[subprocess.Popen[bytes] | None] = [None] * n
@@ -124,7 +122,7 @@ async def chaos(
     members = Members(broker, url, folder, n_members)
     await members.are_connected()
     arms = [VirtualDaemon(f"arm-{n}", broker.host, broker.port) for n in range(n_arms)]
-    result, over, gone = Result(), asyncio.Event(), asyncio.Event()
+    result, over, stopped = Result(), asyncio.Event(), asyncio.Event()
     try:
         async with asyncio.TaskGroup() as group:
             for arm in arms:
@@ -145,9 +143,9 @@ async def chaos(
             over.set()
         async with asyncio.TaskGroup() as group:
             for arm in arms:
-                group.create_task(online(arm, gone))
+                group.create_task(online(arm, stopped))
             await _complete(url, arms)
-            gone.set()
+            stopped.set()
         statuses = await asyncio.to_thread(members.stop)
         # One that was started just now has not begun to listen to signals.
         assert set(statuses) <= {0, -signal.SIGTERM}, statuses
@@ -179,7 +177,7 @@ def _kill(
 
 async def _complete(url: str, arms: list[VirtualDaemon]) -> None:
     """Wait until the store has as many as the arms, or nothing comes for long."""
-    wanted = sum(len(arm.points) for arm in arms)
+    expected = sum(len(arm.points) for arm in arms)
     database = open_database(url)
     n_before, since_s = -1, asyncio.get_running_loop().time()
     try:
@@ -188,7 +186,7 @@ async def _complete(url: str, arms: list[VirtualDaemon]) -> None:
             (waiting,) = _select(
                 database, "SELECT count(*) FROM series WHERE complete_to < last_seq"
             )[0]
-            if now >= wanted and not waiting:
+            if now >= expected and not waiting:
                 return
             if now != n_before:
                 n_before, since_s = now, asyncio.get_running_loop().time()
@@ -205,11 +203,11 @@ def _select(database: Database, statement: str) -> list[tuple[object, ...]]:
 def _compare(url: str, arms: list[VirtualDaemon], result: Result) -> None:
     database = open_database(url)
     rows = _select(database, "SELECT id, arm, session, seq FROM point")
-    taken = {(p.id, arm.arm, p.session, p.seq) for arm in arms for p in arm.points}
-    result.taken = len(taken)
+    captured = {(p.id, arm.arm, p.session, p.seq) for arm in arms for p in arm.points}
+    result.captured = len(captured)
     result.doubled = len(rows) - len(set(rows))
-    result.lost = len(taken - set(rows))
-    result.invented = len(set(rows) - taken)
+    result.lost = len(captured - set(rows))
+    result.invented = len(set(rows) - captured)
     result.incomplete = _select(
         database, "SELECT * FROM series WHERE complete_to < last_seq"
     )

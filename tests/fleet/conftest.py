@@ -1,5 +1,3 @@
-"""A PostgreSQL for all tests, and one for a test that kills it."""
-
 import uuid
 from collections.abc import Iterator
 
@@ -20,7 +18,6 @@ def server() -> Iterator[Postgres]:
 
 @pytest.fixture
 def postgres_url(server: Postgres) -> str:
-    """An empty database."""
     return server.new_database(f"t{uuid.uuid4().hex[:12]}")
 
 

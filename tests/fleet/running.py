@@ -11,21 +11,19 @@ PATIENCE_S = 60.0
 
 
 class Running:
-    """A member in a folder, with what it says."""
-
     def __init__(self, process):
         self.process = process
-        self.said = []
+        self.lines = []
         self._reading = asyncio.create_task(self._read())
 
     async def _read(self):
         async for line in self.process.stderr:
-            self.said.append(line.decode().rstrip())
+            self.lines.append(line.decode().rstrip())
 
     async def says(self, text):
         until_s = time.monotonic() + PATIENCE_S
-        while not any(text in line for line in self.said):
-            assert time.monotonic() < until_s, self.said
+        while not any(text in line for line in self.lines):
+            assert time.monotonic() < until_s, self.lines
             await asyncio.sleep(0.05)
 
     async def ended(self):
@@ -65,8 +63,8 @@ def rows(folder, statement):
     return result
 
 
-async def becomes(folder, statement, wanted):
+async def becomes(folder, statement, expected):
     until_s = time.monotonic() + PATIENCE_S
-    while (present := rows(folder, statement)) != wanted:
+    while (present := rows(folder, statement)) != expected:
         assert time.monotonic() < until_s, present
         await asyncio.sleep(0.1)

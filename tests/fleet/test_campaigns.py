@@ -59,8 +59,8 @@ def test_what_is_no_address_is_refused(address):
 
 def test_a_scheduler_that_is_not_there_is_refused(monkeypatch):
     monkeypatch.setattr("traverse.fleet.workers._CONNECT_S", 0.5)
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
+    with socket.create_server(("127.0.0.1", 0)) as occupied:
+        port = occupied.getsockname()[1]
     with pytest.raises(WorkersError, match="no Dask scheduler there"):
         list(Workers(scheduler=f"tcp://127.0.0.1:{port}").each(squared, [1]))
 
@@ -76,8 +76,6 @@ def test_a_folder_of_results_belongs_to_one_program(tmp_path):
 
 
 class Cluster:
-    """A scheduler and workers, each a process with a log."""
-
     def __init__(self, folder):
         self._folder, self._logs = folder, []
         with socket.create_server(("127.0.0.1", 0)) as free:
@@ -138,10 +136,8 @@ def campaigns(tmp_path_factory):
 
 
 def results(campaigns, out, workers):
-    """Identify all, and read everything that was written."""
     request = Request(
-        *(campaigns / "design.toml", None, (), Options(), out),
-        *("C. Gauss", WHEN),
+        *(campaigns / "design.toml", None, (), Options(), out), *("C. Gauss", WHEN)
     )
     folders = sorted(campaigns.glob("bench-*"))
     outcomes = []
@@ -203,8 +199,8 @@ def test_a_scheduler_that_goes_away_ends_the_work_in_a_sentence(campaigns, tmp_p
         text=True,
     )
     try:
-        said = command.stderr.readline()
-        assert f"1 of {N_CAMPAIGNS}: bench-" in said
+        output = command.stderr.readline()
+        assert f"1 of {N_CAMPAIGNS}: bench-" in output
         cluster.stop()
         _, rest = command.communicate(timeout=PATIENCE_S)
     finally:
@@ -226,9 +222,9 @@ def test_the_command_goes_on_where_it_ended(campaigns, tmp_path):
     folder = str(campaigns / "bench-0")
     words = ["--arm", str(campaigns / "design.toml"), "--out", str(tmp_path / "out")]
 
-    def run(*more, status=0):
-        given = ["fleet", "identify", *more, *words, "--processes", "1"]
-        return invoke(*given, status=status)
+    def run(*options, status=0):
+        arguments = ["fleet", "identify", *options, *words, "--processes", "1"]
+        return invoke(*arguments, status=status)
 
     ran = run(folder, str(broken), status=1)
     assert "1 campaign done, 1 failed" in ran.output
@@ -237,8 +233,8 @@ def test_the_command_goes_on_where_it_ended(campaigns, tmp_path):
     assert "run those that have no results yet: --rest" in ran.output
     # What failed has no results: it is the rest.
     ran = run(folder, str(broken), "--rest", "--json", status=1)
-    (again,) = json.loads(ran.stdout)["campaigns"]
-    assert (again["name"], again["failed"]) == (broken.name, True)
+    (repeated,) = json.loads(ran.stdout)["campaigns"]
+    assert (repeated["name"], repeated["failed"]) == (broken.name, True)
     run(folder, folder, "--rest")
     twice = str(tmp_path / "bench-0")
     Path(twice).mkdir()
@@ -249,8 +245,8 @@ def test_the_command_goes_on_where_it_ended(campaigns, tmp_path):
 
 @pytest.mark.slow
 def test_a_diagnosis_is_told_as_json(campaigns, tmp_path):
-    given = [str(campaigns / "bench-2"), "--arm", str(campaigns / "design.toml")]
+    arguments = [str(campaigns / "bench-2"), "--arm", str(campaigns / "design.toml")]
     out = ["--out", str(tmp_path / "found"), "--processes", "1", "--json"]
-    ran = invoke("fleet", "diagnose", *given, *out)
+    ran = invoke("fleet", "diagnose", *arguments, *out)
     (campaign,) = json.loads(ran.stdout)["campaigns"]
     assert campaign == {"name": "bench-2", "failed": False, "verdict": "clean"}

@@ -1,5 +1,3 @@
-"""Nothing is lost and nothing counts twice, whatever dies."""
-
 import pytest
 
 from tests.fleet.chaos import Members, chaos

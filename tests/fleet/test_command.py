@@ -29,7 +29,7 @@ async def test_the_first_command_works_without_a_server(mosquitto, tmp_path):
             await member.says("25 to 27 are lost: the arm does not have them any more")
             await becomes(tmp_path, select, [(28,)])
         assert await member.stop() == 0
-    assert "0 dropped" in member.said[-1]
+    assert "0 dropped" in member.lines[-1]
     lost = f"SELECT from_seq, to_seq FROM lost WHERE arm = '{arm.arm}' AND scan = ''"
     assert rows(tmp_path, lost) == [(25, 27)]
     files = f"SELECT file FROM scan_block WHERE arm = '{arm.arm}'"
@@ -70,22 +70,22 @@ async def test_a_second_member_of_one_name_is_refused(mosquitto, tmp_path):
         await first.says("connected to")
         async with started(tmp_path, mosquitto, *words) as second:
             assert await second.ended() == 2
-        assert "is called one; give each a --member of its own" in second.said[-1]
-        assert "connected to" not in " ".join(second.said)  # of the first
+        assert "is called one; give each a --member of its own" in second.lines[-1]
+        assert "connected to" not in " ".join(second.lines)  # of the first
         assert await first.stop() == 0
     async with started(tmp_path, mosquitto, *words) as third:
         await third.says("connected to")  # at once: it is free again
-        assert "waiting" not in " ".join(third.said)
+        assert "waiting" not in " ".join(third.lines)
         assert await third.stop() == 0
 
 
 async def test_what_cannot_be_is_refused(mosquitto, tmp_path):
-    for words, said in (
+    for words, expected in (
         (("--group", "a/b"), "--group 'a/b': expected 1 to 40 letters"),
         (("--database", "mysql://host/x"), "mysql://: no such database"),
         (("--scans", "nonsense://x"), "expected a folder or a URI"),
     ):
         async with started(tmp_path, mosquitto, *words) as member:
             assert await member.ended() == 2
-        assert said in " ".join(member.said)
-        assert "Traceback" not in " ".join(member.said)
+        assert expected in " ".join(member.lines)
+        assert "Traceback" not in " ".join(member.lines)

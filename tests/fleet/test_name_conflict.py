@@ -1,5 +1,3 @@
-"""Two members of one name at one broker, with databases of their own."""
-
 from traverse.fleet.member import LOSSES, LOSSES_S, NameConflict
 
 

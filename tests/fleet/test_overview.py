@@ -1,5 +1,3 @@
-"""The page of all arms, and what is brought into a store as files."""
-
 import json
 import sqlite3
 import time
@@ -54,15 +52,15 @@ def store_messages(database, tmp_path, *messages):
     assert store.n_refused == 0
 
 
-def health(**more):
-    return HEALTH.model_copy(update={"time_ns": NOW_NS - 10**9, **more})
+def health(**changes):
+    return HEALTH.model_copy(update={"time_ns": NOW_NS - 10**9, **changes})
 
 
 def test_a_good_arm_has_nothing_against_it(database, tmp_path):
     warm = health(temperatures_c={"arm": 20.4})
-    taken = [point(n, time_ns=NOW_NS - 1000 * n) for n in range(3)]
+    points = [point(n, time_ns=NOW_NS - 1000 * n) for n in range(3)]
     before = point(3, time_ns=NOW_NS - 2 * DAY_NS)
-    messages = [("a", m) for m in (GOOD, warm, *taken, before)]
+    messages = [("a", m) for m in (GOOD, warm, *points, before)]
     store_messages(database, tmp_path, *messages)
     history(tmp_path / "interim.db", "a", 15)
     assert add_evidence(database, tmp_path / "interim.db") == "daily checks of a"
@@ -81,7 +79,7 @@ def test_a_good_arm_has_nothing_against_it(database, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "need", "said"),
+    ("change", "need", "expected"),
     [
         ({"state": "degraded"}, "doubt", "is degraded"),
         ({"online": False, "state": "offline"}, "doubt", "is offline"),
@@ -94,7 +92,7 @@ def test_a_good_arm_has_nothing_against_it(database, tmp_path):
     ],
 )
 def test_what_is_not_as_it_should_be_is_said_and_comes_first(
-    database, tmp_path, change, need, said
+    database, tmp_path, change, need, expected
 ):
     bad = GOOD.model_copy(update=change)
     old = health(time_ns=NOW_NS - 120 * 10**9)
@@ -107,7 +105,7 @@ def test_what_is_not_as_it_should_be_is_said_and_comes_first(
     add_evidence(database, tmp_path / "i.db")
     first, second = overview_values(database, NOW_NS)[0]["arms"]
     assert (first["arm"], first["need"]) == ("b", need)
-    assert any(said in concern for concern in first["concerns"])
+    assert any(expected in concern for concern in first["concerns"])
     assert (second["arm"], second["need"]) == ("a", "good")
 
 
@@ -143,13 +141,13 @@ def run(*words, status=0):
 
 def test_commands(tmp_path):
     url = tmp_path / "store.db"
-    gone = run("overview", "--database", url, status=2)
-    assert "`traverse store` makes one" in gone.output
+    result = run("overview", "--database", url, status=2)
+    assert "`traverse store` makes one" in result.output
     history(tmp_path / "i.db", "a", 15, last=datetime.now(UTC))
     added = run("add", tmp_path / "i.db", "--database", url)
     assert "daily checks of a" in added.output
-    again = run("add", tmp_path / "i.db", "--database", url, "--json")
-    (entry,) = json.loads(again.stdout)["added"]
+    repeated = run("add", tmp_path / "i.db", "--database", url, "--json")
+    (entry,) = json.loads(repeated.stdout)["added"]
     assert entry == {"file": str(tmp_path / "i.db"), "holds": "daily checks of a"}
     opened = open_database(str(url))
     now_ns = time.time_ns()
@@ -174,11 +172,11 @@ def test_an_altered_certificate_is_refused(tmp_path):
     (tmp_path / "c").mkdir()
     (tmp_path / "c" / "certificate.json").write_text('{"schema": "x"}')
     (tmp_path / "other.db").write_bytes(b"no database at all, but long enough" * 99)
-    for file, said in (
+    for file, expected in (
         (tmp_path / "c", "is no certificate"),
         (tmp_path / "other.db", "is no history of checks"),
         (tmp_path / "absent.db", "absent.db"),
     ):
         ran = run("add", file, "--database", tmp_path / "store.db", status=2)
-        assert said in ran.output
+        assert expected in ran.output
         assert "Traceback" not in ran.output

@@ -1,5 +1,3 @@
-"""What messages become in the tables, in both databases."""
-
 import sqlite3
 import threading
 import time
@@ -38,9 +36,9 @@ def received(message, arm="bench-7", encoding="msgpack"):
     return IncomingMessage(f"traverse/{arm}/{kind}", payload, 1, lambda _: None)
 
 
-def point(seq, session="s", **more):
-    given = {"seq": seq, "session": session, "id": f"{session}-{seq}", **more}
-    return POINT.model_copy(update=given)
+def point(seq, session="s", **changes):
+    fields = {"seq": seq, "session": session, "id": f"{session}-{seq}", **changes}
+    return POINT.model_copy(update=fields)
 
 
 def test_a_point_is_stored_once_with_its_bytes(store, database):
@@ -243,15 +241,15 @@ def test_a_locked_file_is_away(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("url", "said"),
+    ("url", "expected"),
     [
         ("mysql://host/database", "mysql://: no such database; expected a file"),
         ("/nowhere/at/all.db", "name a file that can be written"),
         ("postgresql://host/db?nonsense=1", "expected postgresql://user@host/database"),
     ],
 )
-def test_what_is_no_database_is_refused(url, said):
-    with pytest.raises(StoreRefusedError, match=said):
+def test_what_is_no_database_is_refused(url, expected):
+    with pytest.raises(StoreRefusedError, match=expected):
         open_database(url)
 
 

@@ -23,7 +23,6 @@ KEPT = FOLDER.parent.parent / "build" / "fuzz"
 
 
 def target(name: str) -> tuple[tuple[bytes, ...], Callable[[bytes], None]]:
-    """Seeds and check of a target."""
     module = importlib.import_module(f"tests.fuzz.fuzz_{name}")
     return module.SEEDS, module.check
 
@@ -41,7 +40,6 @@ def together() -> tuple[tuple[bytes, ...], Callable[[bytes], None]]:
 
 
 def fuzz(name: str | None, limits: list[str]) -> None:
-    """Fuzz in this process, which ends with it."""
     import atheris  # noqa: PLC0415 - slow, and only here
 
     with atheris.instrument_imports(include=["traverse", "pymodbus.framer"]):
@@ -81,22 +79,23 @@ def fuzz_all(seconds: float) -> int:
 
 
 def main() -> int:
-    """Read the command line."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz")
     parser.add_argument("name", nargs="?", choices=NAMES)
     parser.add_argument("--seconds", type=float)
     parser.add_argument("--runs", type=int)
     parser.add_argument("--together", action="store_true")
     parser.add_argument("--again", type=Path, help="a file that broke the target")
-    asked = parser.parse_args()
-    if asked.again is not None and asked.name is not None:
-        target(asked.name)[1](asked.again.read_bytes())
+    arguments = parser.parse_args()
+    if arguments.again is not None and arguments.name is not None:
+        target(arguments.name)[1](arguments.again.read_bytes())
         return 0
-    if asked.name is None and not asked.together:
-        return fuzz_all(asked.seconds or 60.0)
-    limits = [f"-max_total_time={round(asked.seconds)}"] if asked.seconds else []
-    limits += [f"-runs={asked.runs}"] if asked.runs else []
-    fuzz(None if asked.together else asked.name, limits)
+    if arguments.name is None and not arguments.together:
+        return fuzz_all(arguments.seconds or 60.0)
+    limits = (
+        [f"-max_total_time={round(arguments.seconds)}"] if arguments.seconds else []
+    )
+    limits += [f"-runs={arguments.runs}"] if arguments.runs else []
+    fuzz(None if arguments.together else arguments.name, limits)
     return 0
 
 

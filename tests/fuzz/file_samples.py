@@ -154,7 +154,6 @@ def make_samples(folder: Path, *, computed: bool = True) -> Path:
 
 
 def _store(folder: Path) -> None:
-    """A store with a few messages and a daily check."""
     database = open_database(str(folder / "store.db"))
     migrate(database)
     store = Store(database, ScanFiles(str(folder / "scans"), "m"))
@@ -195,7 +194,6 @@ def _collected(folder: Path) -> None:
 
 
 def _page_files(folder: Path) -> None:
-    """Certificate, key and token."""
     pair = Authority(folder, "ca").sign("localhost")
     shutil.copyfile(pair.certificate, folder / "page.pem")
     shutil.copyfile(pair.key, folder / "key.pem")

@@ -126,10 +126,7 @@ _FILES: dict[str, dict[str, str]] = {
     },
     "replay run.mcap": {"replay/recording": "run.mcap"},
     "verify run.mcap --standard asme-b89.4.22": {"verify/recording": "run.mcap"},
-    "run daemon.toml": {
-        "run/configuration": "daemon.toml",
-        "run/arm": "arm.toml",
-    },
+    "run daemon.toml": {"run/configuration": "daemon.toml", "run/arm": "arm.toml"},
     "replay steps.mcap": {"replay/steps": "steps.mcap"},
     "run identified.toml": {"run/covariance": "identified/arm.cov.npz"},
     "check identified.toml": {"check/covariance": "identified/arm.cov.npz"},
@@ -209,15 +206,12 @@ _TOKENS = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a command ended."""
-
     fault: str | None
     seconds: float
     grown_bytes: int
 
 
 def mutated(content: bytes, chance: random.Random) -> bytes:
-    """Damage a file once or a few times."""
     changed = bytearray(content)
     for _ in range(chance.choice((1, 1, 1, 2, 5))):
         place = chance.randrange(len(changed) + 1)
@@ -336,7 +330,6 @@ def _mutated_arrays(content: bytes, chance: random.Random) -> bytes:
 
 
 def replaced(path: Path) -> Iterator[tuple[str, Callable[[], object]]]:
-    """What may be in the place of a file."""
     yield "nothing", lambda: None
     yield "empty", path.touch
     yield "folder", path.mkdir
@@ -352,7 +345,6 @@ def replaced(path: Path) -> Iterator[tuple[str, Callable[[], object]]]:
 
 
 def outcome(words: list[str], folder: Path) -> Outcome:
-    """Run a command in a fork."""
     log = folder / ".log"
     begun = time.monotonic()
     child = os.fork()
@@ -379,18 +371,18 @@ def _resident_bytes() -> int:
 
 
 def _fault(words: list[str], log: Path, status: int | None) -> str | None:
-    """What is wrong with how a command ended; status None: it was ended."""
-    said = log.read_text("utf-8", "replace")
-    if "Traceback" in said:
-        return f"traceback: {said.strip().splitlines()[-1][:200]}"
+    """Return the fault in how a command ended; status None: it was ended."""
+    log_text = log.read_text("utf-8", "replace")
+    if "Traceback" in log_text:
+        return f"traceback: {log_text.strip().splitlines()[-1][:200]}"
     if status is None:
         return None if words[0] in _ENDLESS else f"no end after {_BUSY * END_S} s"
     if status == signal.SIGXCPU:
         return f"no end after {END_S} s of work"
     code = os.waitstatus_to_exitcode(status)
     if code not in STATUSES:
-        return f"exit status {code}: {said[-200:]}"
-    if code in {2, 3} and not said.strip():
+        return f"exit status {code}: {log_text[-200:]}"
+    if code in {2, 3} and not log_text.strip():
         return f"exit status {code} without a word"
     return None
 
@@ -439,13 +431,13 @@ def fuzz(
             folder = Path(temporary) / "of"
             harms: list[tuple[str, Callable[[Path], object]]] = []
             content = (samples / file).read_bytes()
-            for what, harm in replaced(folder / file):
-                harms.append((what, lambda _, harm=harm: harm()))
+            for replacement, harm in replaced(folder / file):
+                harms.append((replacement, lambda _, harm=harm: harm()))
             for number in range(mutations):
                 chance = random.Random(f"{name} {seed} {number}")
                 bad = mutated_inside(file, content, chance)
                 harms.append((str(number), lambda p, bad=bad: p.write_bytes(bad)))
-            for what, harm in harms:
+            for replacement, harm in harms:
                 shutil.rmtree(folder, ignore_errors=True)
                 shutil.copytree(samples, folder)
                 (folder / file).unlink()
@@ -455,12 +447,11 @@ def fuzz(
                 longest_s = max(longest_s, ended.seconds)
                 most_bytes = max(most_bytes, ended.grown_bytes)
                 if ended.fault is not None:
-                    failures[
-                        f"{what if not what.isdigit() else ''} {ended.fault}".strip()
-                    ] += 1
+                    kind = "" if replacement.isdigit() else replacement
+                    failures[f"{kind} {ended.fault}".strip()] += 1
                     kept.mkdir(parents=True, exist_ok=True)
-                    place = kept / f"{name.replace('/', '-')}-{seed}-{what}"
-                    if (folder / file).is_file() and what.isdigit():
+                    place = kept / f"{name.replace('/', '-')}-{seed}-{replacement}"
+                    if (folder / file).is_file() and replacement.isdigit():
                         shutil.copyfile(folder / file, place)
                     shutil.copyfile(folder / ".log", f"{place}.log")
         yield name, runs, longest_s, most_bytes, failures
@@ -478,13 +469,12 @@ def load(samples: Path, names: list[str]) -> None:
 
 
 def main() -> int:
-    """Read the command line."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz.files")
     parser.add_argument("names", nargs="*", metavar="COMMAND/FILE")
     parser.add_argument("--mutations", type=int, default=sized(300, 1))
     parser.add_argument("--seed", type=int, default=1)
-    wanted = parser.parse_args()
-    names = wanted.names or sized(list(COMMANDS), ["check/daemon"])
+    expected = parser.parse_args()
+    names = expected.names or sized(list(COMMANDS), ["check/daemon"])
     broken = total = 0
     with tempfile.TemporaryDirectory() as folder:
         samples = make_samples(
@@ -492,7 +482,7 @@ def main() -> int:
         )
         load(samples, names)
         for name, runs, longest_s, most_bytes, failures in fuzz(
-            names, wanted.mutations, wanted.seed, samples
+            names, expected.mutations, expected.seed, samples
         ):
             total += runs
             broken += failures.total()

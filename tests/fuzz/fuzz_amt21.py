@@ -17,10 +17,10 @@ def check(data: bytes) -> None:
     for chunk in chunks(data[1:]):
         reply.feed(chunk)
     heard = data[2:]
-    wanted = 3 if echoed else 2
-    assert reply.surplus == max(0, len(heard) - wanted)
+    expected = 3 if echoed else 2
+    assert reply.surplus == max(0, len(heard) - expected)
     if reply.value is not None:
-        word = int.from_bytes(heard[wanted - 2 : wanted], "little")
+        word = int.from_bytes(heard[expected - 2 : expected], "little")
         assert word & 0x3FFF == reply.value
         for first in (0, 1):
             assert sum(word >> bit & 1 for bit in range(first, 16, 2)) % 2 == 1

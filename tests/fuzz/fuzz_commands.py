@@ -39,5 +39,7 @@ def check(data: bytes) -> None:
         parse_args(name, command.args)
     except MessageError:
         return
-    again = decode(Command, encode(command, "json"), max_bytes=10 * MAX_COMMAND_BYTES)
-    assert again.request == command.request
+    repeated = decode(
+        Command, encode(command, "json"), max_bytes=10 * MAX_COMMAND_BYTES
+    )
+    assert repeated.request == command.request

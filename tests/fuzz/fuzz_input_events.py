@@ -9,7 +9,7 @@ SEEDS = (b"\x00" + PRESS, b"\x17" + PRESS + PRESS, b"\x04" + PRESS[:-1])
 
 def check(data: bytes) -> None:
     """Cut or not, the same is found."""
-    cut, whole = InputEventDecoder(), InputEventDecoder()
+    cut, uncut = InputEventDecoder(), InputEventDecoder()
     events = [event for chunk in chunks(data) for event in cut.feed(chunk)]
-    assert list(whole.feed(data[1:])) == events
+    assert list(uncut.feed(data[1:])) == events
     assert len(events) == len(data[1:]) // EVENT_BYTES

@@ -27,11 +27,11 @@ def sound(segment: bytes) -> bool:
 
 def check(data: bytes) -> None:
     """Cut or not, the same is found, and no more than check sums allow."""
-    cut, whole = latch_board.Decoder(), latch_board.Decoder()
+    cut, uncut = latch_board.Decoder(), latch_board.Decoder()
     messages = [message for chunk in chunks(data) for message in cut.feed(chunk)]
-    whole.feed(data[1:])
-    assert cut.accepted == whole.accepted
-    assert cut.faults == whole.faults
+    uncut.feed(data[1:])
+    assert cut.accepted == uncut.accepted
+    assert cut.faults == uncut.faults
     assert cut.pending <= LONGEST_SEGMENT
     n_sound = sum(map(sound, data[1:].split(b"\0")[:-1]))
     assert cut.accepted <= n_sound

@@ -37,12 +37,12 @@ def check(data: bytes) -> None:
     timer = bool(chosen & 2)
     size = packets.packet_size(framing, timer=timer)
     decoder = PacketDecoder(framing, timer=timer)
-    taken = [p for chunk in chunks(data[1:]) for p in decoder.feed(chunk)]
+    decoded = [p for chunk in chunks(data[1:]) for p in decoder.feed(chunk)]
     heard = data[2:]
     assert len(decoder._begun) < size
-    assert len(taken) == decoder.accepted <= len(heard) // size
+    assert len(decoded) == decoder.accepted <= len(heard) // size
     offset = 0
-    for packet in taken:
+    for packet in decoded:
         offset = heard.index(written(packet), offset) + size
     check_answers(heard)
 

@@ -30,10 +30,10 @@ def check(data: bytes) -> None:
         check_values(position, layout)
     if request == rls.SHORT:
         return
-    cut, whole = rls.Replies(request, layout), rls.Replies(request, layout)
+    cut, uncut = rls.Replies(request, layout), rls.Replies(request, layout)
     replies = [reply for chunk in chunks(data[1:]) for reply in cut.feed(chunk)]
-    assert whole.feed(heard) == replies
-    assert cut.skipped == whole.skipped
+    assert uncut.feed(heard) == replies
+    assert cut.skipped == uncut.skipped
     assert len(cut._kept) <= 2 * size
     assert len(replies) * size + cut.skipped + len(cut._kept) == len(heard)
     assert len(replies) <= heard.count(request)

@@ -1,5 +1,3 @@
-"""The AsyncAPI document: valid, and in agreement with the daemon."""
-
 import json
 from pathlib import Path
 from typing import Any
@@ -18,13 +16,11 @@ DOCUMENT: dict[str, Any] = json.loads((REFERENCE / "asyncapi.json").read_text("u
 
 
 def validator(file: str) -> jsonschema.Draft202012Validator:
-    """What a schema of the reference accepts."""
     schema = json.loads((REFERENCE / "schemas" / file).read_text("utf-8"))
     return jsonschema.Draft202012Validator(schema)
 
 
 def resolved(reference: str) -> Any:
-    """What an internal reference of the document points at."""
     value: Any = DOCUMENT
     for step in reference.removeprefix("#/").split("/"):
         value = value[step]
@@ -32,7 +28,6 @@ def resolved(reference: str) -> Any:
 
 
 def references(value: Any) -> list[str]:
-    """All references within a value."""
     if isinstance(value, dict):
         references_here = [value["$ref"]] if isinstance(value.get("$ref"), str) else []
         return references_here + [

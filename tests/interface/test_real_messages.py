@@ -162,8 +162,8 @@ def test_the_flow_of_node_red_decodes_each_point_once(
     done = subprocess.run(
         [node, "flow.mjs"], cwd=readers, capture_output=True, check=True, timeout=30
     )
-    first, second, again, command = json.loads(done.stdout)
+    first, second, repeated, command = json.loads(done.stdout)
     assert first["payload"] == second["payload"] == point
-    assert again is None
+    assert repeated is None
     assert command["topic"] == "traverse/bench-9/cmd/point"
     validator("command-point.schema.json").validate(json.loads(command["payload"]))

@@ -33,7 +33,7 @@ def random_geometry(seed: int, n_joints: int) -> Geometry:
 
 
 def size_mm(geometry: Geometry) -> float:
-    """What 1e-12 relative is relative to: the stretched arm and its place."""
+    """Length that relative errors refer to: the stretched arm and its place."""
     lengths = np.linalg.norm(geometry.links_mm, axis=1).sum()
     return float(
         lengths

@@ -1,5 +1,3 @@
-"""Every property of an effect is read from its row; each row is complete."""
-
 import ast
 from functools import cache
 from pathlib import Path

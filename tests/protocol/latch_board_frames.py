@@ -43,8 +43,8 @@ def stuffed(content: bytes) -> bytes:
     """COBS by its definition, distance to the next zero; for under 254 bytes."""
     out = bytearray(b"\0" + content + b"\0")
     zeros = [0, *(i + 1 for i, byte in enumerate(content) if byte == 0), len(out) - 1]
-    for here, following in pairwise(zeros):
-        out[here] = following - here
+    for zero, following in pairwise(zeros):
+        out[zero] = following - zero
     return bytes(out)
 
 
@@ -54,6 +54,5 @@ def framed(body: bytes) -> bytes:
 
 
 def cut(data: bytes, cuts: list[int]) -> list[bytes]:
-    """The same bytes as reads of any sizes."""
     places = [0, *sorted(c % (len(data) + 1) for c in cuts), len(data)]
     return [data[a:b] for a, b in pairwise(places)]

@@ -319,7 +319,6 @@ EXAMPLES: dict[str, Message] = {
 
 
 def json_text(message: Message) -> str:
-    """The JSON payload with one key a line."""
     values = json.loads(encode(message, "json"))
     lines = (f"  {json.dumps(key)}: {json.dumps(values[key])}" for key in values)
     return "{\n" + ",\n".join(lines) + "\n}\n"

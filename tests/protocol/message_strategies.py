@@ -50,7 +50,6 @@ labels = st.builds(Label, artefact=names, feature=st.none() | names) | st.just(L
 
 @st.composite
 def points(draw) -> Point:
-    """Points and retractions."""
     n_joints = draw(st.integers(0, 8))
     side = draw(st.sampled_from(["none", "shank", "pretouch", "pulled", "inside"]))
     point_id = draw(names)

@@ -82,9 +82,9 @@ def test_every_prefix_of_an_answer_is_incomplete(address, value, echoed, cut):
     request = amt21.position_request(address)
     answer = (request if echoed else b"") + word_by_definition(value)
     reply = amt21.Reply(request, echoed=echoed)
-    whole = reply.feed(answer[:cut])
-    assert whole == (cut >= len(answer))
-    assert (reply.value is None) == (not whole)
+    is_complete = reply.feed(answer[:cut])
+    assert is_complete == (cut >= len(answer))
+    assert (reply.value is None) == (not is_complete)
     assert reply.feed(answer[cut:])
     assert reply.value == value
     assert reply.surplus == 0
@@ -96,14 +96,14 @@ def test_noise_gives_at_most_one_sound_value_and_never_grows(chunks, echoed):
     for chunk in chunks:
         reply.feed(chunk)
     data = b"".join(chunks)
-    wanted = 3 if echoed else 2
-    assert reply.missing == max(0, wanted - len(data))
-    assert reply.surplus == max(0, len(data) - wanted)
-    assert len(reply._heard) <= wanted
+    expected = 3 if echoed else 2
+    assert reply.missing == max(0, expected - len(data))
+    assert reply.surplus == max(0, len(data) - expected)
+    assert len(reply._heard) <= expected
     decoded = read(b"\x54", data, echoed=echoed)
     assert reply.value == decoded  # however it was cut
     if decoded is not None:
-        assert data[:wanted].endswith(word_by_definition(decoded))
+        assert data[:expected].endswith(word_by_definition(decoded))
 
 
 def test_an_echo_that_is_not_the_request_spoils_the_reply():

@@ -62,10 +62,10 @@ def test_other_frames_are_nothing(can_id: int, data: str) -> None:
 def test_a_shortened_frame_is_never_taken_for_a_whole_one(
     can_id: int, data: str, _expected: wire.Message
 ) -> None:
-    whole = bytes.fromhex(data)
-    needed = {0x080: 0, 0x185: 4, 0x1FF: 4}.get(can_id, len(whole))
+    content = bytes.fromhex(data)
+    needed = {0x080: 0, 0x185: 4, 0x1FF: 4}.get(can_id, len(content))
     for n in range(needed):
-        assert wire.decode(can_id, whole[:n]) is None
+        assert wire.decode(can_id, content[:n]) is None
 
 
 @given(st.integers(0, 0x7FF), st.binary(max_size=8))

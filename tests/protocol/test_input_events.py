@@ -42,14 +42,14 @@ def test_a_key_press_as_the_kernel_gives_it():
 
 
 @given(st.lists(events, max_size=6), st.integers(1, 60))
-def test_the_cutting_into_reads_does_not_matter(wanted, size):
-    data = b"".join(bytes_of(*fields) for fields in wanted)
+def test_the_cutting_into_reads_does_not_matter(written, size):
+    data = b"".join(bytes_of(*fields) for fields in written)
     decoder = InputEventDecoder()
     chunks = [data[start : start + size] for start in range(0, len(data), size)]
     events = [event for chunk in chunks for event in decoder.feed(chunk)]
     assert events == [
         InputEvent(s * 10**9 + us * 1000, kind, code, value)
-        for s, us, kind, code, value in wanted
+        for s, us, kind, code, value in written
     ]
 
 

@@ -11,7 +11,6 @@ from traverse.protocol.latch_board import messages as wire
 
 
 def plain(message: wire.Message) -> list[tuple]:
-    """A message as comparable rows, one per sample of a block."""
     if not isinstance(message, wire.SampleBlock):
         return [(message,)]
     columns = (message.seq, message.ticks, message.inputs, message.counts)
@@ -98,17 +97,17 @@ def test_a_new_stream_begins_a_new_block():
 
 @pytest.mark.parametrize("text", golden.FROM_BOARD)
 def test_a_wrong_length_is_counted_and_dropped(text):
-    whole = frame(text)
-    body = unstuffed(whole)
+    stuffed = frame(text)
+    body = unstuffed(stuffed)
     for wrong in (body[:-1], body + b"\1"):
         assert decoded([framed(wrong)]) == ([], {"bad_length": 1})
 
 
-def unstuffed(whole: bytes) -> bytes:
+def unstuffed(stuffed: bytes) -> bytes:
     out, place = bytearray(), 0
-    while whole[place]:
-        out += whole[place + 1 : place + whole[place]] + b"\0"
-        place += whole[place]
+    while stuffed[place]:
+        out += stuffed[place + 1 : place + stuffed[place]] + b"\0"
+        place += stuffed[place]
     return bytes(out[:-3])
 
 

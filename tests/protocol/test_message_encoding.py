@@ -1,5 +1,3 @@
-"""Both encodings: what is written is read back; anything else is refused."""
-
 import json
 import math
 
@@ -36,7 +34,6 @@ COMMAND = Command(request="r", args={})
 
 
 def packed(**changes: object) -> bytes:
-    """A MessagePack command with changed or added keys."""
     return msgpack.packb(COMMAND.model_dump() | changes)
 
 
@@ -254,8 +251,8 @@ def test_a_time_in_messagepack_is_an_integer():
 
 def test_integers_are_good_floats_but_not_the_reverse():
     written = json.loads(encode(POINT, "json"))
-    whole = json.dumps(written | {"xyz_mm": [1, 2, 3]}).encode()
-    assert decode(Point, whole).xyz_mm == (1.0, 2.0, 3.0)
+    with_integers = json.dumps(written | {"xyz_mm": [1, 2, 3]}).encode()
+    assert decode(Point, with_integers).xyz_mm == (1.0, 2.0, 3.0)
     with pytest.raises(MessageError, match=r"point\.samples: 25\.0"):
         decode(Point, json.dumps(written | {"samples": 25.0}).encode())
 

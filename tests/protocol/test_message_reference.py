@@ -1,5 +1,3 @@
-"""The generated reference page and JSON Schemas agree with the definitions."""
-
 import json
 import shutil
 import subprocess
@@ -17,7 +15,6 @@ SCHEMAS = DOCS / "reference" / "schemas"
 
 
 def check(docs: Path, status: int = 0) -> subprocess.CompletedProcess[str]:
-    """Run the generator's comparison."""
     return run_program(
         sys.executable, docs / "generate_messages.py", "--check", status=status
     )

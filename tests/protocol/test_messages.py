@@ -1,5 +1,3 @@
-"""Messages as values: what they refuse, what they promise."""
-
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -34,7 +32,6 @@ from traverse.protocol.messages import (
 
 
 def changed(message: Message, **changes: object) -> Message:
-    """A message built anew with other values."""
     values = {name: value for name, value in dict(message).items() if name != "schema_"}
     return type(message).model_validate(values | changes)
 
@@ -76,11 +73,7 @@ REFUSED = [
     (EVENT, {"last_ns": 0}, "last_ns not before first_ns"),
     (EVENT, {"severity": "fatal"}, "'info', 'warning' or 'error'"),
     (HEALTH, {"counters": {"Lost": 1}}, "pattern"),
-    (
-        HEALTH,
-        {"latencies": {"x": {**LATENCY, "p99_us": 0}}},
-        "p50_us <= p99_us",
-    ),
+    (HEALTH, {"latencies": {"x": {**LATENCY, "p99_us": 0}}}, "p50_us <= p99_us"),
     (HEALTH, {"latencies": {"x": {**LATENCY, "n": 2}}}, "a histogram of n"),
     (HEALTH, {"latencies": {"x": {**LATENCY, "histogram": (1,)}}}, "at least 19 items"),
     (REPLY, {"ok": False}, "a result where ok is true"),

@@ -199,9 +199,9 @@ def test_a_lost_byte_costs_one_packet_only(sent, lost_byte):
 
 @given(st.binary(max_size=300), st.lists(st.integers(1, 40)))
 def test_noise_is_bounded_and_counted_alike_however_it_is_cut(noise, sizes):
-    whole, chunked = decoded([noise]), decoded(cut(noise, sizes))
-    assert whole == chunked
-    packets, faults = whole
+    uncut, chunked = decoded([noise]), decoded(cut(noise, sizes))
+    assert uncut == chunked
+    packets, faults = uncut
     # Each packet has consumed its 16 bytes, and one first byte.
     assert 16 * len(packets) + faults.get("stray", 0) <= len(noise)
     assert len(packets) <= noise.count(0xA3)

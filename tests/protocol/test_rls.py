@@ -105,7 +105,7 @@ def test_noise_is_no_reply_unless_it_could_be_one(noise, request_, layout):
     if position is not None:
         flags = (not position.error) << 1 | (not position.warning)
         tenths = round(10.0 * (position.temperature_c or 0.0))
-        again = written(
+        repeated = written(
             layout,
             request_,
             position.count,
@@ -114,7 +114,7 @@ def test_noise_is_no_reply_unless_it_could_be_one(noise, request_, layout):
             detail=position.conditions or 0,
             tenths=tenths,
         )
-        assert again == noise
+        assert repeated == noise
 
 
 def chunks(data, sizes):

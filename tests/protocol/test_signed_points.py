@@ -1,5 +1,3 @@
-"""A chain of signed points: what is removed, altered, inserted or moved is found."""
-
 import hashlib
 import json
 from base64 import b64encode
@@ -29,8 +27,13 @@ PUBLIC = KEY.public_key().public_bytes_raw()
 
 
 def point(seq: int, session: str = "s", **changes: object) -> Point:
-    given = {"session": session, "seq": seq, "id": f"{session}-{seq}", "retracts": None}
-    return POINT.model_copy(update={**given, **changes})
+    fields = {
+        "session": session,
+        "seq": seq,
+        "id": f"{session}-{seq}",
+        "retracts": None,
+    }
+    return POINT.model_copy(update={**fields, **changes})
 
 
 def signed(

@@ -1,5 +1,3 @@
-"""Names of topics and what is refused as one."""
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -110,17 +110,14 @@ class RecordingWriter:
         self._add(self._samples, self._host_ns, samples_to_bytes(samples))
 
     def add_touching(self, value: Touching) -> None:
-        """Append what is touched from a moment on."""
         channel = self._channels["touching"]
         self._add(channel, value.sample_time_ns, touching_to_bytes(value))
 
     def add_conditions(self, value: Conditions) -> None:
-        """Append the conditions of a moment."""
         channel = self._channels["conditions"]
         self._add(channel, value.sample_time_ns, conditions_to_bytes(value))
 
     def close(self) -> None:
-        """Write the index and close the file."""
         if not self._file.closed:
             self._writer.finish()  # type: ignore[no-untyped-call] # mcap's own
             self._file.close()
@@ -139,7 +136,6 @@ class RecordingWriter:
 
 
 def samples_to_bytes(samples: Samples) -> bytes:
-    """Write a block of samples."""
     table: dict[str, msgpack.ExtType] = {
         name: _packed(getattr(samples, name).astype(np.int64)) for name in TIMES
     }
@@ -149,7 +145,6 @@ def samples_to_bytes(samples: Samples) -> bytes:
 
 
 def touching_to_bytes(value: Touching) -> bytes:
-    """Write what is touched from a moment on."""
     table = {
         "sample_time_ns": value.sample_time_ns,
         "artefact": value.artefact,

@@ -91,12 +91,12 @@ def test_other_programs_read_the_file(tmp_path):
 
 
 def test_a_file_cut_anywhere_is_readable_up_to_the_tear(tmp_path):
-    whole = written(tmp_path / "whole.mcap").read_bytes()
+    content = written(tmp_path / "whole.mcap").read_bytes()
     everything = read_recording(tmp_path / "whole.mcap").samples
     torn = tmp_path / "torn.mcap"
     longest, n_lost = 0, []
-    for length in range(len(whole) // 2, len(whole), 37):
-        torn.write_bytes(whole[:length])
+    for length in range(len(content) // 2, len(content), 37):
+        torn.write_bytes(content[:length])
         recording = read_recording(torn)
         n = len(recording.samples)
         assert np.array_equal(recording.samples.counts, everything.counts[:n])

@@ -1,5 +1,3 @@
-"""Recordings of a daemon as files: whole, torn at every byte, damaged at any."""
-
 import json
 import struct
 
@@ -73,7 +71,7 @@ def test_a_file_cut_at_every_byte_of_its_last_chunk_is_read_up_to_there(tmp_path
     for entry in ENTRIES[:40]:
         writer.add(entry)
     writer.flush()
-    whole = path.stat().st_size
+    first_size = path.stat().st_size
     for entry in ENTRIES[40:]:
         writer.add(entry)
     writer.flush()
@@ -81,7 +79,7 @@ def test_a_file_cut_at_every_byte_of_its_last_chunk_is_read_up_to_there(tmp_path
     content = path.read_bytes()
     chunk_ends = []
     torn = tmp_path / "torn.mcap"
-    for length in range(whole, len(content)):
+    for length in range(first_size, len(content)):
         torn.write_bytes(content[:length])
         reader, entries = read(torn)
         assert entries in (ENTRIES[:40], ENTRIES)
@@ -161,7 +159,7 @@ def test_what_is_no_recording_of_a_daemon_is_refused(tmp_path):
 
 
 def misfits(value, schema, where=""):
-    """What of a value does not fit the part of JSON Schema that Foxglove's use."""
+    """Return misfits of a value by the part of JSON Schema that Foxglove uses."""
     if "oneOf" in schema:
         known = [branch["const"] for branch in schema["oneOf"]]
         return [] if value in known else [f"{where}: {value} is none of {known}"]
@@ -231,8 +229,8 @@ def test_a_cloud_keeps_a_scan_to_the_last_bit():
 
 
 def test_a_point_keeps_its_last_bit():
-    again = type(POINT).model_validate_json(point_to_bytes(POINT))
-    assert again == POINT
+    repeated = type(POINT).model_validate_json(point_to_bytes(POINT))
+    assert repeated == POINT
 
 
 def test_the_reader_of_the_mcap_library_reads_all_of_it_with_its_schemas(tmp_path):

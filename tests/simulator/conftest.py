@@ -1,5 +1,3 @@
-"""An arm of seven joints and configurations around it."""
-
 from collections.abc import Callable
 from pathlib import Path
 

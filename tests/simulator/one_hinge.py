@@ -29,8 +29,6 @@ class SteadyCounts:
 
 
 class Notebook:
-    """Keeps what devices note."""
-
     def __init__(self) -> None:
         self.readings = []
         self.edges = []

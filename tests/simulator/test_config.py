@@ -33,7 +33,7 @@ def test_all_mistakes_are_said_at_once():
     )
     with pytest.raises(FileError) as caught:
         parse(text)
-    said = str(caught.value)
+    message = str(caught.value)
     for part in (
         "clok",
         "motion[1].kind",
@@ -45,7 +45,7 @@ def test_all_mistakes_are_said_at_once():
         "fault[0].probability",
         "exit_at_end",
     ):
-        assert part in said, said
+        assert part in message, message
 
 
 def test_an_unknown_kind_is_refused_for_that_alone():
@@ -83,16 +83,16 @@ def refuse(folder, capsys, text):
 def test_an_effect_that_cannot_be_played_is_refused(folder, capsys):
     effect = '\n[[effects]]\nkind = "mount_compliance"\ncompliance_rad_nm = 1e-5\n'
     (folder / "arm.toml").write_text(seven_text() + effect)
-    said = refuse(folder, capsys, config_text(REST))
-    assert "arm.file effects[0]" in said
-    assert "mass_kg" in said
+    message = refuse(folder, capsys, config_text(REST))
+    assert "arm.file effects[0]" in message
+    assert "mass_kg" in message
 
 
 def test_channels_that_do_not_match_are_refused(folder, capsys):
     (folder / "arm.toml").write_text(seven_text().replace("base/3", "wrist/9"))
-    said = refuse(folder, capsys, config_text(REST))
-    assert "joint J4 is read at 'wrist/9'" in said
-    assert "[0, 1, 2, 4, 5, 6]" in said
+    message = refuse(folder, capsys, config_text(REST))
+    assert "joint J4 is read at 'wrist/9'" in message
+    assert "[0, 1, 2, 4, 5, 6]" in message
 
 
 def test_a_missing_configuration_is_refused(tmp_path, capsys):
@@ -103,8 +103,8 @@ def test_a_missing_configuration_is_refused(tmp_path, capsys):
 def test_a_port_that_is_a_file_is_refused(folder, capsys):
     (folder / "port").mkdir()
     (folder / "port" / "base").write_text("precious")
-    said = refuse(folder, capsys, config_text(REST))
-    assert "device[0].port" in said
+    message = refuse(folder, capsys, config_text(REST))
+    assert "device[0].port" in message
     assert (folder / "port" / "base").read_text() == "precious"
 
 
@@ -162,10 +162,10 @@ def test_a_recording_is_refused_with_its_lines(tmp_path):
 
 def test_a_replay_without_a_channel_is_refused(folder, capsys):
     (folder / "r.csv").write_text(RECORDED)
-    said = refuse(
+    message = refuse(
         folder, capsys, config_text('[[motion]]\nkind = "replay"\nfile = "r.csv"\n')
     )
-    assert "no column base/2" in said
+    assert "no column base/2" in message
 
 
 def test_the_simulator_runs_without_scipy_and_the_code_under_test():

@@ -1,5 +1,3 @@
-"""Encoders that are polled one by one, as a process, and its truth log."""
-
 import json
 import math
 import os
@@ -19,7 +17,7 @@ def test_the_truth_log_tells_what_was_latched_when(folder):
     keys = f'kind = "rls"\nports = {PORTS}\nbits = 18'
     text = config_text(SPHERE, head).replace('port = "port/base"', keys)
     with simulator(folder, text, PORTS) as process:
-        asked = [ask(folder / PORTS[k % 7], b"1", 4) for k in range(70)]
+        answers = [ask(folder / PORTS[k % 7], b"1", 4) for k in range(70)]
         process.send_signal(signal.SIGTERM)
         assert process.wait(10.0) == 0
     *readings, summary = map(
@@ -27,7 +25,7 @@ def test_the_truth_log_tells_what_was_latched_when(folder):
     )
     assert summary["base"]["samples"] == len(readings) == 70
     for number, (reading, (sent_ns, reply, got_ns)) in enumerate(
-        zip(readings, asked, strict=True)
+        zip(readings, answers, strict=True)
     ):
         channel = number % 7
         assert (reading["event"], reading["channel"]) == ("reading", channel)

@@ -59,7 +59,7 @@ def test_json_is_bounded_and_finite(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    ("value", "said"),
+    ("value", "expected"),
     [
         ("1e308", "rate_hz: 1e+308 is out of range; expected at most 1e+20 either way"),
         ("-1e21", "rate_hz: -1e+21 is out of range"),
@@ -68,11 +68,11 @@ def test_json_is_bounded_and_finite(tmp_path, text):
         ('1.0\nport = "a\\u0000"', "port: 'a\\x00' has a NUL character"),
     ],
 )
-def test_absurd_values_are_refused_by_their_key(value, said):
+def test_absurd_values_are_refused_by_their_key(value, expected):
     text = f'[[device]]\nid = "a"\nrate_hz = {value}\n'
     with pytest.raises(FileError) as caught:
         parse_strict(text, "d.toml", Settings)
-    assert said in str(caught.value)
+    assert expected in str(caught.value)
 
 
 class Device(StrictModel):
@@ -115,7 +115,7 @@ class Arm(StrictModel):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         ("zero_deg = 90", "unknown key 'zero_deg'; expected zero_rad = 1.57079632679"),
         ("axis_m = [0.25, 0, -1]", "expected axis_mm = [250, 0, -1000]"),
@@ -127,10 +127,10 @@ class Arm(StrictModel):
         ("zero_rad = 1,5", "a decimal comma: write a decimal point"),
     ],
 )
-def test_other_units_and_decimal_commas_are_answered_with_what_to_write(text, said):
+def test_other_units_and_decimal_commas_are_answered_with_what_to_write(text, expected):
     with pytest.raises(FileError) as refused:
         parse_strict(text, "arm.toml", Arm)
-    assert said in str(refused.value)
+    assert expected in str(refused.value)
 
 
 def test_of_thousands_of_problems_the_first_are_shown():

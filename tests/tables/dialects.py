@@ -8,8 +8,6 @@ MINUS, EN_DASH, NO_BREAK_SPACE = "\u2212", "\u2013", "\u00a0"
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a table is written."""
-
     separator: str = ","
     decimal: str = "."
     group: str = ""
@@ -26,19 +24,17 @@ class Dialect:
     suffixes: dict[str, str] = field(default_factory=dict)
 
     def number(self, value: float | int) -> str:
-        """Write a number."""
         text = repr(value)
         if self.decimals is not None and isinstance(value, float):
             text = f"{value:.{self.decimals}f}"
         sign, text = ("-", text[1:]) if text.startswith("-") else ("", text)
-        whole, _, part = text.partition(".")
-        if self.group and whole.isdigit():
-            whole = f"{int(whole):,}".replace(",", self.group)
-        text = whole + (self.decimal + part if part else "")
+        integer, _, part = text.partition(".")
+        if self.group and integer.isdigit():
+            integer = f"{int(integer):,}".replace(",", self.group)
+        text = integer + (self.decimal + part if part else "")
         return (sign + text).replace("-", self.minus)
 
     def cell(self, value: object, column: str) -> str:
-        """Write a cell."""
         number = isinstance(value, int | float)
         text = self.number(value) if number else str(value)
         if number:
@@ -50,7 +46,6 @@ class Dialect:
         return text
 
     def table(self, header: list[str], rows: list[tuple]) -> bytes:
-        """Write a table."""
         mark = self.separator + self.blank
         lines = [self.first] if self.first else []
         lines += [self.comment] if self.comment else []
@@ -119,7 +114,6 @@ def columns_of(plain: bytes) -> tuple[list[str], list[tuple]]:
 
 
 def written(name: str, header: list[str], rows: list[tuple]) -> bytes:
-    """Write a table in a dialect of the list."""
     dialect = DIALECTS[name]
     if isinstance(dialect, Dialect):
         return dialect.table(header, rows)

@@ -41,7 +41,7 @@ def test_what_is_beyond_doubt_is_read(text, unit, expected):
 
 
 @pytest.mark.parametrize(
-    ("text", "unit", "said"),
+    ("text", "unit", "expected"),
     [
         ("inf", "other", "not a finite number"),
         ("nan", "other", "not a finite number"),
@@ -64,18 +64,18 @@ def test_what_is_beyond_doubt_is_read(text, unit, expected):
         ("1,234,5", "other", "not a finite number"),
     ],
 )
-def test_what_is_no_number_is_refused_with_its_characters(text, unit, said):
+def test_what_is_no_number_is_refused_with_its_characters(text, unit, expected):
     with pytest.raises(ValueError, match="is not a finite number") as refused:
         NumberReader(",").number(text, unit, 2)
-    assert said in str(refused.value)
+    assert expected in str(refused.value)
 
 
 def test_three_digits_behind_a_comma_are_doubtful_until_another_number_decides():
     reader = NumberReader("\t")
     assert reader.number("1,234", "other", 3) == 1.234
-    line, said = reader.doubt()
+    line, doubt = reader.doubt()
     assert line == 3
-    assert said.startswith("'1,234' may be 1.234 or 1234: no other number")
+    assert doubt.startswith("'1,234' may be 1.234 or 1234: no other number")
     assert reader.number("0,5", "other", 4) == 0.5
     assert reader.doubt() is None
     reader = NumberReader("\t")
@@ -110,7 +110,7 @@ def test_a_column_is_read_as_its_cells_are():
     values, wrong = reader.column(cells, "other", range(2, 8))
     assert list(wrong) == [3, 4]
     assert values[[0, 2, 5]].tolist() == [1.5, -2.0, 300.0]
-    assert all(math.isnan(values[at]) for at in (1, 3, 4))
+    assert all(math.isnan(values[row]) for row in (1, 3, 4))
     plain, wrong = NumberReader(";").column(["1,5", "", "7"], "other", range(2, 5))
     assert plain[[0, 2]].tolist() == [1.5, 7.0]
     assert wrong == {}

@@ -34,7 +34,7 @@ def dh(path):
 
 def poses(path):
     read = read_pose_table(path, ["J1"], {"seat": ("up", "down")}).poses
-    names = [("up", "down")[at] for at in read.features]
+    names = [("up", "down")[number] for number in read.features]
     numbers = (read.time_s, names, read.angles_rad[:, 0], read.temperature_c)
     return [(t, "seat", name, a, c) for t, name, a, c in zip(*numbers, strict=True)]
 
@@ -116,7 +116,9 @@ def outcome(path, name, reader):
 
 def documented():
     lines = PAGE.read_text("utf-8").splitlines()
-    start = next(at for at, line in enumerate(lines) if line.startswith("| dialect |"))
+    start = next(
+        number for number, line in enumerate(lines) if line.startswith("| dialect |")
+    )
     rows = {}
     for line in lines[start:]:
         if not line.startswith("|"):
@@ -141,7 +143,7 @@ def test_a_dialect_is_read_right_or_refused_as_the_page_says(tmp_path, reader):
 
 
 numbers = st.integers(-(10**9), 10**9).flatmap(
-    lambda whole: st.integers(0, 4).map(lambda power: whole / 10**power)
+    lambda digits: st.integers(0, 4).map(lambda power: digits / 10**power)
 )
 # Marks for thousands that go with a decimal mark, and what is between columns.
 WRITINGS = [
@@ -193,8 +195,8 @@ def dialects(draw):
 def test_no_dialect_gives_other_numbers(tmp_path, dialect, places):
     path = tmp_path / "p.csv"
     rows = [
-        (f"P{at}", *(round(number, dialect.decimals) for number in place))
-        for at, place in enumerate(places)
+        (f"P{index}", *(round(number, dialect.decimals) for number in place))
+        for index, place in enumerate(places)
     ]
     header = ["name", *PLACES]
     path.write_bytes(dialect.table(header, rows))
@@ -243,7 +245,7 @@ def test_what_is_doubtful_is_refused_with_its_place(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "expected"),
     [
         (b"\xff\xfen\x00a", "UTF-16"),
         (
@@ -258,13 +260,13 @@ def test_what_is_doubtful_is_refused_with_its_place(tmp_path, text):
     ],
     ids=["utf-16", "latin", "parquet", "xls", "gzip", "long"],
 )
-def test_what_is_no_text_is_refused_as_what_it_is(tmp_path, content, said):
+def test_what_is_no_text_is_refused_as_what_it_is(tmp_path, content, expected):
     path = tmp_path / "p.csv"
     path.write_bytes(content)
     with pytest.raises(FileError) as refused:
         read_touch_table(path, "centre")
-    if said != "UTF-16":
-        assert said in str(refused.value)
+    if expected != "UTF-16":
+        assert expected in str(refused.value)
 
 
 def test_a_missing_file_is_refused(tmp_path):

@@ -35,7 +35,7 @@ STEADY_S = 20.0
 
 
 class ArmOnBus:
-    """What is looked at while the programs run."""
+    """Checks while the programs run."""
 
     def __init__(self, bench: Workbench, listener: Listener, daemon: Program) -> None:
         self._bench, self._listener, self._daemon = bench, listener, daemon
@@ -121,13 +121,15 @@ class ArmOnBus:
         before = self.counters()
         await asyncio.sleep(STEADY_S)
         now = self.counters()
-        came, whole = (
+        came, n_complete = (
             now[name] - before[name]
             for name in ("samples_received", "samples_complete")
         )
         planned = int(STEADY_S * TRACKING_HZ)
-        summary = f"{planned} samples planned, {came} came, {whole} of them complete"
-        assert 2 * whole > planned, summary
+        summary = (
+            f"{planned} samples planned, {came} came, {n_complete} of them complete"
+        )
+        assert 2 * n_complete > planned, summary
         return summary
 
     def counters(self) -> Counter[str]:
@@ -151,12 +153,12 @@ class ArmOnBus:
         statuses = self._listener.statuses
         return bool(statuses) and statuses[-1].state in MEASURING
 
-    async def _counted(self, name: str, more: int) -> None:
+    async def _counted(self, name: str, increase: int) -> None:
         """Wait until a counter has increased."""
         await until(lambda: self._listener.healths, "a health message", SOON_S)
-        wanted = self.counters()[name] + more
+        target = self.counters()[name] + increase
         await until(
-            lambda: self.counters()[name] >= wanted, f"{more} more {name}", SOON_S
+            lambda: self.counters()[name] >= target, f"{increase} more {name}", SOON_S
         )
 
 

@@ -59,15 +59,19 @@ def stamps() -> str:
 def filters() -> str:
     """The kernel compares identifiers for us, by its table and not one by one."""
     bus, port = opened(), open_raw()
-    asked = can_interface.exact_receivers()
+    received = can_interface.exact_receivers()
     for can_id in (0x7A0, 0x18B | 0x8000_0000, 0x18B | 0x4000_0000, 0x18B, 0x201):
         send(port, can_id, b"1234")
     came = [f"{can_id:03X}" for can_id, _, _ in drained(bus)]
     bus.close()
     port.close()
-    assert set(identifiers(NODES)) <= asked, f"the kernel knows only {sorted(asked)}"
+    assert set(identifiers(NODES)) <= received, (
+        f"the kernel knows only {sorted(received)}"
+    )
     assert came == ["18B"], came
-    return f"{len(asked)} identifiers in rcvlist_sff; of 5 frames the 1 asked for came"
+    return (
+        f"{len(received)} identifiers in rcvlist_sff; of 5 frames the 1 asked for came"
+    )
 
 
 def overflow() -> str:
@@ -140,15 +144,15 @@ def down() -> str:
     """An interface that is taken down ends the reading, and opening it again."""
     bus = opened()
     can_interface.ip("set", NAME, "down")
-    said = []
+    errors = []
     for attempt in (lambda: bus.receive(1.0), lambda: bus.send(SYNC, b"")):
         try:
             attempt()
         except DeviceError as error:
-            said.append(str(error))
+            errors.append(str(error))
     bus.close()
     can_interface.ip("set", NAME, "up")
-    assert len(said) == 2, said
+    assert len(errors) == 2, errors
     bus = opened()
     port = open_raw()
     send(port, SYNC, b"")
@@ -156,7 +160,7 @@ def down() -> str:
     bus.close()
     port.close()
     assert n == 1, f"{n} frames after it was up again"
-    return said[0]
+    return errors[0]
 
 
 async def check_bus(table: Table) -> None:

@@ -34,8 +34,8 @@ def listen(*can_ids: int) -> socket.socket:
     """A socket that receives these frames."""
     exact = 0xC000_07FF
     port = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-    wanted = b"".join(struct.pack("=II", i, exact) for i in can_ids)
-    port.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, wanted)
+    expected = b"".join(struct.pack("=II", i, exact) for i in can_ids)
+    port.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, expected)
     port.bind((NAME,))
     return port
 

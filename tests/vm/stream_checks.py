@@ -125,9 +125,9 @@ class Outcome:
         )
 
 
-def judge(taken: list[object]) -> Outcome:
+def judge(deliveries: list[object]) -> Outcome:
     """Compare samples with the SYNCs that the encoders have counted."""
-    blocks = [d for d in taken if isinstance(d, CountSamples)]
+    blocks = [d for d in deliveries if isinstance(d, CountSamples)]
     seq = np.concatenate([b.seq for b in blocks])
     counts = np.concatenate([b.counts for b in blocks]).astype(np.int64)
     status = np.concatenate([b.status for b in blocks])
@@ -152,12 +152,12 @@ def judge(taken: list[object]) -> Outcome:
 async def check_stream(table: Table) -> None:
     """With encoders in a process of their own."""
     async with _nodes():
-        what = f"the driver alone, {STEADY_S:g} s without loss"
-        await table.check(what, Stream("kernel").steady)
+        title = f"the driver alone, {STEADY_S:g} s without loss"
+        await table.check(title, Stream("kernel").steady)
     async with _nodes(LATE_S):
         for sync in ("kernel", "host"):
-            what = f"an encoder that answers late, SYNC by {sync}"
-            await table.check(what, Stream(sync).doubt)
+            title = f"an encoder that answers late, SYNC by {sync}"
+            await table.check(title, Stream(sync).doubt)
 
 
 @contextlib.asynccontextmanager

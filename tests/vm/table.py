@@ -27,7 +27,7 @@ class Table:
                 self._lines.append(json.loads(line)["line"])
                 self.n_failed += not json.loads(line)["good"]
 
-    async def check(self, what: str, check: Check) -> None:
+    async def check(self, title: str, check: Check) -> None:
         """Make a check: it says what it saw, or raises where that is not good."""
         try:
             seen = check()
@@ -36,7 +36,7 @@ class Table:
             traceback.print_exc()
             result, good = f"{type(error).__name__}: {error}".splitlines()[0], False
         self.n_failed += not good
-        line = f"{'ok' if good else 'FAILED':6s}  {what:44s}  {result}"
+        line = f"{'ok' if good else 'FAILED':6s}  {title:44s}  {result}"
         self._lines.append(line)
         print(line, flush=True)  # noqa: T201 - this is the report
         if self._kept is not None:

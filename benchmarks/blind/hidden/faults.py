@@ -54,7 +54,6 @@ class _Spot:
     """Place of a fault.
 
     Attributes:
-        joints: as faults name it.
         angles_rad: of the joint's encoder in the poses, (n_poses,).
     """
 
@@ -89,10 +88,10 @@ def _sawtooth(spot: _Spot) -> tuple[Fault, str]:
 
 def _coupling(spot: _Spot) -> tuple[Fault, str]:
     n_joints = spot.poses.truth.mechanism.n_joints
-    others = [number for number in range(n_joints) if number != spot.joint]
+    other_joints = [number for number in range(n_joints) if number != spot.joint]
     fault = CrossCoupling(
         spot.joints,
-        other=int(spot.rng.choice(others)),
+        other=int(spot.rng.choice(other_joints)),
         height_rad=2e-5,
         order=int(spot.rng.integers(1, 4)),
         phase_rad=float(spot.rng.uniform(-np.pi, np.pi)),

@@ -102,7 +102,6 @@ class Command:
 
     @property
     def is_fast(self) -> bool:
-        """Whether it is of the fast queue."""
         return self.tag.startswith("E")
 
 
@@ -127,8 +126,8 @@ class LineBuffer:
 
     def lines(self, data: bytes) -> Iterable[bytes]:
         """Yield whole lines with their ends, and one that is already too long."""
-        *whole, self._rest = (self._rest + data).split(b"\n")
-        yield from (line + b"\n" for line in whole)
+        *complete_lines, self._rest = (self._rest + data).split(b"\n")
+        yield from (line + b"\n" for line in complete_lines)
         if len(self._rest) > MAX_LINE + 2:
             yield self._rest
 

@@ -35,7 +35,6 @@ class Machine:
         clock: monotonic time [s].
 
     Attributes:
-        live_s: time of its arrival.
         is_reachable: the arm and the broker are there.
         alarm: why the arm cannot be trusted, or None.
     """
@@ -52,7 +51,6 @@ class Machine:
         self._clock = clock
 
     def take_live(self, live: Live) -> None:
-        """Take the arm's latest pose."""
         self.live, self.live_s = live, self._clock()
 
     def pose(self) -> Live:
@@ -65,14 +63,16 @@ class Machine:
             raise IppError(503, "the arm sends no poses")
         return self.live
 
-    def require_good(self, measured: Point | Live, what: str) -> None:
+    def require_good(self, measured: Point | Live, subject: str) -> None:
         """Refuse measurements in doubt; raises IppError."""
         is_point = isinstance(measured, Point)
         if not measured.quality.ok:
             flags = ", ".join(measured.quality.flags)
-            raise IppError(1001 if is_point else 1000, f"{what} is in doubt ({flags})")
+            raise IppError(
+                1001 if is_point else 1000, f"{subject} is in doubt ({flags})"
+            )
         if self.alarm:
-            raise IppError(1000, f"{what}: {self.alarm}")
+            raise IppError(1000, f"{subject}: {self.alarm}")
         if is_point:
             self.require_probe()
 
@@ -173,8 +173,8 @@ class Machine:
         return (property_text("GetCsyTransformation", *values),)
 
     def _set_transformation(self, args: Args) -> None:
-        name, *rest = args
-        values = tuple(value for value in rest if isinstance(value, float))
+        name, *numbers = args
+        values = tuple(value for value in numbers if isinstance(value, float))
         if len(values) != 6:
             raise IppError(509, "expected a system and six numbers")
         self.systems.set(word(name), values)
@@ -200,7 +200,6 @@ class Machine:
 
 
 def shown(arg: Argument) -> str:
-    """An argument as it is written."""
     match arg:
         case Property():
             return property_text(arg.name, *arg.values)
@@ -235,11 +234,7 @@ STORED = ("JogDisplayCsy", "JogMoveCsy", "SensorCsy", *CHAIN[1:])
 
 
 class Systems:
-    """Transformations, and the selected system.
-
-    Attributes:
-        selected: one of `CHAIN`.
-    """
+    """Transformations, and the selected system."""
 
     def __init__(self) -> None:
         self.selected = CHAIN[0]
@@ -303,17 +298,17 @@ def target_values(args: Args) -> dict[str, tuple[float, ...]]:
     Raises:
         IppError: one of them is wrong, or no coordinate is given.
     """
-    given: dict[str, tuple[float, ...]] = {}
+    values_of: dict[str, tuple[float, ...]] = {}
     for arg in args:
         if (
             not isinstance(arg, Property)
-            or arg.name in given
+            or arg.name in values_of
             or len(arg.values) != N_NUMBERS.get(arg.name)
         ):
             raise IppError(509, f"{shown(arg)}: expected X(x), Y(y), Z(z), IJK(i,j,k)")
-        given[arg.name] = arg.values
-    if given.keys() <= {"IJK"}:
+        values_of[arg.name] = arg.values
+    if values_of.keys() <= {"IJK"}:
         raise IppError(509, "X, Y or Z is missing")
-    if not any(given.get("IJK", (1.0,))):
+    if not any(values_of.get("IJK", (1.0,))):
         raise IppError(1010, "IJK(0,0,0)")
-    return given
+    return values_of

@@ -20,11 +20,10 @@ MIN_PERIOD_S = 0.1  # at most ten movements a second are reported
 
 @dataclass(slots=True)
 class MoveReport:
-    """Reports of poses after a time or a distance, whichever is first.
+    """Reports poses after a time or a distance, whichever is first.
 
     Attributes:
         tag: of the command that requested it.
-        names: of the values in a report.
         is_due: the next pose is reported, however near.
     """
 
@@ -85,15 +84,15 @@ def requested_report(command: Command, machine: Machine) -> MoveReport:
         IppError: one of them is wrong, or neither time nor distance is given.
     """
     limits: dict[str, float] = {}
-    rest: list[Argument] = []
+    report_args: list[Argument] = []
     for arg in command.args:
         if not isinstance(arg, Property) or arg.name not in ("Time", "Dis"):
-            rest.append(arg)
+            report_args.append(arg)
         elif len(arg.values) != 1 or arg.name in limits or arg.values[0] < 0.0:
             raise IppError(509, f"{shown(arg)}: expected one number above 0, once")
         else:
             limits[arg.name] = arg.values[0]
     if not limits:
         raise IppError(502, "Time or Dis is missing")
-    names = machine.enumerated(rest)
+    names = machine.enumerated(report_args)
     return MoveReport(command.tag, limits.get("Time"), limits.get("Dis"), names)

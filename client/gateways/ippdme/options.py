@@ -1,4 +1,4 @@
-"""What the user of the I++ DME server chooses."""
+"""Options of the I++ DME server."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -33,8 +33,6 @@ class IppServer:
     """Serves an arm.
 
     Args:
-        arm: open while this is.
-        port: to listen on; 0: any that is free.
         report: called with messages for people.
 
     Attributes:

@@ -54,7 +54,6 @@ class Session:
 
     Args:
         send: takes lines for the client, without their ends.
-        report: takes messages for people.
         change_probe: begins to change the probe; `tool_changed` or `tool_refused`
             ends it.
         clock: monotonic time [s].
@@ -84,7 +83,6 @@ class Session:
         self._end()
 
     def disconnected(self) -> None:
-        """End the session and its requests: the client has gone."""
         self._transactions.clear()
         self._end()
 
@@ -117,7 +115,6 @@ class Session:
             )
 
     def take_live(self, live: Live) -> None:
-        """Take the arm's latest pose."""
         self.machine.take_live(live)
         if self._new_tool and live.model == self._new_model:
             self._activate(self._new_tool)
@@ -135,20 +132,19 @@ class Session:
                 self._transactions.report_error(self._moves.tag, "OnMoveReportE", error)
 
     def take_point(self, point: Point) -> None:
-        """Take a point, or a retraction."""
-        what, command = f"point {point.seq}", self._transactions.current
+        label, command = f"point {point.seq}", self._transactions.current
         if point.retracts is not None:
             self._take_back(point.retracts)
         elif not self._transactions.in_session:
-            self._report(f"{what} not sent: there is no session")
+            self._report(f"{label} not sent: there is no session")
         elif command is not None and command.name == "PtMeas":
             target_mm, since_ns = self._target  # nothing selects a system meanwhile
             place_mm = self.machine.systems.point(point.xyz_mm)
             off_mm = float(np.linalg.norm(place_mm - target_mm))
             if point.time_ns <= since_ns:
-                self._report(f"{what} not sent: it was taken before PtMeas")
+                self._report(f"{label} not sent: it was taken before PtMeas")
             elif off_mm > self._options.near_mm + point.probe_radius_mm:
-                why = f"{what} is {off_mm:.1f} mm from the target; PtMeas goes on"
+                why = f"{label} is {off_mm:.1f} mm from the target; PtMeas goes on"
                 self._transactions.report_error(
                     command.tag, "PtMeas", IppError(1001, why, 1)
                 )
@@ -158,7 +154,7 @@ class Session:
                     self._note_sent(point)
                 self._transactions.complete(result)
         elif not self._user:
-            self._report(f"{what} not sent: the client has not enabled the user")
+            self._report(f"{label} not sent: the client has not enabled the user")
         elif isinstance(result := self._measured(point), IppError):
             result.severity = 1  # the operator repeats it; nothing is locked
             self._transactions.report_unsolicited("PtMeas", result)
@@ -167,7 +163,6 @@ class Session:
             self._note_sent(point)
 
     def take_loss(self, lost: Lost) -> None:
-        """Take the loss of points."""
         error = IppError(511, f"points {lost.from_seq} to {lost.to_seq} are lost", 1)
         if self._transactions.in_session:
             self._transactions.report_unsolicited("PtMeas", error)
@@ -293,20 +288,20 @@ class Session:
         self._transactions.abort()
 
     def _says(self, command: Command) -> Lines:
-        said = {
+        answers = {
             "GetDMEVersion": f'DMEVersion("{VERSION}")',
             "GetErrStatusE": f"ErrStatus({int(self._transactions.is_locked)})",
             "IsHomed": "IsHomed(1)",
             "IsUserEnabled": f"IsUserEnabled({int(self._user)})",
             "GetMachineClass": f"GetMachineClass({self._options.machine_class})",
         }
-        return (said[command.name],)
+        return (answers[command.name],)
 
     def _error_info(self, command: Command) -> Lines:
-        (wanted,) = command.args
-        if not isinstance(wanted, float) or wanted not in ERRORS:
-            raise IppError(509, f"{shown(wanted)} is no number of an error here")
-        return (quoted(ERRORS[int(wanted)][1]),)
+        (number,) = command.args
+        if not isinstance(number, float) or number not in ERRORS:
+            raise IppError(509, f"{shown(number)} is no number of an error here")
+        return (quoted(ERRORS[int(number)][1]),)
 
     def _set_user(self, command: Command) -> None:
         self._user = command.name == "EnableUser"
@@ -338,11 +333,11 @@ class Session:
 
     def _pt_meas(self, command: Command) -> Lines:
         """Wait for the operator's touch near the target."""
-        given = target_values(command.args)
+        targets = target_values(command.args)
         self.machine.require_probe()
         pose, systems = self.machine.pose(), self.machine.systems
         place = systems.point(pose.xyz_mm)
-        values = [given.get(axis, (place[i],))[0] for i, axis in enumerate(AXES)]
+        values = [targets.get(axis, (place[i],))[0] for i, axis in enumerate(AXES)]
         self._user = False
         self._target = (np.array(values), pose.time_ns)
         return WAITS

@@ -35,7 +35,6 @@ class Tools:
 
     Attributes:
         active: name of the active tool.
-        found_tool: result of `FindTool`.
         radii_mm: radii of balls by tool, as far as known.
         library: names of the probes of the library.
     """
@@ -67,13 +66,13 @@ class Tools:
 
     def split(self, path: str) -> tuple[str, str]:
         """Return tool and property of `Tool.Name`, `FoundTool.Name` or `GoToPar.x`."""
-        first, _, rest = path.partition(".")
+        first, _, property_name = path.partition(".")
         if first == "FoundTool":
             # Asked for its name, it says that there is none.
-            if self.found_tool == UNDEFINED and rest != "Name":
+            if self.found_tool == UNDEFINED and property_name != "Name":
                 raise IppError(1503, "FindTool has found none")
-            return self.found_tool, rest
-        return self.active, rest if first == "Tool" else path
+            return self.found_tool, property_name
+        return self.active, property_name if first == "Tool" else path
 
     def parameter(self, tool: str, path: str) -> float:
         """Return a number among the properties; raises IppError."""

@@ -1,4 +1,4 @@
-"""Commands of a client on their way: two queues, answers, errors (6.2, 8).
+"""Pending commands of a client: two queues, answers, errors (6.2, 8).
 
 The fast queue overtakes the slow one, whose commands run in order.
 """
@@ -29,12 +29,10 @@ class Transactions:
         result: carries a command out, and returns lines of data, if any, or `WAITS`;
             raises `IppError`.
         send: takes lines for the client, without their ends.
-        report: takes messages for people.
 
     Attributes:
         current: the command of the slow queue that waits for its end.
         in_session: errors of severity 2 lock a session, and nothing else.
-        is_locked: after such an error.
         details: the latest errors that have a reason.
     """
 
@@ -77,7 +75,7 @@ class Transactions:
             return
         self._send(f"{command.tag} &")
         busy = self._unfinished()
-        if any(command.tag == other.tag for other in busy):
+        if any(command.tag == transaction.tag for transaction in busy):
             self._fail(command, IppError(1, f"{command.tag} is in use"))
         elif len(busy) > MAX_PENDING:
             self._fail(command, IppError(0, f"{MAX_PENDING} commands wait already"))

@@ -74,15 +74,15 @@ class Block:
             raise ValueError(
                 f"block: angles_rad has shape {shape}, expected (n_samples, n_joints)"
             )
-        others = {"directions": (shape[0], 3), "gravity_m_s2": (3,)}
+        shape_of = {"directions": (shape[0], 3), "gravity_m_s2": (3,)}
         for name in _COLUMN_NAMES:
             column = getattr(self, name)
             if column is None:
                 continue
-            wanted = shape if name in _OF_JOINTS else others.get(name, shape[:1])
-            if column.shape != wanted:
+            expected = shape if name in _OF_JOINTS else shape_of.get(name, shape[:1])
+            if column.shape != expected:
                 raise ValueError(
-                    f"block: {name} has shape {column.shape}, expected {wanted} "
+                    f"block: {name} has shape {column.shape}, expected {expected} "
                     f"beside angles_rad of shape {shape}"
                 )
 
@@ -95,12 +95,12 @@ class Block:
 
     def part(self, rows: slice | Integers) -> "Block":
         """Select samples."""
-        taken: dict[str, Any] = {}
+        columns: dict[str, Any] = {}
         for field in fields(self):
             column = getattr(self, field.name)
-            whole = column is None or field.name == "gravity_m_s2"
-            taken[field.name] = column if whole else column[rows]
-        return Block(**taken)
+            is_shared = column is None or field.name == "gravity_m_s2"
+            columns[field.name] = column if is_shared else column[rows]
+        return Block(**columns)
 
     def rows(self, column: str, joints: slice) -> Floats:
         """Return a column of some joints as contiguous rows, (n_chosen, n_samples).

@@ -73,8 +73,10 @@ class EffectContext:
 
 def utc_ns(moment: datetime) -> int:
     """Convert a moment with a time zone to nanoseconds since 1970, exactly."""
-    gone = moment - _EPOCH
-    return ((gone.days * 86_400 + gone.seconds) * 10**6 + gone.microseconds) * 1000
+    elapsed = moment - _EPOCH
+    return (
+        (elapsed.days * 86_400 + elapsed.seconds) * 10**6 + elapsed.microseconds
+    ) * 1000
 
 
 def context_from_arm(arm: "Arm", campaign_utc: Span | None = None) -> EffectContext:

@@ -67,14 +67,16 @@ class Correction(ABC):
     @classmethod
     def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
         """Build it from an entry of `[[effects]]`."""
-        row, given = EFFECT_KINDS[cls.kind], effect.values
+        row, entries = EFFECT_KINDS[cls.kind], effect.values
         values: list[float] = []
         for key in row.sizes:
-            values += given[key] if isinstance(given[key], tuple) else [given[key]]
+            values += (
+                entries[key] if isinstance(entries[key], tuple) else [entries[key]]
+            )
         return cls(
             joints=slice(0, 0) if row.joint == "absent" else setting.joints(effect),
             values=tuple(values),
-            variety=tuple(_shown(k, given[k]) for k in row.fixed if k != "knots"),
+            variety=tuple(_shown(k, entries[k]) for k in row.fixed if k != "knots"),
             **cls.surroundings(effect, setting),
         )
 

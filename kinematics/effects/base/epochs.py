@@ -55,7 +55,6 @@ class StepTime:
 
     Attributes:
         epoch_ns: origin of at_s, UTC since 1970.
-        at_s: time of the step.
     """
 
     epoch_ns: int

@@ -94,7 +94,7 @@ class MountCompliance(Compliance):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FirstMoment(Correction):
-    """What an element and all that it carries adds to the arm's first moment of mass.
+    """Addition of an element and its load to the arm's first moment of mass.
 
     moment_kg_m = m c + M r of the element's own mass m at c from the joint's origin and
     the mass M of everything beyond, which hangs at the end of the link r; beside what

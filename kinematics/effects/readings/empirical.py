@@ -89,18 +89,18 @@ class Empirical(ReadingCorrection):
 
     def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
         """Flag all samples, and those beyond the outer knots."""
-        readings = self._at(block)
+        readings = self._covariate(block)
         yield "empirical", np.ones(len(block), dtype=np.bool_)
         yield "beyond_knots", (readings < self.knots[0]) | (readings > self.knots[-1])
 
     def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
         """The unit splines, (n_knots, 1, n_samples)."""
         del geometry
-        return spline_amounts(self.knots, self._at(block))[:, np.newaxis]
+        return spline_amounts(self.knots, self._covariate(block))[:, np.newaxis]
 
     def unseen_rad(self, block: Block) -> Floats | None:
         """Return the difference between straight continuation and held value."""
-        away_rad = np.abs(straight_on(self.knots, self.values, self._at(block)))
+        away_rad = np.abs(straight_on(self.knots, self.values, self._covariate(block)))
         return away_rad if away_rad.any() else None
 
     @property
@@ -112,7 +112,7 @@ class Empirical(ReadingCorrection):
             for joint in self.affected
         )
 
-    def _at(self, block: Block) -> Floats:
+    def _covariate(self, block: Block) -> Floats:
         column = "angles_rad" if self.source is None else COLUMNS[self.source]
         if self.source_joint is None:
             return block.row(column)

@@ -112,11 +112,11 @@ def drawn_acceptance(poses: PoseSet, seed: int) -> SimulatedCampaign:
 
 def _standard_of(name: str) -> str:
     """Return the physical standard: `uni-3-2` and `uni-5-2` are one."""
-    kind, _, rest = name.partition("-")
+    kind, _, suffix = name.partition("-")
     if kind == "uni":
-        return f"uni-{rest.rpartition('-')[2]}"
+        return f"uni-{suffix.rpartition('-')[2]}"
     if kind == "volumetric":
-        return "volumetric-short" if int(rest) <= 10 else "volumetric-long"
+        return "volumetric-short" if int(suffix) <= 10 else "volumetric-long"
     if kind == "spat" or name == "scan-flat":
         return name
     return "bar" if kind == "check" else "sphere"

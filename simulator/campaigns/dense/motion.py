@@ -47,7 +47,6 @@ class Dragging:
     """Common parameters of drags.
 
     Attributes:
-        workspace: of the true geometry.
         ball_mm: radius of the ball.
         rng: draws paths and postures.
     """

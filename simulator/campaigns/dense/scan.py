@@ -45,7 +45,6 @@ class DenseScan:
 
     Attributes:
         artefacts: as the campaign states them.
-        start_utc: of the first sample.
         counts: (n, n_joints) raw.
         touched: (n,) index of the artefact, -1 for none.
         readings_rad: (n, n_joints) before they became counts.
@@ -196,14 +195,16 @@ def _readings(
         rows = slice(first, first + CHUNK)
         part = around.part(rows)
         moved = turns_rad[rows].copy()
-        here = np.flatnonzero(touching[rows])
-        if len(here):
+        touched_rows = np.flatnonzero(touching[rows])
+        if len(touched_rows):
             # Moved first, so that effects are those of where the ball really is.
             yielding = faulty.touching_turns(
-                moved[here], contacts_mm[rows][here], part.part(here)
+                moved[touched_rows],
+                contacts_mm[rows][touched_rows],
+                part.part(touched_rows),
             )
-            moved[here] = shifted_postures(
-                faulty.build.mechanism, yielding, shifts_mm[rows][here]
+            moved[touched_rows] = shifted_postures(
+                faulty.build.mechanism, yielding, shifts_mm[rows][touched_rows]
             )
         readings_rad[rows] = faulty.readings_rad(moved, part) + errors[rows]
     return readings_rad
@@ -213,6 +214,8 @@ def _counts(readings_rad: Floats, arm: Arm) -> NDArray[np.uint32]:
     encoders = [joint.encoder for joint in arm.joints if joint.encoder is not None]
     per_turn = np.array([encoder.counts_per_turn for encoder in encoders])
     signs = np.array([encoder.sign for encoder in encoders])
-    whole = np.rint(signs * readings_rad * per_turn / (2.0 * np.pi)).astype(np.int64)
-    counts: NDArray[np.uint32] = (whole % per_turn).astype(np.uint32)
+    turned_counts = np.rint(signs * readings_rad * per_turn / (2.0 * np.pi)).astype(
+        np.int64
+    )
+    counts: NDArray[np.uint32] = (turned_counts % per_turn).astype(np.uint32)
     return counts

@@ -44,7 +44,7 @@ def dense_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
 
 
 def dense_misfits(file: DenseFile, arm: Arm) -> Iterator[Problem]:
-    """Find what a scan cannot do."""
+    """Yield reasons why a scan is impossible."""
     for number, artefact in enumerate(file.artefacts):
         if not isinstance(artefact, Cone | Sphere):
             message = f"'{artefact.kind}' cannot be scanned; expected cone or sphere"

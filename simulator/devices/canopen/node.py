@@ -253,10 +253,10 @@ class CanOpenEncoder:
         if node is None:
             return
         if index == 0x6003:
-            (wanted,) = struct.unpack("<I", data)
+            (preset,) = struct.unpack("<I", data)
             old = self._number(0x6509, 0)
             modulus = self._number(0x6002, 0)
-            offset = (wanted - self.position() + old) % max(1, modulus)
+            offset = (preset - self.position() + old) % max(1, modulus)
             node.data_store.setdefault(0x6509, {})[0] = struct.pack("<I", offset)
         elif index == 0x1010:
             if bytes(data) != SAVE:

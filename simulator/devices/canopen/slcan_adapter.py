@@ -37,8 +37,8 @@ class SlcanAdapter(CanLine):
             self._open = False
             self._pending.clear()
         self._pending += self._port.read()
-        *commands, rest = bytes(self._pending).split(b"\r")
-        self._pending[:] = rest[-LONGEST_COMMAND:]
+        *commands, unended = bytes(self._pending).split(b"\r")
+        self._pending[:] = unended[-LONGEST_COMMAND:]
         frames = []
         for command in commands:
             frame = self._obey(command)

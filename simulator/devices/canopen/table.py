@@ -39,11 +39,12 @@ class CanOpenTable(DeviceTable):
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:
-        wanted = "port" if self.interface == "slcan" else "channel"
-        other = "channel" if wanted == "port" else "port"
-        if getattr(self, wanted) is None or getattr(self, other) is not None:
+        required = "port" if self.interface == "slcan" else "channel"
+        forbidden = "channel" if required == "port" else "port"
+        if getattr(self, required) is None or getattr(self, forbidden) is not None:
             raise ValueError(
-                f"interface '{self.interface}' needs the key {wanted}, and not {other}"
+                f"interface '{self.interface}' needs the key {required}, "
+                f"and not {forbidden}"
             )
         return self
 
@@ -60,5 +61,5 @@ class CanOpenTable(DeviceTable):
         if len(set(self.nodes)) < len(self.nodes):
             yield "nodes", "a number is given twice; use the fault 'duplicate' for that"
         if self.told_counts_per_turn and len(self.told_counts_per_turn) != n:
-            given = len(self.told_counts_per_turn)
-            yield "told_counts_per_turn", f"{given} given, the arm file has {n}"
+            n_entries = len(self.told_counts_per_turn)
+            yield "told_counts_per_turn", f"{n_entries} given, the arm file has {n}"

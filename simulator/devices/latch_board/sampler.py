@@ -127,8 +127,8 @@ class Stream:
         # After rate_millihz samples exactly 1000 tick_rate_hz ticks have passed;
         # counting from there keeps the products below 2^63 for ever.
         span = 1000 * self.tick_rate_hz
-        rounds, rest = divmod(first_seq, self.rate_millihz)
-        seqs = rest + np.arange(n_samples, dtype=np.int64)
+        rounds, first_in_round = divmod(first_seq, self.rate_millihz)
+        seqs = first_in_round + np.arange(n_samples, dtype=np.int64)
         twice = 2 * seqs * span + self.rate_millihz
         return rounds * span + twice // (2 * self.rate_millihz)
 

@@ -50,8 +50,8 @@ class Identity:
 
 def frame(body: bytes) -> bytes:
     """Append the CRC, stuff zeros, end with the delimiter."""
-    whole = body + binascii.crc_hqx(body, 0xFFFF).to_bytes(2, "little")
-    parts = whole.split(b"\0")
+    checked_body = body + binascii.crc_hqx(body, 0xFFFF).to_bytes(2, "little")
+    parts = checked_body.split(b"\0")
     return b"".join([bytes((len(part) + 1,)) + part for part in parts]) + b"\0"
 
 
@@ -82,7 +82,7 @@ class Segments:
         self._overlong = False
 
     def feed(self, received: bytes) -> Iterator[bytes]:
-        *ended, rest = received.split(b"\0")
+        *ended, unended = received.split(b"\0")
         for part in ended:
             self._keep(part)
             segment, too_long = bytes(self._kept), self._overlong
@@ -91,7 +91,7 @@ class Segments:
                 self.n_too_long += 1
             elif segment:
                 yield segment
-        self._keep(rest)
+        self._keep(unended)
 
     def forget(self) -> None:
         self._kept.clear()

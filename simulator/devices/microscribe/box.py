@@ -29,7 +29,6 @@ class Nameplate:
 
     Attributes:
         hci: version of the protocol, 2 or 3.
-        texts: by command.
         geometry: block of its own table.
         home: counts at the home position, 6 of them.
         maxes: greatest counts of the encoders that are there.
@@ -98,7 +97,7 @@ class HciBox:
         self.n_rejected = 0
         self._called = False
         self._coming = b""
-        self._wanted = 0  # bytes of the command being received
+        self._command_bytes = 0  # bytes of the command being received
 
     def receive_byte(self, byte: int, at_s: float, baud_rate: int) -> bytes:
         if self.baud_rate is None:
@@ -154,7 +153,7 @@ class HciBox:
             self._coming = echo  # until a NUL
         elif byte in ARGUMENTS or byte == MOTION:
             most = 12 + 2 * self._plate.n_encoders
-            self._coming, self._wanted = echo, ARGUMENTS.get(byte, most) + 1
+            self._coming, self._command_bytes = echo, ARGUMENTS.get(byte, most) + 1
             if byte == MOTION:
                 return b""  # it is returned when all of it has arrived
         elif byte not in self._answers:
@@ -170,7 +169,7 @@ class HciBox:
                 self._coming = b""
                 self.n_rejected += 1
             return b""
-        if len(self._coming) < self._wanted:
+        if len(self._coming) < self._command_bytes:
             return b""
         arguments, self._coming = self._coming[1:], b""
         if command == MARKER:

@@ -1,5 +1,3 @@
-"""The rivals, on a linear problem small enough to see through."""
-
 import numpy as np
 import pytest
 

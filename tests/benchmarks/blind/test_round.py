@@ -1,5 +1,3 @@
-"""Rounds of the blind test: sizes, truths, campaigns; no search for anything."""
-
 from functools import cache
 
 import numpy as np

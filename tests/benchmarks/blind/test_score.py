@@ -38,7 +38,7 @@ def candidate(identity):
 
 
 def term(identity, status="named", alternatives=(), evidence=50.0, estimates=None):
-    others = tuple(
+    alternative_terms = tuple(
         Alternative(candidate(other), evidence - 2.0, 0.9, alias)
         for other, alias in alternatives
     )
@@ -57,7 +57,7 @@ def term(identity, status="named", alternatives=(), evidence=50.0, estimates=Non
         log_bayes_factor=evidence,
         log10_p=-20.0,
         harmonic=None,
-        alternatives=others,
+        alternatives=alternative_terms,
         separate_by="",
         accepted=True,
     )
@@ -134,12 +134,12 @@ def test_a_name_for_nothing_is_spurious_and_wrong():
 
 def test_a_pair_needs_both_names_and_nothing_else():
     hidden = (truth(J3_ECCENTRICITY), truth(J5_SCALE))
-    both = (term(J5_SCALE), term(J3_ECCENTRICITY))
-    assert scored_terms(hidden, both, "named").all_exact
-    single = scored_terms(hidden, both[:1], "named")
+    pair = (term(J5_SCALE), term(J3_ECCENTRICITY))
+    assert scored_terms(hidden, pair, "named").all_exact
+    single = scored_terms(hidden, pair[:1], "named")
     assert single.n_matched == 1
     assert not single.all_exact
-    three = scored_terms(hidden, (*both, term(J3_RUNOUT)), "named")
+    three = scored_terms(hidden, (*pair, term(J3_RUNOUT)), "named")
     assert three.n_matched == 2
     assert three.n_spurious == 1
     assert not three.all_exact
@@ -240,14 +240,14 @@ def line(scenario, seed, gap=None, **changes):
 
 
 def table(lines):
-    return {row.what: row for row in rows(lines)}
+    return {row.label: row for row in rows(lines)}
 
 
 def test_a_rate_holds_as_long_as_its_interval_reaches_the_figure():
     # 17 of 20: 62.1 to 96.8 % by Clopper and Pearson, as their tables have it.
     lines = [line("one at 6", seed, detected=seed >= 3) for seed in range(20)]
     row = table(lines)["detection at 6"]
-    assert row.found == pytest.approx(0.85)
+    assert row.share == pytest.approx(0.85)
     assert row.interval == pytest.approx((0.621, 0.968), abs=5e-4)
     assert row.holds
     assert not table(lines * 20)["detection at 6"].holds
@@ -270,8 +270,8 @@ def test_rivals_stand_beside_where_they_have_an_answer():
 def test_a_run_that_broke_counts_as_not_found():
     broken = {"scenario": "one at 6", "seed": 1, "error": "ValueError: no"}
     rows = table([line("one at 6", 0), broken])
-    assert rows["detection at 6"].found == pytest.approx(0.5)
-    assert rows["runs that broke"].found == pytest.approx(0.5)
+    assert rows["detection at 6"].share == pytest.approx(0.5)
+    assert rows["runs that broke"].share == pytest.approx(0.5)
     assert not rows["runs that broke"].holds
 
 
@@ -280,7 +280,7 @@ def test_blunders_are_compared_seed_by_seed():
     # One that was wrong anyway, and one that blunders spoil.
     spoilt = [line("one at 8, 5% blunders", seed, exact=seed > 1) for seed in range(10)]
     row = table(plain + spoilt)["exact name at 8 lost by 5% blunders"]
-    assert row.found == pytest.approx(0.1)
+    assert row.share == pytest.approx(0.1)
     assert row.n == 10
 
 
@@ -288,7 +288,7 @@ def test_gaps_are_pooled():
     gaps = [(11.0, 2.0, 1.0), (1.1, 1.1, 1.0), (2.0, 1.0, 1.0)]
     lines = [line("one at 10", seed, gap=gap) for seed, gap in enumerate(gaps)]
     row = table(lines)["gap closed at 10, pooled against the oracle"]
-    assert row.found == pytest.approx(10.0 / 11.1)
+    assert row.share == pytest.approx(10.0 / 11.1)
 
 
 def test_numbers_of_parameters_are_counted_one_by_one():
@@ -296,7 +296,7 @@ def test_numbers_of_parameters_are_counted_one_by_one():
         "parameters within two sigma"
     ]
     assert row.n == 6
-    assert row.found == pytest.approx(4.0 / 6.0)
+    assert row.share == pytest.approx(4.0 / 6.0)
 
 
 def test_the_quick_test_is_of_two_hundred_runs_in_all_scenarios():

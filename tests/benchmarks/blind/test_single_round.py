@@ -24,7 +24,6 @@ def run_round(*arguments: str) -> Result:
 
 @pytest.fixture(scope="module")
 def single_round():
-    """One round as run from the command line."""
     return subprocess.run(
         [*PROGRAM, "--seed", "3"],
         cwd=CHECKOUT,

@@ -1,5 +1,3 @@
-"""What interpolation takes away of the error of joints that are read in turn."""
-
 from benchmarks.drivers.deskew import measured
 from benchmarks.drivers.moving_arm import Case
 

@@ -33,7 +33,7 @@ def point(session, seq, trigger="button"):
 
 
 class Run:
-    """What a crash test of two sessions leaves behind, sound until it is changed."""
+    """Files of a crash test of two sessions, sound until they are changed."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -160,9 +160,9 @@ def test_points_that_change_places_are_out_of_order(run):
 
 
 def test_two_points_of_one_press_are_a_fault(run):
-    again = point("b", 7).model_copy(update={"counts": run.held[-2].counts})
-    run.held.append(again)
-    run.received.append(again)
+    repeated = point("b", 7).model_copy(update={"counts": run.held[-2].counts})
+    run.held.append(repeated)
+    run.received.append(repeated)
 
     verdict = run.judge()
 

@@ -1,5 +1,3 @@
-"""The crash test's consumer of foreign make finds what is lost, doubled or altered."""
-
 import ast
 import sqlite3
 import sys
@@ -20,7 +18,7 @@ N = 5
 
 @pytest.fixture
 def stores(tmp_path: Path) -> tuple[Path, Path]:
-    """What a witness and an outbox have of a sound run."""
+    """A witness's store and an outbox after a sound run."""
     store, outbox = tmp_path / "witness.db", tmp_path / "outbox.db"
     with (
         closing(sqlite3.connect(store)) as ours,
@@ -51,7 +49,7 @@ def test_a_sound_run_has_no_faults(stores: tuple[Path, Path]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("which", "change", "text"),
+    ("store", "change", "text"),
     [
         (0, "DELETE FROM arrivals WHERE id = 'p3'", "promised, but never arrived"),
         (0, "DELETE FROM arrivals WHERE seq = 4", "in the outbox, but never arrived"),
@@ -68,9 +66,9 @@ def test_a_sound_run_has_no_faults(stores: tuple[Path, Path]) -> None:
     ],
 )
 def test_each_fault_is_found(
-    which: int, change: str, text: str, stores: tuple[Path, Path]
+    store: int, change: str, text: str, stores: tuple[Path, Path]
 ) -> None:
-    with closing(sqlite3.connect(stores[which])) as database:
+    with closing(sqlite3.connect(stores[store])) as database:
         database.execute(change)
         database.commit()
     assert any(text in fault for fault in faults(*stores)[1])

@@ -1,12 +1,10 @@
-"""One harness for trials: draw, run by workers, continue from a file, judge."""
-
 import json
 from functools import partial
 
 import pytest
 
 from benchmarks.trials.lines import append, stored
-from benchmarks.trials.program import wanted
+from benchmarks.trials.program import chosen_seeds
 from benchmarks.trials.series import Series, executed
 from tests.benchmarks.trials.coins import COINS, DEADLY, count, series, thrown
 from traverse.fleet.workers import Workers
@@ -24,7 +22,7 @@ def keys(lines):
 
 def chosen(**options):
     defaults = {"runs": None, "seeds": None, "seed": 0, "scenarios": []}
-    counts = wanted(series(), type("Asked", (), {**defaults, **options}))
+    counts = chosen_seeds(series(), type("Asked", (), {**defaults, **options}))
     return [(each.scenario, list(seeds)) for each, seeds in counts]
 
 

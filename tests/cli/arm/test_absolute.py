@@ -1,5 +1,3 @@
-"""Whether encoders are absolute: stated, or asked for at a terminal."""
-
 import os
 import pty
 import subprocess
@@ -40,16 +38,16 @@ def made(tmp_path: Path, *words: str, answer: str | None = None) -> tuple[Path, 
 
 @pytest.mark.parametrize(("answer", "absolute"), [("y", True), ("n", False)])
 def test_at_a_terminal_it_is_asked(tmp_path, answer, absolute):
-    out, said = made(tmp_path, answer=answer)
-    assert "do they count right again after a loss of power?" in said
+    out, output = made(tmp_path, answer=answer)
+    assert "do they count right again after a loss of power?" in output
     encoders = [joint.encoder for joint in read_arm(out).joints]
     assert [encoder.absolute for encoder in encoders] == [absolute, absolute]
 
 
 def test_elsewhere_it_is_warned_of_unless_it_is_stated(tmp_path):
-    out, said = made(tmp_path)
-    assert "say --absolute or --incremental" in said
+    out, output = made(tmp_path)
+    assert "say --absolute or --incremental" in output
     assert read_arm(out).joints[0].encoder.absolute is None
-    out, said = made(tmp_path, "--incremental", "--force")
-    assert said == ""
+    out, output = made(tmp_path, "--incremental", "--force")
+    assert output == ""
     assert read_arm(out).joints[0].encoder.absolute is False

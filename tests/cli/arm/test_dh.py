@@ -1,5 +1,3 @@
-"""`traverse arm from-dh` and `to-dh`, as they are typed."""
-
 import json
 import math
 import tempfile
@@ -129,7 +127,7 @@ def test_a_toml_table_says_everything_by_itself(tmp_path):
 @pytest.mark.parametrize("ending", ["csv", "toml"])
 def test_an_arm_goes_to_a_table_and_back(tmp_path, ending):
     table, arm = tmp_path / "bench.toml", tmp_path / "arm.toml"
-    back, again = tmp_path / f"back.{ending}", tmp_path / "again.toml"
+    back, repeated = tmp_path / f"back.{ending}", tmp_path / "again.toml"
     table.write_text(BENCH_TOML, "utf-8")
     traverse("from-dh", table, "-o", arm)
     written = traverse("to-dh", arm, "-o", back)
@@ -141,12 +139,12 @@ def test_an_arm_goes_to_a_table_and_back(tmp_path, ending):
             line for line in back.read_text("utf-8").splitlines() if "--" in line
         ]
         options = " ".join(comment).replace("#", "").replace("\\", "").split()
-    traverse("from-dh", back, "-o", again, *options)
+    traverse("from-dh", back, "-o", repeated, *options)
     before_mm, shanks = poses(arm, readings(2, 2))
-    after_mm, shanks_after = poses(again, readings(2, 2))
+    after_mm, shanks_after = poses(repeated, readings(2, 2))
     np.testing.assert_allclose(after_mm, before_mm, rtol=0, atol=1e-9)
     np.testing.assert_allclose(shanks_after, shanks, rtol=0, atol=1e-11)
-    zeros_rad = [joint.zero_rad for joint in read_arm(again).joints]
+    zeros_rad = [joint.zero_rad for joint in read_arm(repeated).joints]
     assert zeros_rad == [0.5, 0.0]
 
 
@@ -168,10 +166,12 @@ def test_to_dh_warns_of_hinges_that_are_nearly_parallel(tmp_path, ur10):
     )
     assert tilted != text
     ur10.write_text(tilted, "utf-8")
-    said = traverse("to-dh", ur10).stdout
-    assert "# shoulder_lift and elbow are 0.0001 rad apart: 1e-05 rad of tilt" in said
-    taken = traverse("to-dh", ur10, "--parallel-below-rad", "0.001", "--json").stdout
-    report = json.loads(taken)
+    output = traverse("to-dh", ur10).stdout
+    assert "# shoulder_lift and elbow are 0.0001 rad apart: 1e-05 rad of tilt" in output
+    json_text = traverse(
+        "to-dh", ur10, "--parallel-below-rad", "0.001", "--json"
+    ).stdout
+    report = json.loads(json_text)
     assert report["pairs"][1]["parallel"]
     assert 0.001 < report["misfit_mm"]["max"] < 0.5
 
@@ -190,11 +190,12 @@ def test_units_that_cannot_be_meant_are_asked_about(tmp_path):
     table.write_text(
         "name,d_mm,a_mm,alpha_rad,theta_rad\nJ1,400,25,-90,0\nJ2,0,455,0,7\n"
     )
-    said = traverse(*made).output
+    output = traverse(*made).output
     assert (
-        "alpha_rad of J1 is -90, more than a turn in radians: degrees? -90 degr" in said
+        "alpha_rad of J1 is -90, more than a turn in radians: degrees? -90 degr"
+        in output
     )
-    assert "theta_rad of J2 is 7, more than a turn" in said
+    assert "theta_rad of J2 is 7, more than a turn" in output
     table.write_text("d_m,a_m,alpha_deg\n400,25,-90\n0,455,0\n")
     assert "reach 855.8 m: were millimetres taken for metres?" in traverse(*made).output
     table.write_text("d_mm,a_mm,alpha_deg\n0.4,0.025,-90\n0,0.455,0\n")
@@ -213,10 +214,10 @@ def test_a_table_of_nearly_parallel_hinges_becomes_an_arm_of_its_size(tmp_path):
         "-231000.2,-572.3,-0.0005\n163.9,0,1.5707963\n115.7,0,-1.5707963\n92.2,0,0\n"
     )
     words = ("from-dh", table, "-o", out, "--convention", "classic")
-    said = traverse(*words).output
+    output = traverse(*words).output
     assert (
         "origins slid along hinges that are nearly parallel, which moves nothing"
-        in said
+        in output
     )
     shown = traverse("show", out).output
     reach_mm = float(shown.partition("reach ")[2].split()[0])
@@ -259,8 +260,8 @@ def test_all_mistakes_of_a_toml_table_are_said_at_once(tmp_path):
         '[[rows]]\na_mm = "1.0"\nd_mm = nan\n'
         "[[rows]]\na_mm = 1\nd_mm = 1\nalpha_rad = 0\ncounts_per_turn = 0\nname = 3\n"
     )
-    said = refused(tmp_path, "t.toml", text)
-    assert said.startswith("FILE: 7 problems\n")
+    message = refused(tmp_path, "t.toml", text)
+    assert message.startswith("FILE: 7 problems\n")
     for where in (
         "convention: 'modern' is not valid here",
         "colour: unknown key",
@@ -270,11 +271,11 @@ def test_all_mistakes_of_a_toml_table_are_said_at_once(tmp_path):
         "rows[1].counts_per_turn: 0 is not an integer from 1 to 2^32",
         "rows[1].name: 3 is not a string",
     ):
-        assert where in said
+        assert where in message
 
 
 @pytest.mark.parametrize(
-    ("text", "options", "said"),
+    ("text", "options", "expected"),
     [
         (UR10_CSV, [], "convention: is not given; use --convention classic or"),
         ("a_mm,d_mm,alpha_rad\n", ["--convention", "classic"], "holds no table"),
@@ -290,8 +291,8 @@ def test_all_mistakes_of_a_toml_table_are_said_at_once(tmp_path):
         ),
     ],
 )
-def test_a_table_without_an_answer_is_refused(tmp_path, text, options, said):
-    assert said in refused(tmp_path, "t.csv", text, *options)
+def test_a_table_without_an_answer_is_refused(tmp_path, text, options, expected):
+    assert expected in refused(tmp_path, "t.csv", text, *options)
 
 
 @pytest.mark.parametrize(

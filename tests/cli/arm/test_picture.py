@@ -1,5 +1,3 @@
-"""`traverse arm show --png`: the picture is there, and shows any arm."""
-
 import struct
 
 import numpy as np
@@ -7,10 +5,7 @@ import pytest
 
 from tests.kinematics.arms import ARM_TEXT, random_geometry
 from tests.running import invoke
-from traverse.kinematics.importers.arm_values import (
-    JointParts,
-    assemble_arm,
-)
+from traverse.kinematics.importers.arm_values import JointParts, assemble_arm
 
 picture = pytest.importorskip(
     "traverse.lab.report.arm_picture", reason="needs the extra lab"

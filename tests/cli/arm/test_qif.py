@@ -1,5 +1,3 @@
-"""`traverse arm to-qif` and `traverse export --to qif` as a user runs them."""
-
 import json
 import os
 from pathlib import Path
@@ -44,7 +42,6 @@ def run(*arguments, status=0):
 
 @pytest.fixture(scope="module")
 def verified(tmp_path_factory):
-    """Folders of `traverse verify --out` by standard."""
     folder, arm = tmp_path_factory.mktemp("qif"), read_arm(ARM)
     for standard in ("iso10360-12", "asme-b89.4.22"):
         noise = NoiseTable(encoder_rad=2e-6, contact_mm=0.003)

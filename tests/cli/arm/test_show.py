@@ -1,5 +1,3 @@
-"""`traverse arm show`: contents of an arm file in words."""
-
 import json
 import math
 
@@ -25,8 +23,6 @@ sin_rad = -1.2e-5
 
 @pytest.fixture
 def shown(tmp_path):
-    """Show an arm file's text."""
-
     def show(text, *options, status=0):
         file = tmp_path / "arm.toml"
         file.write_text(text, "utf-8")
@@ -57,11 +53,13 @@ def test_a_joint_without_encoder_has_no_step(shown):
 
 
 def test_effects_and_identification_are_listed(shown):
-    said = shown(ARM_TEXT + MORE).stdout
-    assert "kind=encoder_eccentricity joint=J2 cos_rad=3.1e-05 sin_rad=-1.2e-05" in said
-    assert "sigma0: 1.02" in said
-    assert "date: 2026-11-20T09:00:00+00:00" in said
-    assert "parameters: [J1.axis.v, J2.link.w]" in said
+    output = shown(ARM_TEXT + MORE).stdout
+    assert (
+        "kind=encoder_eccentricity joint=J2 cos_rad=3.1e-05 sin_rad=-1.2e-05" in output
+    )
+    assert "sigma0: 1.02" in output
+    assert "date: 2026-11-20T09:00:00+00:00" in output
+    assert "parameters: [J1.axis.v, J2.link.w]" in output
     assert json.loads(shown(ARM_TEXT + MORE, "--json").stdout)["effects"]
 
 

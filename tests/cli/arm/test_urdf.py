@@ -1,5 +1,3 @@
-"""`traverse arm from-urdf`: good descriptions, wrong ones and hostile ones."""
-
 import contextlib
 import math
 import tempfile
@@ -75,8 +73,8 @@ def made(tmp_path):
 
 
 def test_a_description_becomes_an_arm_with_fixed_joints_merged(made):
-    status, said, out = made(ROBOT, "--tip", "ball")
-    assert status == 0, said
+    status, output, out = made(ROBOT, "--tip", "ball")
+    assert status == 0, output
     arm = read_arm(out)
     assert arm.name == "two"
     assert [joint.name for joint in arm.joints] == ["pan", "lift"]
@@ -111,10 +109,10 @@ def test_a_joint_that_follows_another_is_coupled_and_has_no_encoder(made):
     readings_rad = np.column_stack([pan_rad, 0.25 - 2 * pan_rad])
     expected_mm, _ = probe_pose(geometry_from_arm(read_arm(free)), readings_rad)
     for posture in ("0,0", "0.4,0"):
-        status, said, out = made(
+        status, output, out = made(
             text, *options, f"--base-posture-rad={posture}", "--force"
         )
-        assert status == 0, said
+        assert status == 0, output
         pan, lift = (arm := read_arm(out)).joints
         assert (lift.coupled_to, lift.ratio, lift.encoder) == ("pan", -2.0, None)
         assert pan.encoder is not None
@@ -138,15 +136,15 @@ def test_another_base_posture_is_the_same_arm(made):
 
 
 def test_part_of_a_chain_can_be_taken(made):
-    status, said, out = made(ROBOT, "--root", "upper", "--tip", "lower")
-    assert status == 0, said
+    status, output, out = made(ROBOT, "--root", "upper", "--tip", "lower")
+    assert status == 0, output
     assert [joint.name for joint in read_arm(out).joints] == ["lift"]
 
 
 def test_of_several_chains_one_is_to_be_said(made):
-    status, said, out = made(ROBOT)
+    status, output, out = made(ROBOT)
     assert status == 2
-    assert "say --tip LINK, one of: camera (1 turning), ball (2 turning)" in said
+    assert "say --tip LINK, one of: camera (1 turning), ball (2 turning)" in output
     assert not out.exists()
 
 
@@ -159,13 +157,13 @@ def test_an_end_that_only_fixed_joints_lead_to_is_no_chain(made):
         '<joint name="bracket" type="fixed">\n    <parent link="upper"/>',
         '<joint name="bracket" type="fixed">\n    <parent link="pedestal"/>',
     )
-    status, said, out = made(without_chain)
-    assert status == 0, said
+    status, output, out = made(without_chain)
+    assert status == 0, output
     assert len(read_arm(out).joints) == 2
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "expected"),
     [
         ('"revolute"', '"prismatic"', "line 26: joint 'lift' is prismatic: it slides"),
         ('"revolute"', '"planar"', "joint 'lift' is planar"),
@@ -193,11 +191,11 @@ def test_an_end_that_only_fixed_joints_lead_to_is_no_chain(made):
         ('parent link="pedestal"', 'parent link="ball"', "is in a ring"),
     ],
 )
-def test_a_wrong_description_is_refused(made, old, new, said):
+def test_a_wrong_description_is_refused(made, old, new, expected):
     assert old in ROBOT
     status, output, out = made(ROBOT.replace(old, new), "--tip", "ball")
     assert status == 2
-    assert said in output
+    assert expected in output
     assert not out.exists()
 
 
@@ -208,7 +206,7 @@ def test_all_mistakes_are_said_at_once(made):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "expected"),
     [
         (["--tip", "bal"], "--tip: unknown link 'bal'; did you mean 'ball'?"),
         (["--root", "lower", "--tip", "camera"], "leads from 'lower' to 'camera'"),
@@ -217,10 +215,10 @@ def test_all_mistakes_are_said_at_once(made):
         (["--tip", "ball", "--base-posture-rad", "1"], "'1' is not 2 numbers"),
     ],
 )
-def test_options_that_do_not_fit_the_description_are_refused(made, options, said):
+def test_options_that_do_not_fit_the_description_are_refused(made, options, expected):
     status, output, _ = made(ROBOT, "--counts-per-turn", "4096", *options)
     assert status == 2
-    assert said in output
+    assert expected in output
 
 
 def test_entities_are_refused_before_anything_is_expanded(made):
@@ -232,7 +230,7 @@ def test_entities_are_refused_before_anything_is_expanded(made):
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "expected"),
     [
         (b" " * 2_000_001, "is larger than 2000000 bytes"),
         (b"<a>" * 60, "elements stand more than 50 deep"),
@@ -243,10 +241,10 @@ def test_entities_are_refused_before_anything_is_expanded(made):
         (b"<robot/>", "no chain of joints leads from a root to an end"),
     ],
 )
-def test_what_is_no_description_is_refused(made, content, said):
+def test_what_is_no_description_is_refused(made, content, expected):
     status, output, _ = made(content)
     assert status == 2
-    assert said in output
+    assert expected in output
 
 
 @given(st.data())
@@ -278,8 +276,8 @@ def test_an_arm_becomes_a_description_and_the_same_arm_again(made, tmp_path):
     assert "largest 0 mm" in ended.output
     assert invoke(*words).output == out.read_text("utf-8")
     invoke(*words, "-o", out, status=2)
-    _, _, again = made(out.read_text("utf-8"), "--force", "--counts-per-turn=4096")
-    assert read_arm(again) == read_arm(first)
+    _, _, repeated = made(out.read_text("utf-8"), "--force", "--counts-per-turn=4096")
+    assert read_arm(repeated) == read_arm(first)
 
 
 def test_an_arm_whose_effects_cannot_be_computed_is_refused(made, tmp_path):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from tests.kinematics.importers.matrices import rotation
+from tests.kinematics.importers.matrices import place, rotation
 from tests.running import invoke
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.importers.joint_names import names_for_arm
@@ -24,16 +24,6 @@ ROBOT = """<robot name="r" xmlns:drake="http://drake.mit.edu" xmlns:q="{q}">
   <origin xyz="0.25 0 0"/><axis xyz="0 1 0"/></joint>
 </robot>
 """
-
-
-def place(xyz_mm, rpy_rad=(0, 0, 0)):
-    matrix = (
-        rotation([0, 0, 1], rpy_rad[2])
-        @ rotation([0, 1, 0], rpy_rad[1])
-        @ rotation([1, 0, 0], rpy_rad[0])
-    )
-    matrix[:3, 3] = xyz_mm
-    return matrix
 
 
 def ball_mm(j1, rail_mm, j2, j3):
@@ -61,8 +51,8 @@ def balls_mm(out, readings_rad):
 
 
 def test_a_sliding_joint_is_held_where_an_option_says(made):
-    said, _ = made(ROBOT, status=2)
-    assert "hold it by --hold-mm rail=VALUE, make it fixed, or choose" in said
+    output, _ = made(ROBOT, status=2)
+    assert "hold it by --hold-mm rail=VALUE, make it fixed, or choose" in output
     _, out = made(ROBOT, "--hold-mm", "rail=-120.5")
     readings_rad = [[0.3, -0.4, 0.5], [-1.0, 0.2, 1.5]]
     expected = [ball_mm(j1, -120.5, j2, j3) for j1, j2, j3 in readings_rad]
@@ -73,7 +63,7 @@ def test_a_sliding_joint_is_held_where_an_option_says(made):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "expected"),
     [
         (["--hold-mm", "rial=1"], "--hold-mm: unknown joint 'rial'; did you mean 'ra"),
         (["--hold-mm", "J2=1"], "joint 'J2' is revolute, expected prismatic"),
@@ -82,9 +72,9 @@ def test_a_sliding_joint_is_held_where_an_option_says(made):
         (["--hold-mm", "rail=x"], "'x' is not 1 number below 1e9"),
     ],
 )
-def test_what_cannot_be_held_is_refused(made, options, said):
+def test_what_cannot_be_held_is_refused(made, options, expected):
     output, _ = made(ROBOT, *options, status=2)
-    assert said in " ".join(output.split())
+    assert expected in " ".join(output.split())
 
 
 def test_a_mimic_of_a_mimic_follows_the_joint_that_turns_freely(made):
@@ -104,8 +94,8 @@ def test_a_mimic_of_a_mimic_follows_the_joint_that_turns_freely(made):
     places_mm = balls_mm(out, [[j1, *zeros_rad[1:]]])[0]
     np.testing.assert_allclose(places_mm, expected, atol=1e-9)
     # Held, the master holds what mimics it.
-    said, _ = made(text, "--hold-mm", "rail=10", "--hold-rad", "J1=0.6", status=2)
-    assert "no joint turns" in said
+    output, _ = made(text, "--hold-mm", "rail=10", "--hold-rad", "J1=0.6", status=2)
+    assert "no joint turns" in output
 
 
 def test_a_mimic_of_a_joint_elsewhere_is_held_or_refused(made):
@@ -117,9 +107,9 @@ def test_a_mimic_of_a_joint_elsewhere_is_held_or_refused(made):
     text = ROBOT.replace('<joint name="J3" type="revolute">', follows)
     text = text.replace("</robot>", finger)
     options = ("--tip", "tip", "--hold-mm", "rail=0")
-    said, _ = made(text, *options, status=2)
-    assert "expected a joint of the chain that turns freely: J1, J2" in said
-    assert "hold it by --hold-rad J3=VALUE" in said
+    output, _ = made(text, *options, status=2)
+    assert "expected a joint of the chain that turns freely: J1, J2" in output
+    assert "hold it by --hold-rad J3=VALUE" in output
     for hold in ("J3=0.8", "F=0.4"):
         _, out = made(text, *options, "--hold-rad", hold)
         expected = [ball_mm(0.1, 0, 0.2, 0.8)]
@@ -145,7 +135,7 @@ XACRO = "http://www.ros.org/wiki/xacro"
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "expected"),
     [
         ("<axis", "<xacro:if/><axis", "line 4: <xacro:if> is a macro; expand the file"),
         ("<axis", "<q:block/><axis", "line 4: <q:block> is a macro; expand the file"),
@@ -178,11 +168,11 @@ XACRO = "http://www.ros.org/wiki/xacro"
         ),
     ],
 )
-def test_what_may_move_the_arm_is_refused_by_its_line(made, old, new, said):
+def test_what_may_move_the_arm_is_refused_by_its_line(made, old, new, expected):
     text = ROBOT.replace("{q}", XACRO)
     assert old in text
     output, _ = made(text.replace(old, new, 1), "--hold-mm", "rail=0", status=2)
-    assert said in " ".join(output.split())
+    assert expected in " ".join(output.split())
 
 
 def test_a_quaternion_turns_as_roll_pitch_yaw_do(made):
@@ -206,10 +196,10 @@ def test_names_that_an_arm_file_cannot_have_are_mapped_and_told(made):
         '"J2"', '"Gelenk \u00e4"'
     )
     text = text.replace('"J3"', '"\u80a9"')
-    said, out = made(text, "--hold-mm", "rail=0")
+    output, out = made(text, "--hold-mm", "rail=0")
     names = [joint.name for joint in read_arm(out).joints]
     assert names == ["left_shoulder_yaw", "Gelenk_a", "J3"]
-    assert "joint 'left/shoulder.yaw' is called left_shoulder_yaw\n" in said
+    assert "joint 'left/shoulder.yaw' is called left_shoulder_yaw\n" in output
     options = (
         "--rename",
         "left/shoulder.yaw=yaw",
@@ -217,18 +207,18 @@ def test_names_that_an_arm_file_cannot_have_are_mapped_and_told(made):
         "\u80a9=elbow",
         "--json",
     )
-    said, out = made(text, "--hold-mm", "rail=0", *options)
+    output, out = made(text, "--hold-mm", "rail=0", *options)
     names = [joint.name for joint in read_arm(out).joints]
     assert names == ["yaw", "Gelenk_a", "elbow"]
-    report = json.loads(said[said.index("{") :])
+    report = json.loads(output[output.index("{") :])
     assert report["renamed"]["left/shoulder.yaw"] == "yaw"
     for wrong, why in (
         ("J9=a", "unknown joint 'J9'"),
         ("\u80a9=a b", "'a b' is not a joint name"),
         ("J3", "'J3' is not of the form OLD=NEW"),
     ):
-        said, _ = made(text, "--rename", wrong, "--hold-mm", "rail=0", status=2)
-        assert why in " ".join(said.split())
+        output, _ = made(text, "--rename", wrong, "--hold-mm", "rail=0", status=2)
+        assert why in " ".join(output.split())
 
 
 def test_mapped_names_are_unique_and_good_names_stay():
@@ -242,9 +232,11 @@ def test_mapped_names_are_unique_and_good_names_stay():
 
 def test_values_that_cannot_be_meant_are_asked_about(made):
     text = ROBOT.replace('"0.4 0 0"', '"400 0 0"').replace("0.1 0.2 0.3", "90 0 0")
-    said, _ = made(text, "--hold-mm", "rail=0", "--base-posture-rad", "0,30,0")
-    assert "line 6: rpy = '90 0 0' is more than a turn in radians: degrees?" in said
-    assert "reach 400.3 m: were millimetres taken for metres?" in said
-    assert "a reading of --base-posture-rad is 30, more than a turn in radians" in said
-    said, _ = made(ROBOT, "--hold-mm", "rail=0")
-    assert "?" not in said
+    output, _ = made(text, "--hold-mm", "rail=0", "--base-posture-rad", "0,30,0")
+    assert "line 6: rpy = '90 0 0' is more than a turn in radians: degrees?" in output
+    assert "reach 400.3 m: were millimetres taken for metres?" in output
+    assert (
+        "a reading of --base-posture-rad is 30, more than a turn in radians" in output
+    )
+    output, _ = made(ROBOT, "--hold-mm", "rail=0")
+    assert "?" not in output

@@ -1,5 +1,3 @@
-"""Messages as lines of text: what happened, when, with units."""
-
 import pytest
 
 from tests.protocol import message_examples as examples

@@ -1,5 +1,3 @@
-"""Commands as plain functions: what their docstrings and signatures become."""
-
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -52,20 +50,20 @@ def run(*words: str) -> str:
 
 
 def test_help_is_that_of_the_docstrings() -> None:
-    said = " ".join(run("--help").split())
-    assert "Show all that is given." in said
-    assert "Args:" not in said
-    assert "name <str> What it is called." in said
-    assert "--strict Nothing may be missing." in said  # and no --no-strict
-    assert "--colour / --no-colour Not in grey." in said
-    assert "-m, --most <int range> So many at most." in said
-    assert "--x-mm <float> Along the table, in two lines." in said
-    assert "--json Report as JSON on standard output." in said
+    help_text = " ".join(run("--help").split())
+    assert "Show all that is given." in help_text
+    assert "Args:" not in help_text
+    assert "name <str> What it is called." in help_text
+    assert "--strict Nothing may be missing." in help_text  # and no --no-strict
+    assert "--colour / --no-colour Not in grey." in help_text
+    assert "-m, --most <int range> So many at most." in help_text
+    assert "--x-mm <float> Along the table, in two lines." in help_text
+    assert "--json Report as JSON on standard output." in help_text
 
 
 def test_a_group_arrives_as_one_value() -> None:
-    given = run("a", "--strict", "--x-mm", "2", "-m", "1", "--no-colour", "--json")
-    assert given == "a True False 1 Place(x_mm=2.0) True\n"
+    printed = run("a", "--strict", "--x-mm", "2", "-m", "1", "--no-colour", "--json")
+    assert printed == "a True False 1 Place(x_mm=2.0) True\n"
     assert run("b") == "b False True 3 Place(x_mm=1.5) False\n"
 
 
@@ -81,5 +79,5 @@ def test_every_option_of_every_command_has_help() -> None:
 
 def test_commands_work_without_docstrings(tmp_path: Path) -> None:
     words = (sys.executable, "-OO", "-m", "traverse", "check", "--help")
-    said = subprocess.run(words, check=True, cwd=tmp_path, capture_output=True).stdout
-    assert b"--json" in said
+    output = subprocess.run(words, check=True, cwd=tmp_path, capture_output=True).stdout
+    assert b"--json" in output

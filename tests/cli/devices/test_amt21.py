@@ -1,5 +1,3 @@
-"""`traverse amt21` on encoders behind a pty."""
-
 import json
 
 import pytest
@@ -23,9 +21,9 @@ def encoders(request, tmp_path):
     made.unplug()
 
 
-def run_amt21(encoders, *arguments, status=0, **more):
+def run_amt21(encoders, *arguments, status=0, **options):
     port = ["--port", str(encoders.link)]
-    return invoke("amt21", *arguments, *port, **more, status=status)
+    return invoke("amt21", *arguments, *port, **options, status=status)
 
 
 def test_a_scan_lists_who_answers(encoders, monkeypatch):

@@ -1,5 +1,3 @@
-"""`traverse board test`: right boards pass, wrong ones are told why."""
-
 import asyncio
 import contextlib
 import json

@@ -1,5 +1,3 @@
-"""`traverse can`, with encoders on a virtual bus in this process."""
-
 import itertools
 import json
 from collections.abc import Iterator
@@ -72,8 +70,8 @@ def test_a_bus_that_is_not_there_cannot_be_reached() -> None:
 def test_a_preset_is_requested_written_and_stored(nodes: FakeNodes) -> None:
     node = nodes.nodes[5]
     node.objects |= {(0x6003, 0): u32(0), (0x1010, 1): u32(1)}
-    wanted = ("--node", "5", "--value", "4711", "--store")
-    result = run_can(nodes, "preset", *wanted, "--yes", "--json")
+    expected = ("--node", "5", "--value", "4711", "--store")
+    result = run_can(nodes, "preset", *expected, "--yes", "--json")
     assert "node 5 is at 1000 of 268435456" in result.stderr
     report = json.loads(result.stdout)
     assert (report["node"], report["before"], report["stored"]) == (5, 1000, True)

@@ -118,7 +118,7 @@ def test_the_file_holds_what_was_made(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("maxes", "what"),
+    ("maxes", "expected"),
     [
         ((7999, 0, 7999, 0, 0, 0), "0 between others"),
         ((7999, 7999, 0, 0, 0, 0), "there are 2, expected 3 to 6"),
@@ -126,7 +126,7 @@ def test_the_file_holds_what_was_made(tmp_path: Path):
         ((0,) * 6, "there are 0"),
     ],
 )
-def test_an_arm_that_its_table_cannot_describe_is_refused(maxes, what):
+def test_an_arm_that_its_table_cannot_describe_is_refused(maxes, expected):
     odd = replace(description(example()), maxes=maxes, home=(0,) * 8)
-    with pytest.raises(FileError, match=what):
+    with pytest.raises(FileError, match=expected):
         arm_from_microscribe(odd, "ms", 0.0)

@@ -16,5 +16,4 @@ def run_identify(
 
 
 def said_json(ran: subprocess.CompletedProcess[str]) -> Any:
-    """Its JSON output."""
     return json.loads(ran.stdout)

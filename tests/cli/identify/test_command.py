@@ -1,5 +1,3 @@
-"""`traverse identify`: exit statuses, files, what it says where; run as a program."""
-
 import json
 import os
 import pty
@@ -59,10 +57,12 @@ def test_all_files_are_written(identified: Path) -> None:
 
 
 def test_json_is_as_the_contract_says(identified: Path) -> None:
-    said = json.loads((identified / "out" / "identification.json").read_text("utf-8"))
+    document = json.loads(
+        (identified / "out" / "identification.json").read_text("utf-8")
+    )
     number = (int, float)
     assert_shape(
-        said,
+        document,
         {
             "schema": str,
             "converged": bool,
@@ -83,17 +83,17 @@ def test_json_is_as_the_contract_says(identified: Path) -> None:
             },
         },
     )
-    assert said["schema"] == "traverse/identification/1"
-    assert said["converged"] is True
-    assert said["undetermined"] == []
-    assert said["holdout"] is None
-    for entry in said["parameters"]:
+    assert document["schema"] == "traverse/identification/1"
+    assert document["converged"] is True
+    assert document["undetermined"] == []
+    assert document["holdout"] is None
+    for entry in document["parameters"]:
         assert list(entry) == ["name", "value", "unit", "std", "controllability"]
         assert entry["unit"] == ("rad" if ".axis." in entry["name"] else "mm")
         assert 0.0 <= entry["controllability"] <= 1.0
         assert entry["std"] > 0.0
-    assert len(said["parameters"]) == 4 * 7 - 3
-    assert said["rms_mm"]["after"] < 0.02 < said["rms_mm"]["before"]
+    assert len(document["parameters"]) == 4 * 7 - 3
+    assert document["rms_mm"]["after"] < 0.02 < document["rms_mm"]["before"]
 
 
 def assert_shape(value: Any, shape: Any) -> None:
@@ -106,10 +106,10 @@ def assert_shape(value: Any, shape: Any) -> None:
 
 
 def test_piped_output_is_plain_lines_and_progress_is_quiet(identified: Path) -> None:
-    said = (identified / "said").read_text("utf-8")
+    output = (identified / "said").read_text("utf-8")
     assert (identified / "errors").read_text("utf-8") == ""
-    assert not set(said) & {"\r", "\x1b", "\b", "\t"}
-    lines = said.splitlines()
+    assert not set(output) & {"\r", "\x1b", "\b", "\t"}
+    lines = output.splitlines()
     assert lines[0] == "demo-7: 160 poses at 6 artefacts"
     assert lines[1].startswith("sigma0 = ")
     assert lines[-1].startswith("wrote out: arm.toml, ")
@@ -176,7 +176,7 @@ def test_no_convergence_is_reported_and_leaves_no_arm_file(measured: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "expected"),
     [
         ((), "CAMPAIGN, --arm, --out missing; or give --compare A B"),
         (("campaign", "--arm", "arm.toml"), "--out missing"),
@@ -198,11 +198,11 @@ def test_no_convergence_is_reported_and_leaves_no_arm_file(measured: Path) -> No
     ],
 )
 def test_refused_input_is_named_with_status_2(
-    measured: Path, arguments: tuple[str, ...], said: str
+    measured: Path, arguments: tuple[str, ...], expected: str
 ) -> None:
     ran = run_identify(measured, *arguments, status=2)
     assert ran.stdout == ""
-    assert said in ran.stderr
+    assert expected in ran.stderr
     assert "Traceback" not in ran.stderr
 
 
@@ -263,8 +263,8 @@ def test_held_parameters_are_not_estimated_also_by_a_file_of_masks(
     masks.write_text(schema + 'hold = ["J2.*"]\n')
     words = ("campaign", "--arm", "arm.toml", "--out", str(tmp_path / "out"), "--json")
     words += ("--hold", "J7.*", "--hold", "J6.link.?", "--masks", str(masks))
-    said = said_json(run_identify(measured, *words, status=1))
-    names = {entry["name"] for entry in said["parameters"]}
+    document = said_json(run_identify(measured, *words, status=1))
+    names = {entry["name"] for entry in document["parameters"]}
     assert not any(name.startswith(("J2.", "J7.", "J6.link.")) for name in names)
     assert "J6.axis.v" in names
     masks.write_text(schema + 'held = ["J2.*"]\n')

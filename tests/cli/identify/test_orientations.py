@@ -1,5 +1,3 @@
-"""Campaigns with measured orientations, from simulation to reports; run as programs."""
-
 import csv
 import json
 import shutil
@@ -46,8 +44,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "spec.toml").write_text(SPEC, "utf-8")
     assert campaign_made(folder / "spec.toml", folder / "campaign", None) == 0
     ran = run_identify(
-        folder,
-        *("campaign", "--arm", "arm.toml", "--out", "out", "--holdout", "0.2"),
+        folder, *("campaign", "--arm", "arm.toml", "--out", "out", "--holdout", "0.2")
     )
     (folder / "said").write_text(ran.stdout, "utf-8")
     return folder
@@ -127,9 +124,9 @@ def test_files_and_reports_have_the_orientations(folder: Path) -> None:
     )
     kept = result["holdout"]["distance_mm"]["after"]["orientation"]
     assert kept["mean_rad"] < 3e-4
-    said = (folder / "said").read_text("utf-8")
+    output = (folder / "said").read_text("utf-8")
     page = (folder / "out" / "report.html").read_text("utf-8")
-    for text in (said, page):
+    for text in (output, page):
         assert f"Orientations of {orientations['n']} poses" in text
         assert "µrad" in text
         assert "sigma0 of positions" in text
@@ -140,8 +137,8 @@ def test_files_and_reports_have_the_orientations(folder: Path) -> None:
 
 def test_held_out_orientations_are_predicted(folder: Path) -> None:
     arguments = ("campaign", "--arm", "out/arm.toml", "--out", "poses.csv")
-    said = said_json(run_traverse(folder, "predict", *arguments, "--json"))
-    orientation = said["distance_mm"]["orientation"]
+    document = said_json(run_traverse(folder, "predict", *arguments, "--json"))
+    orientation = document["distance_mm"]["orientation"]
     assert orientation["n"] == N_POSES
     assert orientation["rms_deg"] == pytest.approx(np.degrees(orientation["rms_rad"]))
     rows = read_poses(folder / "poses.csv")
@@ -171,6 +168,6 @@ def test_a_diagnosis_writes_its_files(folder: Path, tmp_path: Path) -> None:
     run_traverse(
         folder, *("diagnose", "campaign", "--arm", "arm.toml", "--out", "found")
     )
-    said = json.loads((folder / "found" / "diagnosis.json").read_text("utf-8"))
-    assert said["verdict"] == "clean"
-    assert said["noise"]["orientation_rad"] == 5e-5
+    document = json.loads((folder / "found" / "diagnosis.json").read_text("utf-8"))
+    assert document["verdict"] == "clean"
+    assert document["noise"]["orientation_rad"] == 5e-5

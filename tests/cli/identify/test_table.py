@@ -1,5 +1,3 @@
-"""The how-to page that makes a campaign of a table, on made-up data."""
-
 import csv
 import re
 from pathlib import Path

@@ -1,1 +1,0 @@
-"""Tests: commands on stored and sent points."""

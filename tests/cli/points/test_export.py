@@ -1,5 +1,3 @@
-"""`traverse export`: sources, filters, campaigns, and what is refused."""
-
 import csv
 import json
 from pathlib import Path
@@ -9,6 +7,7 @@ import pytest
 from click.testing import Result
 
 import traverse.cli
+from tests.campaign_texts import ONE_CONE
 from tests.client.display.values import point
 from tests.protocol.message_examples import SCAN
 from tests.running import invoke
@@ -22,13 +21,6 @@ from traverse.recording.run_writer import RunHead, RunWriter
 from traverse.recording.views import cloud_to_bytes, point_to_bytes
 
 DEMO_ARM = Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml"
-CAMPAIGN = """\
-schema = "traverse/campaign/1"
-poses = "poses.csv"
-[[artefacts]]
-id = "seat"
-kind = "cone"
-"""
 
 
 def export(*words: object, status: int = 0) -> Result:
@@ -79,8 +71,8 @@ def test_points_that_stand_come_out_of_every_source(
 ) -> None:
     path = request.getfixturevalue(source)
     out = tmp_path / "out.csv"
-    said = export(path, "--out", out)
-    assert said.stderr == f"{out}: 3 points, 3 in doubt\n"
+    ran = export(path, "--out", out)
+    assert ran.stderr == f"{out}: 3 points, 3 in doubt\n"
     rows = list(csv.DictReader(out.read_text().splitlines()))
     assert [row["x_mm"] for row in rows] == ["0.0", "10.0", "20.0"]
     export(path, "--out", out, "--retracted", "--force")
@@ -105,19 +97,19 @@ def test_filters_are_those_of_the_daemon(lines: Path, tmp_path: Path) -> None:
         '[[filters]]\nkind = "slab"\nnormal = [1, 0, 0]\nfrom_mm = 5\nto_mm = 25\n'
     )
     out = tmp_path / "some.jsonl"
-    said = export(lines, "--to", "jsonl", "--filters", filters, "--out", out)
+    ran = export(lines, "--to", "jsonl", "--filters", filters, "--out", out)
     kept = [json.loads(line)["seq"] for line in out.read_text().splitlines()]
     assert kept == [1, 2]
-    assert "filter slab: 1 held back" in said.stderr
+    assert "filter slab: 1 held back" in ran.stderr
     filters.write_text('[[filters]]\nkind = "slap"\n')
     other = tmp_path / "other.csv"
-    said = export(lines, "--filters", filters, "--out", other, status=2)
-    assert "did you mean 'slab'" in said.stderr
+    ran = export(lines, "--filters", filters, "--out", other, status=2)
+    assert "did you mean 'slab'" in ran.stderr
     filters.write_text(
         '[[filters]]\nkind = "sections"\nnormal = [1, 0, 0]\nspacing_mm = 1\n'
     )
-    said = export(lines, "--filters", filters, "--out", other, status=2)
-    assert "--kind scans" in said.stderr
+    ran = export(lines, "--filters", filters, "--out", other, status=2)
+    assert "--kind scans" in ran.stderr
 
 
 def test_a_campaign_of_labelled_points_can_be_read(tmp_path: Path) -> None:
@@ -125,7 +117,7 @@ def test_a_campaign_of_labelled_points_can_be_read(tmp_path: Path) -> None:
     lines = tmp_path / "good.jsonl"
     points = [p.model_copy(update=good) for p in ALL]
     lines.write_bytes(b"".join(encode(p, "json") + b"\n" for p in points))
-    (tmp_path / "plan.toml").write_text(CAMPAIGN)
+    (tmp_path / "plan.toml").write_text(ONE_CONE)
     folder = tmp_path / "monday"
     options = ("--to", "campaign", "--arm", DEMO_ARM, "--campaign")
     export(lines, *options, tmp_path / "plan.toml", "--out", folder)
@@ -134,8 +126,8 @@ def test_a_campaign_of_labelled_points_can_be_read(tmp_path: Path) -> None:
     np.testing.assert_array_equal(
         campaign.poses.angles_rad, [p.angles_rad for p in POINTS[:3]]
     )
-    said = export(lines, *options, tmp_path / "plan.toml", "--out", folder, status=2)
-    assert "is not empty" in said.stderr
+    ran = export(lines, *options, tmp_path / "plan.toml", "--out", folder, status=2)
+    assert "is not empty" in ran.stderr
 
 
 def test_a_campaign_takes_no_flagged_points_and_says_which(tmp_path: Path) -> None:
@@ -148,15 +140,17 @@ def test_a_campaign_takes_no_flagged_points_and_says_which(tmp_path: Path) -> No
     ]
     path = tmp_path / "p.jsonl"
     path.write_bytes(b"".join(encode(p, "json") + b"\n" for p in points))
-    (tmp_path / "plan.toml").write_text(CAMPAIGN)
+    (tmp_path / "plan.toml").write_text(ONE_CONE)
     options = ("--to", "campaign", "--arm", DEMO_ARM)
     options = (*options, "--campaign", tmp_path / "plan.toml", "--out")
-    said = export(path, *options, tmp_path / "strict").stderr
-    assert "2 points were left out because of flags" in said
-    assert "  turns_uncertain: 1 point; " in said
-    assert "  skew: 1 point; " in said
-    said = export(path, *options, tmp_path / "lax", "--allow", "skew", "--json").stdout
-    report = json.loads(said)
+    output = export(path, *options, tmp_path / "strict").stderr
+    assert "2 points were left out because of flags" in output
+    assert "  turns_uncertain: 1 point; " in output
+    assert "  skew: 1 point; " in output
+    output = export(
+        path, *options, tmp_path / "lax", "--allow", "skew", "--json"
+    ).stdout
+    report = json.loads(output)
     assert report["poses"] == 3
     assert report["flagged"] == {"turns_uncertain": 1}
     refused = export(path, *options, tmp_path / "no", "--allow", "blue", status=2)
@@ -166,11 +160,11 @@ def test_a_campaign_takes_no_flagged_points_and_says_which(tmp_path: Path) -> No
 def test_labels_that_the_campaign_does_not_know_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "p.jsonl"
     path.write_bytes(encode(labelled(0, 1.0, "stool"), "json") + b"\n")
-    (tmp_path / "plan.toml").write_text(CAMPAIGN)
+    (tmp_path / "plan.toml").write_text(ONE_CONE)
     options = ("--to", "campaign", "--arm", DEMO_ARM, "--campaign")
-    said = export(path, *options, tmp_path / "plan.toml", status=2)
+    ran = export(path, *options, tmp_path / "plan.toml", status=2)
     assert "labelled 'stool', which is not in the campaign; there are: seat" in (
-        said.stderr
+        ran.stderr
     )
 
 
@@ -189,15 +183,15 @@ def test_what_does_not_go_together_is_refused_and_nothing_is_written(
     lines: Path, tmp_path: Path, options: tuple[str, ...], message: str
 ) -> None:
     before = set(tmp_path.iterdir())
-    said = export(lines, *options, "--out", tmp_path / "out", status=2)
-    assert message in said.stderr
+    ran = export(lines, *options, "--out", tmp_path / "out", status=2)
+    assert message in ran.stderr
     assert set(tmp_path.iterdir()) == before
 
 
 def test_a_damaged_line_is_named(lines: Path, tmp_path: Path) -> None:
     lines.write_bytes(lines.read_bytes().replace(b'"seq":2', b'"seq":-2'))
-    said = export(lines, "--out", tmp_path / "o.csv", status=2)
-    assert "line 3" in said.stderr
+    ran = export(lines, "--out", tmp_path / "o.csv", status=2)
+    assert "line 3" in ran.stderr
     assert not (tmp_path / "o.csv").exists()
     lines.write_text("hello")
     assert "is no recording" in export(lines, status=2).stderr
@@ -224,10 +218,10 @@ def test_what_a_format_cannot_carry_is_said(
     to: str, lacks: str, lines: Path, tmp_path: Path
 ) -> None:
     out, words = tmp_path / "out", ("--to", *to.split())
-    said = export(lines, *words, "--out", out)
-    assert "3 points, 3 in doubt" in said.stderr
-    assert ("not in this file" in said.stderr) == bool(lacks)
-    assert lacks in said.stderr
+    ran = export(lines, *words, "--out", out)
+    assert "3 points, 3 in doubt" in ran.stderr
+    assert ("not in this file" in ran.stderr) == bool(lacks)
+    assert lacks in ran.stderr
     report = json.loads(export(lines, *words, "--out", out, "--force", "--json").stdout)
     assert report["in_doubt"] == 3
     assert lacks in report["lacks"]
@@ -239,8 +233,8 @@ def test_part_coordinates_without_an_alignment_are_refused(
 ) -> None:
     out = tmp_path / f"out.{to}"
     words = ("--to", to, "--coordinates", "part", "--out", out)
-    said = export(lines, *words, status=2)
-    assert "was taken without an alignment" in said.stderr
-    assert "align the arm before you measure" in said.stderr
-    assert "Exception" not in said.stderr
+    ran = export(lines, *words, status=2)
+    assert "was taken without an alignment" in ran.stderr
+    assert "align the arm before you measure" in ran.stderr
+    assert "Exception" not in ran.stderr
     assert not out.exists()

@@ -1,5 +1,3 @@
-"""`traverse gateway` as a program: refused options, kills, restarts."""
-
 import asyncio
 import itertools
 import json
@@ -58,37 +56,23 @@ LINES = ("gateway", "lines")
         ),
         ("ippdme --listen x", "--listen x: expected HOST:PORT, with a port to 65535"),
         ("ippdme --key base/1", "--key base/1: expected INPUT=NAME, such as base/1="),
+        ("home-assistant --arm-name a/b", "arm name: 'a/b'; expected 1 to 64 charact"),
+        (
+            "home-assistant --prefix home/#",
+            "--prefix home/#: expected a topic, without + and",
+        ),
+        ("home-assistant --history no.db", "--history no.db: there is no such file"),
+        ("home-assistant --history x.db", "x.db: is no history of checks"),
     ],
 )
 def test_bad_options_are_refused_in_a_sentence(
     words: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "bad.json").write_text("[]")
+    (tmp_path / "x.db").write_text("x" * 1000)
     kind, *options = shlex.split(words)
     monkeypatch.chdir(tmp_path)
     result = invoke("gateway", kind, "--arm-name", "bench-7", *options, status=2)
-    assert expected in result.stderr
-    assert len(result.stderr.splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        ("--arm-name a/b", "arm name: 'a/b'; expected 1 to 64 characters without /"),
-        (
-            "--arm-name a --prefix home/#",
-            "--prefix home/#: expected a topic, without + and",
-        ),
-        ("--arm-name a --history no.db", "--history no.db: there is no such file"),
-        ("--arm-name a --history x.db", "x.db: is no history of checks"),
-    ],
-)
-def test_bad_options_for_home_assistant_are_refused_in_a_sentence(
-    words: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "x.db").write_text("x" * 1000)
-    monkeypatch.chdir(tmp_path)
-    result = invoke("gateway", "home-assistant", *shlex.split(words), status=2)
     assert expected in result.stderr
     assert len(result.stderr.splitlines()) == 1
 
@@ -153,8 +137,8 @@ def options_of_a_server(
     kind: str, scheme: str, virtual: VirtualDaemon, mosquitto: Mosquitto, folder: Path
 ) -> tuple[str, tuple[str, ...]]:
     """Refuse a port that is taken; return it, free now, and options with it."""
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = str(taken.getsockname()[1])
+    with socket.create_server(("127.0.0.1", 0)) as occupied:
+        port = str(occupied.getsockname()[1])
         broker = f"{mosquitto.host}:{mosquitto.port}"
         options = ("--arm-name", virtual.arm, "--broker", broker, "--listen", port)
         result = run_traverse(folder, "gateway", kind, *options, status=2)
@@ -226,8 +210,8 @@ async def test_the_opc_ua_server_as_a_program(
 
 
 def test_a_port_that_is_taken_is_refused(tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = str(taken.getsockname()[1])
+    with socket.create_server(("127.0.0.1", 0)) as occupied:
+        port = str(occupied.getsockname()[1])
         words = (*LINES, "--arm-name", "bench-7", "--tcp", port)
         result = run_traverse(tmp_path, *words, status=2)
     assert (
@@ -270,8 +254,8 @@ async def test_no_point_is_lost_however_often_the_gateway_is_killed(
         for number in range(n_kills):
             before = len(seqs())
             with Program(tmp_path, f"gateway-{number}", *command) as gateway:
-                more = random.randint(1, 40)
-                await until(lambda: len(seqs()) >= before + more, "more lines")  # noqa: B023
+                n_lines = random.randint(1, 40)
+                await until(lambda: len(seqs()) >= before + n_lines, "more lines")  # noqa: B023
                 os.kill(gateway.process.pid, 9)
                 await gateway.ended()
         with Program(tmp_path, "gateway", *command) as gateway:
@@ -283,6 +267,6 @@ async def test_no_point_is_lost_however_often_the_gateway_is_killed(
     sent_seqs = seqs()
     assert sorted(set(sent_seqs)) == list(range(n_points))
     # What is repeated after a kill is part of the last write.
-    again = sum(seq <= before for before, seq in itertools.pairwise(sent_seqs))
-    assert again <= n_kills
+    n_repeated = sum(seq <= before for before, seq in itertools.pairwise(sent_seqs))
+    assert n_repeated <= n_kills
     assert "0 lost" in gateway.log.splitlines()[-1]

@@ -136,7 +136,7 @@ def test_what_cannot_be_read_is_named_and_the_rest_is_written(path):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         (("list",), "one of them"),
         (("list", "--db", "a", "--config", "b"), "one of them"),
@@ -152,9 +152,9 @@ def test_what_cannot_be_read_is_named_and_the_rest_is_written(path):
         (("resend", "s", "--arm-name", "a", "--broker", "ftp://x"), "ftp"),
     ],
 )
-def test_refusals_say_why(path, words, said):
+def test_refusals_say_why(path, words, expected):
     result = points(*(word.format(path=path) for word in words), status=2)
-    assert said in result.stderr
+    assert expected in result.stderr
 
 
 def test_no_broker_is_status_3():

@@ -1,5 +1,3 @@
-"""Configurations that are made and changed: what stays, is refused, is kept."""
-
 import pytest
 
 from traverse.cli.setup.draft import KEPT, Draft

@@ -51,7 +51,6 @@ def clock() -> Clock:
 
 @pytest.fixture
 def sight(clock: Clock) -> ArmSight:
-    """An arm that is well."""
     sight = ArmSight(clock)
     sight.take_link(True, "")
     sight.take_status(status())
@@ -111,16 +110,14 @@ def test_a_well_arm_is_ready(sight: ArmSight) -> None:
     assert verdict(sight).level == "good"
 
 
-def test_without_the_broker_everything_is_stale_and_says_so(
-    sight: ArmSight,
-) -> None:
+def test_without_the_broker_everything_is_stale_and_says_so(sight: ArmSight) -> None:
     seen = changes(sight)
     sight.take_link(False, "it was there and is gone")
     assert sight.is_stale
-    said = verdict(sight)
-    assert said.level == "bad"
-    assert "No connection to the broker" in said.sentence
-    assert "the arm keeps its points" in said.remedy
+    shown = verdict(sight)
+    assert shown.level == "bad"
+    assert "No connection to the broker" in shown.sentence
+    assert "the arm keeps its points" in shown.remedy
     assert [change.kind for change in seen] == ["link"]
 
 
@@ -142,8 +139,8 @@ def test_an_alarm_is_shown_until_it_is_cleared(sight: ArmSight) -> None:
         remedy="plug it in",
     )
     sight.take_event(raised)
-    said = verdict(sight)
-    assert (said.level, said.sentence, said.remedy) == (
+    shown = verdict(sight)
+    assert (shown.level, shown.sentence, shown.remedy) == (
         "bad",
         "base: it is gone",
         "plug it in",
@@ -160,9 +157,9 @@ def test_the_worst_of_several_is_first_and_the_others_are_counted(
 ) -> None:
     sight.take_event(event("a.mild", True, severity="warning", text="mild"))
     sight.take_event(event("a.grave", True, severity="error", text="grave"))
-    said = verdict(sight)
-    assert (said.level, said.others) == ("bad", 1)
-    assert said.sentence.endswith(": grave")
+    shown = verdict(sight)
+    assert (shown.level, shown.n_others) == ("bad", 1)
+    assert shown.sentence.endswith(": grave")
 
 
 def test_an_arm_that_went_off_line_is_bad_and_forgets_its_alarms(
@@ -175,8 +172,14 @@ def test_an_arm_that_went_off_line_is_bad_and_forgets_its_alarms(
 
 
 def test_a_device_that_is_missing_is_named(sight: ArmSight) -> None:
-    gone = {"id": "wrist", "driver": "x", "port": "y", "state": "lost", "identity": {}}
-    sight.take_status(status(state="degraded", drivers=[gone]))
+    lost_device = {
+        "id": "wrist",
+        "driver": "x",
+        "port": "y",
+        "state": "lost",
+        "identity": {},
+    }
+    sight.take_status(status(state="degraded", drivers=[lost_device]))
     assert verdict(sight).sentence == "Not all devices are there: wrist."
 
 
@@ -188,9 +191,9 @@ def test_a_disk_that_keeps_no_points_is_bad(sight: ArmSight) -> None:
 
 def test_a_pose_in_doubt_is_a_warning(sight: ArmSight) -> None:
     sight.take_live(live(quality={"ok": False, "flags": ["singular"]}))
-    said = verdict(sight)
-    assert said.level == "warning"
-    assert "singular" in said.sentence
+    shown = verdict(sight)
+    assert shown.level == "warning"
+    assert "singular" in shown.sentence
 
 
 def test_a_refusal_is_reported(sight: ArmSight) -> None:
@@ -205,11 +208,11 @@ def test_answer_and_event_of_one_refusal_are_reported_once(
 ) -> None:
     seen = changes(sight)
     refused = event("capture.refused", None, text="the arm moves", remedy="wait")
-    both = [
+    reports = [
         lambda: sight.take_event(refused),
         lambda: sight.refuse("the arm moves", "wait"),
     ]
-    for tell in both if event_first else reversed(both):
+    for tell in reports if event_first else reversed(reports):
         tell()
     assert [change.text for change in seen] == ["The arm moves. Wait"]
     clock.now_s += 1.0
@@ -326,7 +329,6 @@ def test_an_arm_that_was_never_identified_has_no_uncertainty_and_no_verdict() ->
 
 
 def condition(name: str, **changes: object) -> dict[str, object]:
-    """A condition in a status, established."""
     usual = {"source": "base", "established": True, "since_ns": "1", "cause": ""}
     return {"name": name, **usual, "remedy": "", "command": "", **changes}
 
@@ -338,10 +340,10 @@ def test_a_condition_that_is_not_established_is_no_green(sight: ArmSight) -> Non
         condition("identity", command="reference", **lost),
     ]
     sight.take_status(status(state="doubt", conditions=conditions))
-    said = verdict(sight)
-    assert (said.level, said.word) == ("warning", "In doubt")
-    assert said.sentence == "base: identity: was AAA111, is BBB222"
-    assert said.remedy == "look"
+    shown = verdict(sight)
+    assert (shown.level, shown.word) == ("warning", "In doubt")
+    assert shown.sentence == "base: identity: was AAA111, is BBB222"
+    assert shown.remedy == "look"
     assert wanted_commands(sight) == {"reference": ["base: was AAA111, is BBB222"]}
     lost_place = condition("reference", command="reference", **lost)
     sight.take_status(status(state="doubt", conditions=[lost_place]))
@@ -354,13 +356,13 @@ def test_a_condition_that_is_not_established_is_no_green(sight: ArmSight) -> Non
     sight.take_event(
         event("device.identity", True, severity="error", source="base", **SAME)
     )
-    assert (verdict(sight).word, verdict(sight).others) == ("Alarm", 0)
+    assert (verdict(sight).word, verdict(sight).n_others) == ("Alarm", 0)
     sight.take_status(status(conditions=[condition("readings")], alarms=[]))
     assert verdict(sight).word == "Ready"
     lost = {"severity": "error", "source": "arm", "text": "never identified"}
     sight.take_event(event("condition.geometry", True, **lost))
-    said = verdict(sight)  # points can be taken, and are marked
-    assert (said.level, said.word) == ("warning", "In doubt")
+    shown = verdict(sight)  # points can be taken, and are marked
+    assert (shown.level, shown.word) == ("warning", "In doubt")
 
 
 def test_a_daemon_that_falls_silent_is_stale(sight: ArmSight, clock: Clock) -> None:

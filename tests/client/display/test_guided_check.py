@@ -8,7 +8,7 @@ from traverse.client.display.guided_check import GuidedCheck
 from traverse.protocol.messages import Point
 
 
-def taken(kind: str, places: list[tuple[float, float, float]]) -> GuidedCheck:
+def check_after(kind: str, places: list[tuple[float, float, float]]) -> GuidedCheck:
     check = GuidedCheck(kind, len(places))
     for seq, place in enumerate(places):
         check.take(point(seq, xyz_mm=list(place), probe_radius_mm=3.0))
@@ -17,7 +17,7 @@ def taken(kind: str, places: list[tuple[float, float, float]]) -> GuidedCheck:
 
 def test_single_points_about_their_mean() -> None:
     # Four points 0.01 from their mean: s^2 = 4 * 1e-4 / 3.
-    check = taken(
+    check = check_after(
         "articulation", [(1.01, 0, 0), (0.99, 0, 0), (1, 0.01, 0), (1, -0.01, 0)]
     )
     figures = {name: value for name, value, _ in check.results}
@@ -36,7 +36,7 @@ def test_a_sphere_with_one_point_out() -> None:
         (0, 0, 15.0),
         (0, 0, -15.0),
     ]
-    figures = {name: value for name, value, _ in taken("sphere", places).results}
+    figures = {name: value for name, value, _ in check_after("sphere", places).results}
     assert figures["Diameter"] == "24.0000 mm"  # less the ball of 3 mm on both sides
     assert figures["Form"] == "0.0000 mm"
 
@@ -125,7 +125,4 @@ def test_the_size_of_a_sphere_is_held_against_the_limit_too() -> None:
     check = GuidedCheck("sphere", 5, 0.05, diameter_mm=24.1)
     for seq, place in enumerate(places):
         check.take(touched_at(seq, *place))
-    assert check.verdict == (
-        "bad",
-        "Failed: error of size 0.1000 mm, limit 0.0500 mm.",
-    )
+    assert check.verdict == ("bad", "Failed: error of size 0.1000 mm, limit 0.0500 mm.")

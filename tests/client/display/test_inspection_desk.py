@@ -28,22 +28,22 @@ def touch(desk, feature):
     return points
 
 
-def shares(asked):
+def shares(requests):
     """Answer what points share; record which were requested."""
     points, _ = touched_points()
     factors = shared_by_points(points, ARM, read_arm(ARM))
     known = {point.id: f for point, f in zip(points, factors, strict=True)}
 
     async def answer(ids):
-        asked.append(set(ids))
+        requests.append(set(ids))
         return {i: known[i] for i in ids}
 
     return answer
 
 
 def test_points_are_asked_for_once_and_results_follow(desk):
-    asked = []
-    share = shares(asked)
+    requests = []
+    share = shares(requests)
     desk.begin("plane")
     plate = touch(desk, "plate")
     assert asyncio.run(desk.measure(share))
@@ -53,7 +53,7 @@ def test_points_are_asked_for_once_and_results_follow(desk):
     assert desk.features[name].plane == "plane 1"
     bore = touch(desk, "hole a")
     asyncio.run(desk.measure(share))
-    assert asked == [{p.id for p in plate}, {p.id for p in bore}]
+    assert requests == [{p.id for p in plate}, {p.id for p in bore}]
     figures = {figure.name: figure for figure in desk.result(name).figures}
     assert figures["diameter"].expanded < 0.05
 

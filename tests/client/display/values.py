@@ -12,7 +12,6 @@ M = TypeVar("M", bound=Message)
 
 
 def golden(kind: type[M], name: str, **changes: Any) -> M:
-    """A golden message with other values."""
     table = json.loads((GOLDEN / f"{name}.json").read_text("utf-8"))
     return decode(kind, json.dumps({**table, **changes}).encode())
 

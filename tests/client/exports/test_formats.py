@@ -1,5 +1,3 @@
-"""Each format read back by a library that other people use."""
-
 import io
 import json
 from dataclasses import replace
@@ -53,7 +51,6 @@ KEYS = [(p.session, p.seq) for p in TWO]
 
 
 def written(kind: str, tmp_path: Path, **options: str) -> Path:
-    """Points in a file of some kind."""
     path = tmp_path / f"points.{kind}"
     with path.open("wb") as file, FORMATS[kind](file, **options) as sink:
         sink.points(POINTS[:2])
@@ -63,7 +60,6 @@ def written(kind: str, tmp_path: Path, **options: str) -> Path:
 
 
 def scanned(kind: str, tmp_path: Path) -> Path:
-    """A scan in a file of some kind."""
     path = tmp_path / f"scan.{kind}"
     with path.open("wb") as file, FORMATS[kind](file) as sink:
         sink.table(SCAN)
@@ -235,16 +231,16 @@ def test_what_was_taken_back_is_left_out() -> None:
 
 
 @pytest.mark.parametrize(
-    ("coordinates", "changes", "said"),
+    ("coordinates", "changes", "expected"),
     [
         ("surface", {"surface_mm": None, "compensation": "none"}, "no touched point"),
         ("part", {"part_xyz_mm": None}, "without an alignment"),
     ],
 )
 def test_coordinates_that_a_point_does_not_have_are_refused(
-    coordinates: str, changes: dict[str, object], said: str
+    coordinates: str, changes: dict[str, object], expected: str
 ) -> None:
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=expected):
         table_of([point(0, **changes)], coordinates)  # type: ignore[arg-type] # a name
 
 
@@ -259,7 +255,6 @@ def test_nothing_is_a_good_file_too(kind: str, tmp_path: Path) -> None:
 
 
 def two_sessions(kind: str, tmp_path: Path) -> Path:
-    """Points of two sessions, whose numbers are the same."""
     path = tmp_path / f"two.{kind}"
     with path.open("wb") as file, FORMATS[kind](file) as sink:
         sink.points(TWO)

@@ -91,14 +91,14 @@ def test_each_session_has_results_of_its_own():
 
 
 @pytest.mark.parametrize(
-    ("points", "what"),
+    ("points", "expected"),
     [
         ([point(1), retraction(2, 1)], "--retracted"),
         ([point(1, label={"artefact": "a\x07", "feature": None})], "XML does not have"),
     ],
 )
-def test_what_qif_cannot_hold_is_refused(points, what):
-    with pytest.raises(ValueError, match=what):
+def test_what_qif_cannot_hold_is_refused(points, expected):
+    with pytest.raises(ValueError, match=expected):
         written(points)
 
 

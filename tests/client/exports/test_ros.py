@@ -12,7 +12,7 @@ from traverse.client.exports.formats import FORMATS
 
 
 def messages(write) -> dict[str, list]:
-    """What a file has, by topic, as (log time, message)."""
+    """Messages of a file by topic, as (log time, message)."""
     file = io.BytesIO()
     with FORMATS["ros2"](file) as sink:
         write(sink)

@@ -1,1 +1,0 @@
-"""Tests: points for programs that do not speak MQTT."""

@@ -52,7 +52,7 @@ class Desktop:
         )
 
     def picture(self) -> bytes:
-        """What is seen: rows of pixels, blue, green, red, unused."""
+        """Take a picture: rows of pixels, blue, green, red, unused."""
         root = self._display.screen().root
         return root.get_image(0, 0, *SIZE, X.ZPixmap, 0xFFFFFFFF).data
 

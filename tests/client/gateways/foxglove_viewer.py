@@ -87,11 +87,11 @@ class Viewer:
                         channel["topic"],
                         reader_of(channel),
                     )
-                wanted = [
+                expected = [
                     {"id": channel["id"], "channelId": channel["id"]}
                     for channel in message["channels"]
                 ]
-                subscribe = {"op": "subscribe", "subscriptions": wanted}
+                subscribe = {"op": "subscribe", "subscriptions": expected}
                 await self.connection.send(json.dumps(subscribe))
             case "status":
                 self.statuses[message["id"]] = message
@@ -100,9 +100,8 @@ class Viewer:
                     self.statuses.pop(status_id, None)
 
     async def fetch(self, request: int, uri: str) -> None:
-        """Ask for an asset."""
-        asked = {"op": "fetchAsset", "uri": uri, "requestId": request}
-        await self.connection.send(json.dumps(asked))
+        message = {"op": "fetchAsset", "uri": uri, "requestId": request}
+        await self.connection.send(json.dumps(message))
 
     def newest(self, topic: str) -> Any:
         """The last message of a topic; None: there is none yet."""

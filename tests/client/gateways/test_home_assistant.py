@@ -51,7 +51,7 @@ class HomeAssistant:
             self.retained[str(message.topic)] = message.payload.decode()
 
     def of(self, kind: str) -> str:
-        """What ends with this; empty while there is none."""
+        """Retained messages that end with this; empty while there are none."""
         topics = [
             self.retained[topic] for topic in self.retained if topic.endswith(kind)
         ]
@@ -62,7 +62,7 @@ class HomeAssistant:
         return dict(json.loads(self.of("/state") or "{}"))
 
     def shown(self) -> dict[str, str]:
-        """What entities show."""
+        """States of all entities."""
         environment = jinja2.Environment(undefined=jinja2.StrictUndefined)
         environment.filters["to_json"] = json.dumps
         config = json.loads(self.of("/config"))

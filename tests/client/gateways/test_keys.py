@@ -37,8 +37,6 @@ def shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desktop]:
 
 
 class Typing:
-    """A gateway from a virtual arm to the keyboard."""
-
     def __init__(self, virtual: VirtualDaemon, arm: Arm) -> None:
         self._virtual = virtual
         self.arm = arm

@@ -30,8 +30,6 @@ def form(template: str = "pcdmis", undo: str | None = None, **other: Any) -> Lin
 
 
 class Sending:
-    """A gateway from a virtual arm to a file."""
-
     def __init__(self, virtual: VirtualDaemon, broker: str, path: Path) -> None:
         self._virtual = virtual
         self._arm = Arm(virtual.arm, broker)
@@ -86,11 +84,7 @@ def good(point_id: str, **other: Any) -> Point:
         ("pcdmis", {"unit": "inch"}, "24.1043,-3.1693,11.8553\r\n"),
         ("pcdmis", {"coordinates": "surface"}, "614.0500,-80.5000,298.7250\r\n"),
         ("linuxcnc", {}, "612.250000 -80.500000 301.125000 0 0 0 0 0 0\n"),
-        (
-            "spreadsheet",
-            {"decimal": ","},
-            "0\t612,2500\t-80,5000\t301,1250\tbar\t\r\n",
-        ),
+        ("spreadsheet", {"decimal": ","}, "0\t612,2500\t-80,5000\t301,1250\tbar\t\r\n"),
         (r"{{{feature}}} {x_mm:+.1f};{z:.1f}\n", {"unit": "inch"}, "{1} +612.2;11.9\n"),
     ],
 )

@@ -1,5 +1,3 @@
-"""An arm in a viewer of Foxglove's protocol: what it receives, decoded by itself."""
-
 import asyncio
 import contextlib
 import json
@@ -34,8 +32,6 @@ UPPER = COVARIANCE[np.triu_indices(3)]
 
 
 class Bench:
-    """A virtual arm, and a server that shows it."""
-
     def __init__(self, virtual: VirtualDaemon, server: LiveServer) -> None:
         self.virtual, self.server = virtual, server
         self.reports: list[str] = []
@@ -67,7 +63,7 @@ async def bench(
 
 
 def entities(viewer: Viewer, topic: str) -> dict[str, Any]:
-    """What a viewer shows of a scene after all that it received."""
+    """Entities of a scene that a viewer still shows."""
     shown: dict[str, Any] = {}
     for update in viewer.messages.get(topic, ()):
         for entity in update.get("deletions", ()):
@@ -92,10 +88,7 @@ def covariance_of(sphere: dict[str, Any]) -> np.ndarray:
 async def test_a_point_has_its_place_and_its_ellipsoid_to_scale(
     times: float, virtual: VirtualDaemon, broker: str
 ) -> None:
-    async with (
-        bench(virtual, broker, times) as b,
-        Viewer(b.server.address) as viewer,
-    ):
+    async with bench(virtual, broker, times) as b, Viewer(b.server.address) as viewer:
         await until(lambda: viewer.newest("points") is not None)
         good = await b.take(0)
         doubtful = await b.take(1, quality=POINT.quality)
@@ -107,9 +100,9 @@ async def test_a_point_has_its_place_and_its_ellipsoid_to_scale(
         np.testing.assert_allclose(place_mm, good.xyz_mm, rtol=0, atol=1e-9)
         drawn = covariance_of(ellipsoid) / times**2
         np.testing.assert_allclose(drawn, COVARIANCE, rtol=0, atol=1e-12)
-        said = {entry["key"]: entry.get("value") for entry in trusted["metadata"]}
-        assert said["coverage factor k"] == "2"
-        assert said["ellipsoid magnified"] == f"{times:g}"
+        metadata = {entry["key"]: entry.get("value") for entry in trusted["metadata"]}
+        assert metadata["coverage factor k"] == "2"
+        assert metadata["ellipsoid magnified"] == f"{times:g}"
         # Another colour, another shape, and the reason in words.
         (mark,), (other,) = trusted["lines"], in_doubt["lines"]
         assert mark["color"] != other["color"]
@@ -253,8 +246,8 @@ async def test_a_viewer_that_does_not_read_costs_no_memory_and_loses_the_oldest(
 async def test_a_port_that_is_taken_is_refused(
     virtual: VirtualDaemon, broker: str
 ) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
+    with socket.create_server(("127.0.0.1", 0)) as occupied:
+        port = occupied.getsockname()[1]
         server = LiveServer(Arm(virtual.arm, broker), "127.0.0.1", port, 1.0, print)
         with pytest.raises(ValueError, match=f":{port}: .*in use.*name another port"):
             async with server:

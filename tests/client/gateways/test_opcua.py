@@ -51,11 +51,9 @@ class Bench:
         await subscription.subscribe_data_change(list(self._paths))
 
     def event_notification(self, event: Any) -> None:
-        """Called by the client."""
         self.events.append(event)
 
     def datachange_notification(self, node: Any, _value: Any, data: Any) -> None:
-        """Called by the client."""
         self.values[self._paths[node]] = data.monitored_item.Value
 
     async def node(self, *path: str) -> Any:
@@ -63,7 +61,6 @@ class Bench:
         return await self.client.nodes.objects.get_child(names)
 
     async def becomes(self, path: str, expected: int) -> ua.DataValue:
-        """Wait until a variable has a status code."""
         await until(lambda: self.code(path) == expected)
         return self.values[path]
 

@@ -1,5 +1,3 @@
-"""Features as a drawing, read back by ezdxf."""
-
 import io
 
 import numpy as np
@@ -58,9 +56,9 @@ def test_each_feature_is_drawn_where_it_was_touched(plan):
     inward = hole.dxf.radius - inspection.tip_mm
     reached = np.linalg.norm(np.cross(touched - centre, normal), axis=1)
     np.testing.assert_allclose(reached, inward, atol=0.05)
-    said = [text for _, text in hole.get_xdata("TRAVERSE")]
-    assert "part=plate 12" in said
-    assert any(text.startswith("diameter=") for text in said)
+    texts = [text for _, text in hole.get_xdata("TRAVERSE")]
+    assert "part=plate 12" in texts
+    assert any(text.startswith("diameter=") for text in texts)
     # The shaft is as long as it was touched.
     axis = on_layer(space, "shaft")[0].dxf
     shaft = {f.name: f for f in inspection.features}["shaft"]

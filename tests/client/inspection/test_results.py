@@ -1,5 +1,3 @@
-"""Inspections: assignment, doubt, coordinates of the part, what is not known."""
-
 from html import unescape
 
 import numpy as np
@@ -54,9 +52,9 @@ def test_points_in_doubt_are_named_and_nothing_that_rests_on_them_is_judged(
 
 def test_lengths_are_judged_once_ball_and_temperature_are_stated(plan, shared):
     points, _ = touched_points()
-    whole = inspected(plan, points, shared)
-    assert whole.left_out == ()
-    assert figure(whole, "hole a", "diameter").conformity == "conforming"
+    complete = inspected(plan, points, shared)
+    assert complete.left_out == ()
+    assert figure(complete, "hole a", "diameter").conformity == "conforming"
     for missing in ("ball_radius_std_mm", "part_temperature"):
         lacking = plan.model_copy(update={missing: None})
         inspection = inspected(lacking, points, shared)
@@ -95,9 +93,9 @@ def test_coordinates_of_the_part_are_not_judged(plan, shared):
     points, _ = touched_points()
     limits = {"nominal_mm": 0.0, "lower_mm": -1e4, "upper_mm": 1e4}
     entry = ToleranceEntry.model_validate({"of": "hole a", "figure": "x", **limits})
-    wanted = plan.model_copy(update={"tolerances": (entry,)})
+    expected = plan.model_copy(update={"tolerances": (entry,)})
     aligned = [p.model_copy(update={"part_xyz_mm": p.xyz_mm}) for p in points]
-    in_arm, in_part = (inspected(wanted, each, shared) for each in (points, aligned))
+    in_arm, in_part = (inspected(expected, each, shared) for each in (points, aligned))
     assert (in_arm.conformity, in_part.conformity) == ("conforming", "not judged")
     assert "alignment" in in_part.left_out[0]
 

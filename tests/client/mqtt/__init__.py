@@ -1,1 +1,0 @@
-"""Tests: connection of a client."""

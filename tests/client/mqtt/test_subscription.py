@@ -9,11 +9,7 @@ from tests.mosquitto import Mosquitto
 from tests.protocol import message_examples as examples
 from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.connection import ConfiguredClient
-from traverse.client.mqtt.subscription import (
-    ReceivedMessage,
-    received,
-    subscribe,
-)
+from traverse.client.mqtt.subscription import ReceivedMessage, received, subscribe
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Message
 from traverse.protocol.topics import event_topic, point_topic, reply_topic, status_topic
@@ -31,7 +27,7 @@ def arm() -> str:
 async def round_trip(
     broker: Mosquitto, sent: list[tuple[str, bytes]], arm: str, *kinds: str
 ) -> list[ReceivedMessage]:
-    """What a subscriber gets of payloads; the last one must be of interest to it."""
+    """Publish payloads; return what a subscriber receives, up to the last one."""
     async with (
         ConfiguredClient(BrokerAddress(broker.host, broker.port)) as listening,
         ConfiguredClient(BrokerAddress(broker.host, broker.port)) as speaking,
@@ -49,7 +45,6 @@ async def round_trip(
 
 
 def payload_of(message: Message) -> bytes:
-    """As it is sent here."""
     return encode(message, "msgpack")
 
 

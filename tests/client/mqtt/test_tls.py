@@ -1,5 +1,3 @@
-"""Clients over TLS with certificate and password: accepted, or refused with reason."""
-
 import re
 import shlex
 import uuid
@@ -51,7 +49,7 @@ class House:
         return VirtualDaemon(*where, username="person", password=SECRET)
 
     def options(self, **files: Path) -> list[str]:
-        """What opens the door, as options of commands; some files otherwise."""
+        """Options of commands that grant access; some files otherwise."""
         ours = {
             "password-file": self.address.password_file,
             "ca-file": self.address.ca_file,
@@ -59,9 +57,11 @@ class House:
             "client-key": self.address.key_file,
             **{name.replace("_", "-"): file for name, file in files.items()},
         }
-        given = [word for name, file in ours.items() for word in (f"--{name}", file)]
+        file_options = [
+            word for name, file in ours.items() for word in (f"--{name}", file)
+        ]
         where = ("--broker", f"mqtts://{self.address}", "--username", "person")
-        return [*where, *map(str, given)]
+        return [*where, *map(str, file_options)]
 
 
 @pytest.fixture(scope="module")
@@ -127,8 +127,8 @@ async def test_points_and_commands_go_with_certificate_and_password(
         Arm(daemon.arm, house.address) as arm,
     ):
         assert daemon.arm in await find_arms(house.address, 1.0)
-        taken = await daemon.take(3)
-        assert await read(arm, 3) == taken
+        captured = await daemon.take(3)
+        assert await read(arm, 3) == captured
         assert isinstance(await arm.capture(), Point)
 
 

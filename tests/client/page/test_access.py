@@ -1,5 +1,3 @@
-"""Who may see the page."""
-
 from collections.abc import Iterable
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""A thousand connections that say nothing leave room for the operator."""
-
 import asyncio
 import contextlib
 import socket
@@ -77,14 +75,14 @@ async def test_a_connection_that_says_nothing_is_closed(
 ) -> None:
     monkeypatch.setattr(connections, "REQUEST_S", 0.05)
     async with serving() as port:
-        for said, answered in (
+        for request, answered in (
             (b"", b""),
             (b"GET / HTTP/1.1\r\nHost: ", b""),
             (b"POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 9\r\n\r\nab", b""),
             (REQUEST + b"GET / HT", b"HTTP/1.1 200 OK\r\n"),
         ):
             reader, writer = await asyncio.open_connection(HOST, port)
-            writer.write(said)
+            writer.write(request)
             async with asyncio.timeout(5):
                 with contextlib.suppress(ConnectionError):
                     assert await reader.readline() == answered
@@ -97,9 +95,9 @@ async def test_an_answer_may_take_long(monkeypatch: pytest.MonkeyPatch) -> None:
     looked: list[object] = []
     look = BoundedHttpProtocol._close_if_silent
 
-    def counted(self: BoundedHttpProtocol, *what: Any) -> None:
-        looked.append(what)
-        look(self, *what)
+    def counted(self: BoundedHttpProtocol, *arguments: Any) -> None:
+        looked.append(arguments)
+        look(self, *arguments)
 
     async def slow(scope: Scope, receive: Receive, send: Send) -> None:
         await until(lambda: len(looked) >= 4)

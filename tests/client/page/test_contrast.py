@@ -23,7 +23,6 @@ SCENE_MARKS = ("link", "joint", "probe", "good", "doubt", "cloud")
 
 
 def luminance(colour: str) -> float:
-    """Relative luminance of "#rrggbb"."""
     parts = (int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
     linear = [
         c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts
@@ -38,7 +37,6 @@ def contrast(colour: str, other: str) -> float:
 
 
 def colours(theme: str) -> dict[str, str]:
-    """The style sheet's colours by name."""
     by_name: dict[str, str] = {}
     for selector in (":root", "body.body--light")[: 1 + (theme == "light")]:
         block = CSS[CSS.index(f"{selector} {{") :].partition("}")[0]
@@ -47,7 +45,6 @@ def colours(theme: str) -> dict[str, str]:
 
 
 def rule(selector: str) -> str:
-    """The fill of a selector."""
     match = re.search(rf"{re.escape(selector)} {{ fill: ([^;]+); }}", CSS)
     assert match is not None
     return match[1]
@@ -65,8 +62,8 @@ def test_text_and_marks_of_the_style_sheet(theme: str) -> None:
 @pytest.mark.parametrize("theme", ["dark", "light"])
 def test_where_a_joint_is_stands_out_from_where_it_has_been(theme: str) -> None:
     known = colours(theme)
-    here = rule(f"body.body--{theme} .sectors rect.here")
-    assert contrast(here, known["accent"]) >= 3.0
+    marker_colour = rule(f"body.body--{theme} .sectors rect.here")
+    assert contrast(marker_colour, known["accent"]) >= 3.0
     # Beside unvisited sectors the frame of the bar is the contrast.
     assert contrast(known["accent"], known["ground"]) >= 3.0
 

@@ -1,5 +1,3 @@
-"""The catalogue of the page's texts in other languages."""
-
 import re
 
 from traverse.client.page.language import CATALOGUE, language_names

@@ -1,1 +1,0 @@
-"""Tests: points in order."""

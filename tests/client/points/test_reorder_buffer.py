@@ -23,7 +23,7 @@ def point(session: str, seq: int) -> Point:
 
 
 class Outbox:
-    """What an arm has taken, and what it holds yet."""
+    """Points of an arm: all that were taken, and those still held."""
 
     def __init__(self) -> None:
         self.sessions: dict[str, range] = {}
@@ -88,7 +88,7 @@ def never() -> bool:
 
 
 def numbers(order: ReorderBuffer) -> list[tuple[str, int]]:
-    """What was handed on, losses spelled out."""
+    """Numbers that were handed on, losses spelled out."""
     numbers = []
     for item in order.ready:
         if isinstance(item, Point):
@@ -120,19 +120,19 @@ def test_every_number_is_handed_on_once_and_in_order_whatever_a_broker_loses(
 
     late: list[Point] = []
     for _ in range(chance.randrange(200)):
-        what = chance.random()
-        if what < 0.05:
+        draw = chance.random()
+        if draw < 0.05:
             session = outbox.begin()
             if not lose():
                 order.notice(session)
-        elif what < 0.05 + forgetting:
+        elif draw < 0.05 + forgetting:
             old = chance.choice(list(outbox.sessions))
             held = outbox.sessions[old]  # the newest stays: else it would be unknown
             below = min(held.start + chance.randrange(5), held.stop - 1)
             outbox.forget(old, max(below, held.start))
-        elif what < 0.2 and outbox.sessions[session]:
+        elif draw < 0.2 and outbox.sessions[session]:
             outbox.damaged.add((session, chance.choice(outbox.sessions[session])))
-        elif what < 0.25:
+        elif draw < 0.25:
             order.connection_restored()
             sessions = outbox.listed() if order.next_request(ROOM) else []
             session = outbox.begin() if lose() else session
@@ -141,11 +141,11 @@ def test_every_number_is_handed_on_once_and_in_order_whatever_a_broker_loses(
             order.listed(sessions)
             settle(order, outbox, lose)
         else:
-            taken = outbox.add(session)
+            added = outbox.add(session)
             for copy in range(chance.choice((1, 1, 1, 2))):
                 is_late = chance.random() < 0.1 + copy / 2
                 if not lose():
-                    (late.append if is_late else order.take)(taken)
+                    (late.append if is_late else order.take)(added)
             if late and chance.random() < 0.3:
                 order.take(late.pop(chance.randrange(len(late))))
     for point in late:
@@ -297,9 +297,9 @@ def test_an_arm_that_cannot_send_again_has_its_gaps_told() -> None:
 
 def test_points_without_room_are_requested_later() -> None:
     order, outbox, session = started()
-    taken = [outbox.add(session) for _ in range(5)]
-    order.take(taken[0])
-    for point in taken[1:]:
+    points = [outbox.add(session) for _ in range(5)]
+    order.take(points[0])
+    for point in points[1:]:
         order.take(point, room=False)
     assert numbers(order) == [(session, 0)]
     settle(order, outbox, never)
@@ -309,8 +309,8 @@ def test_points_without_room_are_requested_later() -> None:
 @pytest.mark.parametrize("n", [5000])
 def test_what_waits_for_its_turn_is_bounded(n: int) -> None:
     order, outbox, session = started()
-    taken = [outbox.add(session) for _ in range(n)]
-    for point in taken[1:]:
+    points = [outbox.add(session) for _ in range(n)]
+    for point in points[1:]:
         order.take(point)
     assert order.n_held <= 2000
     settle(order, outbox, never)

@@ -15,7 +15,6 @@ from tests.client.virtual_daemon import VirtualDaemon
 from tests.mosquitto import Mosquitto, free_port
 from tests.protocol.message_examples import EVENT
 from traverse.client import Arm, BrokerUnreachableError, Lost
-from traverse.client.points.session_order import FORGOTTEN
 from traverse.protocol.message_error import MessageError
 from traverse.testing.waiting import until
 
@@ -26,8 +25,8 @@ async def test_points_come_as_they_are_taken(
     virtual: VirtualDaemon, broker: str
 ) -> None:
     async with virtual.running(), Arm(virtual.arm, broker) as arm:
-        taken = await virtual.take(5)
-        assert await read(arm, 5) == taken
+        captured = await virtual.take(5)
+        assert await read(arm, 5) == captured
         assert arm.counters.duplicates == 0
 
 
@@ -100,19 +99,6 @@ async def test_the_tail_of_a_session_comes_before_the_next_session(
         async with virtual.running():
             await virtual.take(1)
             assert await read(arm, 6) == virtual.points
-
-
-async def test_what_retention_has_taken_is_reported(
-    virtual: VirtualDaemon, broker: str
-) -> None:
-    async with virtual.running():
-        await virtual.take(8)
-        virtual.forget(virtual.session, 5)
-        async with Arm(virtual.arm, broker, since={virtual.session: 2}) as arm:
-            first, *rest = await read(arm, 4)
-            assert first == Lost(virtual.session, 2, 4, FORGOTTEN)
-            assert rest == virtual.points
-            assert arm.counters.lost == 3
 
 
 async def test_an_old_daemon_that_cannot_resend_has_its_gaps_told(
@@ -233,6 +219,6 @@ async def test_what_cannot_be_understood_is_counted_and_left_out(
 ) -> None:
     async with virtual.running(), Arm(virtual.arm, broker) as arm:
         await virtual.publish_raw("point", b"\xffrubbish")
-        taken = await virtual.take(1)
-        assert await read(arm, 1) == taken
+        captured = await virtual.take(1)
+        assert await read(arm, 1) == captured
         assert arm.counters.undecodable == 1

@@ -8,7 +8,7 @@ import aiomqtt
 from traverse.broker.address import BrokerAddress
 from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
-from traverse.testing.taken import until
+from traverse.testing.waiting import until
 
 STATUS = "traverse/bench-7/status"
 

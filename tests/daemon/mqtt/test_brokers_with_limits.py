@@ -10,7 +10,7 @@ from tests.protocol.message_examples import STATUS as STATUS_VALUE
 from traverse.broker.address import BrokerAddress
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
 from traverse.protocol.encoding import encode
-from traverse.testing.taken import until
+from traverse.testing.waiting import until
 
 HOST = "127.0.0.1"
 

@@ -9,7 +9,7 @@ from tests.daemon.mqtt.connection_harness import STATUS, Bench, Witness, address
 from traverse.broker.address import BrokerAddress
 from traverse.daemon.mqtt.embedded_broker import embedded_broker
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
-from traverse.testing.taken import until
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

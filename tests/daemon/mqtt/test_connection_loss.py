@@ -8,7 +8,7 @@ import pytest
 
 from tests.daemon.mqtt.connection_harness import STATUS, Bench, Witness, address
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
-from traverse.testing.taken import until
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -10,7 +10,7 @@ from tests.certificates import Authority
 from tests.daemon.mqtt.connection_harness import Bench, Witness
 from traverse.broker.address import BrokerAddress
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
-from traverse.testing.taken import until
+from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto", "openssl")
 

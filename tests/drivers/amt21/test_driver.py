@@ -1,5 +1,3 @@
-"""AMT21 encoders: the common suites, what is read and when."""
-
 import asyncio
 from pathlib import Path
 

@@ -228,8 +228,8 @@ SILENT = {"kind": "silent", "channel": 3, "at_s": 1.0, "duration_s": 1.0}
 RESET = {"kind": "reset", "channel": 5, "at_s": 2.0, "duration_s": 0.2}
 
 
-def line_fault(kind, probability=0.01, **more):
-    return {"kind": kind, "probability": probability, **more}
+def line_fault(kind, probability=0.01, **options):
+    return {"kind": kind, "probability": probability, **options}
 
 
 @pytest.mark.parametrize(

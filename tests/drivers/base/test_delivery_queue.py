@@ -55,32 +55,34 @@ async def crossing_of(**limits: int) -> tuple[DeliveryQueue, Clock]:
 
 async def test_what_is_put_in_a_thread_is_taken_in_order():
     delivery_queue, _ = await crossing_of()
-    given = [samples(3), LATCH, samples(2, 3), FAULT]
+    deliveries = [samples(3), LATCH, samples(2, 3), FAULT]
     thread = threading.Thread(
-        target=lambda: [delivery_queue.put(samples) for samples in given]
+        target=lambda: [delivery_queue.put(samples) for samples in deliveries]
     )
     thread.start()
     thread.join()
-    assert await delivery_queue.take() == given
+    assert await delivery_queue.take() == deliveries
     assert delivery_queue.waiting_samples == 0
 
 
 async def test_what_wakes_nobody_waits_for_the_next_or_to_be_asked_for():
     delivery_queue, _ = await crossing_of()
-    taken: list[list[object]] = []
-    with delivery_queue.notifying(lambda: taken.append(delivery_queue.take_waiting())):
+    batches: list[list[object]] = []
+    with delivery_queue.notifying(
+        lambda: batches.append(delivery_queue.take_waiting())
+    ):
         delivery_queue.wake()  # for nothing
         assert delivery_queue.put(FAULT, wakes=False)
         await asyncio.sleep(0)
-        assert taken == []
+        assert batches == []
         assert delivery_queue.put(LOST)
         await asyncio.sleep(0)
-        assert taken == [[FAULT, LOST]]
+        assert batches == [[FAULT, LOST]]
         assert delivery_queue.put(FAULT, wakes=False)
         delivery_queue.wake()
         delivery_queue.wake()
         await asyncio.sleep(0)
-        assert taken == [[FAULT, LOST], [FAULT]]
+        assert batches == [[FAULT, LOST], [FAULT]]
 
 
 async def test_samples_beyond_the_bound_are_dropped_and_counted():
@@ -97,20 +99,20 @@ async def test_samples_beyond_the_bound_are_dropped_and_counted():
 
 async def test_after_a_stall_samples_come_in_blocks_of_a_bounded_length():
     delivery_queue, _ = await crossing_of()
-    given = [samples(180, 180 * k) for k in range(7)]
+    blocks = [samples(180, 180 * k) for k in range(7)]
     assert all(
-        delivery_queue.put(delivery) for delivery in [*given[:4], FAULT, *given[4:]]
+        delivery_queue.put(delivery) for delivery in [*blocks[:4], FAULT, *blocks[4:]]
     )
-    taken = await delivery_queue.take()
-    assert [len(delivery.seq) for delivery in taken if delivery is not FAULT] == [
+    deliveries = await delivery_queue.take()
+    assert [len(delivery.seq) for delivery in deliveries if delivery is not FAULT] == [
         360,
         360,
         360,
         180,
     ]
-    assert taken[2] is FAULT
+    assert deliveries[2] is FAULT
     numbers = np.concatenate(
-        [delivery.seq for delivery in taken if delivery is not FAULT]
+        [delivery.seq for delivery in deliveries if delivery is not FAULT]
     )
     np.testing.assert_array_equal(numbers, np.arange(7 * 180))
 
@@ -179,11 +181,11 @@ async def test_samples_wake_the_loop_seldom_and_everything_else_at_once():
 async def test_a_loop_that_has_been_woken_is_not_woken_again_before_it_comes():
     loop = Loop()
     delivery_queue = DeliveryQueue(loop, monotonic_ns=Clock())
-    given = [LATCH, FAULT, LATCH]
-    for samples in given:
+    deliveries = [LATCH, FAULT, LATCH]
+    for samples in deliveries:
         delivery_queue.put(samples)
     assert loop.woken == 1
-    assert await delivery_queue.take() == given
+    assert await delivery_queue.take() == deliveries
     delivery_queue.put(LATCH)
     assert loop.woken == 2
 
@@ -204,18 +206,18 @@ async def test_what_is_put_together_wakes_the_loop_once_and_at_its_end():
 
 async def test_a_consumer_is_called_also_for_what_waited_before_it_came():
     delivery_queue = DeliveryQueue(Loop(), monotonic_ns=Clock())
-    taken = []
+    deliveries = []
 
     def take() -> None:
-        taken.extend(delivery_queue.take_waiting())
+        deliveries.extend(delivery_queue.take_waiting())
 
     delivery_queue.put(FAULT)
     with delivery_queue.notifying(take):
-        assert taken == [FAULT]
+        assert deliveries == [FAULT]
         delivery_queue.put(LATCH)
-        assert taken == [FAULT, LATCH]
+        assert deliveries == [FAULT, LATCH]
     delivery_queue.put(LOST)
-    assert taken == [FAULT, LATCH]
+    assert deliveries == [FAULT, LATCH]
     assert delivery_queue.is_due
 
 
@@ -248,9 +250,9 @@ async def test_a_flood_of_edges_is_taken_in_few_turns_and_none_is_lost():
 
     thread = threading.Thread(target=flood)
     thread.start()
-    taken = []
-    while len(taken) < 200:
-        taken += await delivery_queue.take()
+    deliveries = []
+    while len(deliveries) < 200:
+        deliveries += await delivery_queue.take()
     thread.join()
-    assert taken == [LATCH] * 200
+    assert deliveries == [LATCH] * 200
     assert delivery_queue.taken < 100

@@ -1,5 +1,3 @@
-"""A stuck reader thread: detected by its heartbeat, no obstacle to shutdown."""
-
 import asyncio
 import os
 import threading
@@ -10,8 +8,6 @@ from traverse.drivers.base.driver import CONNECT_S, Driver, DriverOptions
 
 
 class Deaf(Driver):
-    """A serve step that blocks until it is released."""
-
     def __init__(self, delivery_queue: DeliveryQueue, clock) -> None:
         super().__init__("base", DriverOptions(), delivery_queue, monotonic_ns=clock)
         self.serving, self.let_go = threading.Event(), threading.Event()

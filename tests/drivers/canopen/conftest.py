@@ -1,5 +1,3 @@
-"""Two CANopen nodes and their driver."""
-
 from collections.abc import AsyncIterator
 
 import pytest

@@ -110,7 +110,6 @@ class FakeNode:
         )
 
     def answer(self, request: bytes) -> bytes:
-        """Answer one expedited request."""
         key = (int.from_bytes(request[1:3], "little"), request[3])
         self.objects[(0x6004, 0)] = u32(self.count)
         if key not in self.objects:
@@ -183,7 +182,7 @@ class FakeNodes(Peer):
             self.latch(lost)
 
     def latch(self, lost: bool = False) -> None:
-        """What the nodes do at a SYNC."""
+        """Latch and answer, as the nodes do at a SYNC."""
         with self._lock:
             for node in self.nodes.values():
                 if node.sends_position and not lost:
@@ -210,7 +209,6 @@ class FakeNodes(Peer):
                 self.send(*frame)
 
     def restart(self, number: int) -> None:
-        """Lose power for a moment."""
         with self._lock:
             node = self.nodes[number]
             node.power_up()
@@ -243,9 +241,9 @@ class FakeNodes(Peer):
             for node in self.nodes.values():
                 if data[1] in (0, node.number):
                     self._obey(node, data[0])
-        asked = self.nodes.get(can_id - 0x600)
-        if asked is not None and not asked.mute and data[0] != 0x80:
-            self.say(asked, 0x580 + asked.number, asked.answer(data))
+        addressed = self.nodes.get(can_id - 0x600)
+        if addressed is not None and not addressed.mute and data[0] != 0x80:
+            self.say(addressed, 0x580 + addressed.number, addressed.answer(data))
 
     def _obey(self, node: FakeNode, command: int) -> None:
         states = {1: OPERATIONAL, 2: STOPPED, 0x80: PRE_OPERATIONAL}

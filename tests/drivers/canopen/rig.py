@@ -10,7 +10,7 @@ from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import CountSamples, DeviceAlarm
 from traverse.drivers.canopen.driver import CanOpenDriver
 from traverse.drivers.canopen.options import CanOpenOptions
-from traverse.testing.taken import Taken
+from traverse.testing.deliveries import Deliveries
 
 channels = itertools.count()
 
@@ -26,7 +26,7 @@ class CanRig:
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         self.nodes = FakeNodes(channel)
         self.port = f"virtual:{channel}"
-        given = {
+        driver_options = {
             "interface": "virtual",
             "channel": channel,
             "nodes": (5, 9),
@@ -36,7 +36,9 @@ class CanRig:
             "answer_tries": 2,
             "status_period_s": 0.0,
         } | options
-        self.driver = CanOpenDriver("arm", CanOpenOptions(**given), self.delivery_queue)
+        self.driver = CanOpenDriver(
+            "arm", CanOpenOptions(**driver_options), self.delivery_queue
+        )
         self.plug, self.unplug = self.nodes.plug, self.nodes.unplug
         self.plug()
 
@@ -54,27 +56,27 @@ class CanRig:
         self.nodes.unplug()
 
 
-def alarms(taken: Taken, code: str) -> list[tuple[int | None, bool]]:
-    raised = [alarm for alarm in taken.of(DeviceAlarm) if alarm.code == code]
+def alarms(deliveries: Deliveries, code: str) -> list[tuple[int | None, bool]]:
+    raised = [alarm for alarm in deliveries.of(DeviceAlarm) if alarm.code == code]
     assert all(alarm.remedy and alarm.text for alarm in raised)
     return [(alarm.channel, alarm.raised) for alarm in raised]
 
 
-def last_status(taken: Taken) -> list[int]:
-    blocks = taken.of(CountSamples)
+def last_status(deliveries: Deliveries) -> list[int]:
+    blocks = deliveries.of(CountSamples)
     return blocks[-1].status[-1].tolist() if blocks else []
 
 
-async def until_status(rig: CanRig, taken: Taken, status: list[int]) -> None:
+async def until_status(rig: CanRig, deliveries: Deliveries, status: list[int]) -> None:
     """SYNCs until a sample has this status."""
     async with asyncio.timeout(8):
-        while last_status(taken) != status:
-            await answered(rig, taken)
+        while last_status(deliveries) != status:
+            await answered(rig, deliveries)
 
 
-async def answered(rig: CanRig, taken: Taken) -> None:
+async def answered(rig: CanRig, deliveries: Deliveries) -> None:
     """One SYNC, and what is delivered then."""
     rig.emit(1)
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(0.03):  # samples alone need not wake it
-            taken.all += await rig.delivery_queue.take()
+            deliveries.all += await rig.delivery_queue.take()

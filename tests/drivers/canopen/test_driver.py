@@ -1,5 +1,3 @@
-"""The CANopen driver: the common suites, and what only it does."""
-
 import itertools
 
 import pytest
@@ -12,13 +10,13 @@ from traverse.drivers.base.values import (
     DeviceUp,
     StreamStarted,
 )
+from traverse.testing.deliveries import Deliveries
 from traverse.testing.driver_contract import (
     DriverContract,
     StreamContract,
     streaming,
     up,
 )
-from traverse.testing.taken import Taken
 from traverse.testing.waiting import until
 
 
@@ -58,8 +56,8 @@ async def test_identity_is_read_from_the_nodes(rig: CanRig):
         (0x6002, 0): u32(4096 * 16),
     }
     with rig.driver:
-        taken = await up(rig)
-    identity = taken.of(DeviceUp)[0].identity
+        deliveries = await up(rig)
+    identity = deliveries.of(DeviceUp)[0].identity
     assert identity.counts_per_turn == (1 << 16, 4096)
     assert identity.moduli_counts == (1 << 28, 4096 * 16)
     assert not identity.latches
@@ -67,11 +65,13 @@ async def test_identity_is_read_from_the_nodes(rig: CanRig):
     assert "5:5f-406-5" in identity.name
 
 
-@pytest.mark.parametrize(("wanted", "bits"), [("cw", 4), ("ccw", 5)])
-async def test_the_code_sequence_is_set_and_the_other_bits_stay(wanted: str, bits: int):
-    with CanRig(code_sequence=wanted) as rig:
+@pytest.mark.parametrize(("sequence", "bits"), [("cw", 4), ("ccw", 5)])
+async def test_the_code_sequence_is_set_and_the_other_bits_stay(
+    sequence: str, bits: int
+):
+    with CanRig(code_sequence=sequence) as rig:
         for node in rig.nodes.nodes.values():
-            node.objects[(0x6000, 0)] = u16(5 if wanted == "cw" else 4)
+            node.objects[(0x6000, 0)] = u16(5 if sequence == "cw" else 4)
             node.objects |= {(0x6001, 0): u32(4096), (0x6002, 0): u32(4096)}
         with rig.driver:
             await up(rig)
@@ -82,9 +82,9 @@ async def test_all_that_is_wrong_at_the_start_is_told_together(rig: CanRig):
     rig.nodes.nodes[5].objects[(0x1000, 0)] = u32(0x0002_0191)
     rig.nodes.nodes[9].objects[(0x6501, 0)] = u32(0)
     with rig.driver:
-        taken = Taken(rig.delivery_queue)
-        await taken.until(lambda: taken.of(DeviceLost), "the refusal")
-    (lost,) = taken.of(DeviceLost)
+        deliveries = Deliveries(rig.delivery_queue)
+        await deliveries.until(lambda: deliveries.of(DeviceLost), "the refusal")
+    (lost,) = deliveries.of(DeviceLost)
     assert "node 5 reports device profile 401, expected an encoder" in (lost.reason)
     assert "node 9 on" in lost.reason
     assert "0 counts per turn" in lost.reason
@@ -93,12 +93,12 @@ async def test_all_that_is_wrong_at_the_start_is_told_together(rig: CanRig):
 async def test_a_node_that_is_missing_at_the_start_is_named(rig: CanRig):
     rig.nodes.nodes[9].mute = True
     with rig.driver:
-        taken = Taken(rig.delivery_queue)
-        await taken.until(lambda: taken.of(DeviceLost), "the loss")
-        (lost,) = taken.of(DeviceLost)
+        deliveries = Deliveries(rig.delivery_queue)
+        await deliveries.until(lambda: deliveries.of(DeviceLost), "the loss")
+        (lost,) = deliveries.of(DeviceLost)
         assert f"nodes 9 on {rig.port} do not answer; nodes 5 do" in lost.reason
         rig.nodes.nodes[9].mute = False
-        await taken.until(lambda: taken.of(DeviceUp), "both")
+        await deliveries.until(lambda: deliveries.of(DeviceUp), "both")
 
 
 async def test_a_fixed_map_is_good_if_the_position_is_first(rig: CanRig):
@@ -106,30 +106,32 @@ async def test_a_fixed_map_is_good_if_the_position_is_first(rig: CanRig):
     node.refuses = {(0x1A00, 0), (0x1A00, 1)}
     node.objects |= {(0x1A00, 0): b"\x01", (0x1A00, 1): u32(0x6004_0020)}
     with rig.driver:
-        taken = await streaming(rig)
-        await until_status(rig, taken, [0, 0])
+        deliveries = await streaming(rig)
+        await until_status(rig, deliveries, [0, 0])
 
 
 async def test_the_driver_sends_the_syncs_itself():
     with CanRig(sync="host") as rig, rig.driver:
         rig.nodes.answers_sync = True
-        taken = await streaming(rig, 200.0)
-        await taken.until(lambda: len(taken.seqs()) >= 50, "50 samples")
-    blocks = taken.of(CountSamples)
+        deliveries = await streaming(rig, 200.0)
+        await deliveries.until(lambda: len(deliveries.seqs()) >= 50, "50 samples")
+    blocks = deliveries.of(CountSamples)
     counts = [c for block in blocks for c in block.counts.tolist()]
     known = {tuple(c) for c in counts}
     assert known <= {(1000 + k, 1007 + k) for k in range(400)}  # of one SYNC each
-    assert taken.of(StreamStarted)[0].rate_hz == 200.0
+    assert deliveries.of(StreamStarted)[0].rate_hz == 200.0
 
 
 async def test_a_stream_can_be_stopped_and_begun_again(rig: CanRig):
     with rig.driver:
-        taken = await streaming(rig)
+        deliveries = await streaming(rig)
         rig.emit(3)
-        await taken.until(lambda: len(taken.seqs()) >= 3, "3 samples")
+        await deliveries.until(lambda: len(deliveries.seqs()) >= 3, "3 samples")
         rig.driver.request_stream(0.0)
         rig.driver.request_stream(100.0)
-        await taken.until(lambda: len(taken.of(StreamStarted)) == 2, "another stream")
+        await deliveries.until(
+            lambda: len(deliveries.of(StreamStarted)) == 2, "another stream"
+        )
         rig.emit(2)
-        await taken.until(lambda: len(taken.seqs()) >= 5, "2 samples more")
-    assert taken.seqs() == [0, 1, 2, 0, 1]
+        await deliveries.until(lambda: len(deliveries.seqs()) >= 5, "2 samples more")
+    assert deliveries.seqs() == [0, 1, 2, 0, 1]

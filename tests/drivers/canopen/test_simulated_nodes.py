@@ -1,5 +1,3 @@
-"""The CANopen driver on simulated encoders: both were written from the same facts."""
-
 import asyncio
 import contextlib
 import itertools
@@ -33,7 +31,6 @@ BOTH = {"nodes": (5, 9)}
 async def played(
     tmp_path, *faults, interface="virtual", **keys
 ) -> AsyncIterator[SimpleNamespace]:
-    """A driver, its queue, and simulated encoders as its peer."""
     if interface == "slcan":
         where, channel = {"port": "can"}, str(tmp_path / "can")
     else:
@@ -60,18 +57,18 @@ async def played(
 @pytest.mark.parametrize("interface", ["virtual", "slcan"])
 async def test_samples_are_what_the_encoders_latched(tmp_path, interface):
     async with played(tmp_path, interface=interface) as rig:
-        taken = await streaming(rig, 100.0)
-        await taken.until(lambda: len(taken.seqs()) >= 40, "40 samples")
+        deliveries = await streaming(rig, 100.0)
+        await deliveries.until(lambda: len(deliveries.seqs()) >= 40, "40 samples")
         noted = list(rig.peer.device.mounting.notes.readings)
-    identity = taken.of(DeviceUp)[0].identity
+    identity = deliveries.of(DeviceUp)[0].identity
     assert identity.counts_per_turn == (65536, 65536)
     latched = {}
     for _, channel, time_s, count, _ in noted:
         latched.setdefault(time_s, {})[channel] = count
-    truth = {(both[0], both[1]) for both in latched.values() if len(both) == 2}
-    for block in taken.of(CountSamples):
-        whole = (block.status == 0).all(axis=1)
-        assert {tuple(row) for row in block.counts[whole].tolist()} <= truth
+    truth = {(pair[0], pair[1]) for pair in latched.values() if len(pair) == 2}
+    for block in deliveries.of(CountSamples):
+        is_complete = (block.status == 0).all(axis=1)
+        assert {tuple(row) for row in block.counts[is_complete].tolist()} <= truth
 
 
 async def test_a_node_that_resets_and_an_emergency_are_reported(tmp_path):
@@ -80,18 +77,24 @@ async def test_a_node_that_resets_and_an_emergency_are_reported(tmp_path):
         {"kind": "emcy", "channel": 0, "at_s": 0.2, "duration_s": 0.5},
     )
     async with played(tmp_path, *faults) as rig:
-        taken = await streaming(rig, 100.0)
-        await taken.until(lambda: ended(taken, "node_lost"), "the node is back")
-        await taken.until(lambda: ended(taken, "emergency"), "the error is over")
-        await taken.until(lambda: last_status(taken) == [0, 0], "all is well")
-    alarms = [(a.code, a.channel) for a in taken.of(DeviceAlarm) if a.raised]
+        deliveries = await streaming(rig, 100.0)
+        await deliveries.until(
+            lambda: ended(deliveries, "node_lost"), "the node is back"
+        )
+        await deliveries.until(
+            lambda: ended(deliveries, "emergency"), "the error is over"
+        )
+        await deliveries.until(lambda: last_status(deliveries) == [0, 0], "all is well")
+    alarms = [(a.code, a.channel) for a in deliveries.of(DeviceAlarm) if a.raised]
     assert ("node_lost", 1) in alarms
     assert ("emergency", 0) in alarms
     assert ("encoder_alarm", 0) in alarms  # its object 6503 was read
-    codes = [fault.code for fault in taken.of(DeviceFault)]
+    codes = [fault.code for fault in deliveries.of(DeviceFault)]
     assert codes.count("node_restarted") == 1
     states = {
-        tuple(row) for block in taken.of(CountSamples) for row in block.status.tolist()
+        tuple(row)
+        for block in deliveries.of(CountSamples)
+        for row in block.status.tolist()
     }
     assert any(
         row[1] & STATUS_MISSING and not row[0] & STATUS_MISSING for row in states
@@ -101,26 +104,26 @@ async def test_a_node_that_resets_and_an_emergency_are_reported(tmp_path):
 async def test_a_bus_that_goes_off_returns(tmp_path):
     off = {"kind": "bus_off", "at_s": 0.2, "duration_s": 0.15}
     async with played(tmp_path, off) as rig:
-        taken = await streaming(rig, 100.0)
-        await taken.until(lambda: ended(taken, "bus_off"), "it is back")
-        await taken.until(lambda: lost_samples(taken), "what was lost")
+        deliveries = await streaming(rig, 100.0)
+        await deliveries.until(lambda: ended(deliveries, "bus_off"), "it is back")
+        await deliveries.until(lambda: lost_samples(deliveries), "what was lost")
 
 
 async def test_an_encoder_that_says_another_resolution_is_seen(tmp_path):
     keys = {"told_counts_per_turn": (65536, 4096)}
     async with played(tmp_path, **keys) as rig:
-        taken = await up(rig)
-    (ups,) = taken.of(DeviceUp)
+        deliveries = await up(rig)
+    (ups,) = deliveries.of(DeviceUp)
     assert ups.identity.counts_per_turn == (65536, 4096)
 
 
-def lost_samples(taken):
-    return [f for f in taken.of(DeviceFault) if f.code == "samples_lost"]
+def lost_samples(deliveries):
+    return [f for f in deliveries.of(DeviceFault) if f.code == "samples_lost"]
 
 
-def ended(taken, code):
-    return any(a.code == code and not a.raised for a in taken.of(DeviceAlarm))
+def ended(deliveries, code):
+    return any(a.code == code and not a.raised for a in deliveries.of(DeviceAlarm))
 
 
-def last_status(taken):
-    return taken.of(CountSamples)[-1].status[-1].tolist()
+def last_status(deliveries):
+    return deliveries.of(CountSamples)[-1].status[-1].tolist()

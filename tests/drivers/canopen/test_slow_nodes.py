@@ -13,8 +13,8 @@ from tests.drivers.canopen.rig import CanRig, channels
 from traverse.drivers.base.values import CountSamples, DeviceAlarm, DeviceLost
 from traverse.drivers.canopen.sdo import NodeError, NodeSdo
 from traverse.drivers.io.can_bus import CanBus
+from traverse.testing.deliveries import Deliveries
 from traverse.testing.driver_contract import streaming
-from traverse.testing.taken import Taken
 from traverse.testing.waiting import until
 
 ALARMS, WARNINGS = 0x6503, 0x6505
@@ -116,9 +116,9 @@ async def test_a_node_that_answers_an_earlier_connection_is_not_two() -> None:
     with CanRig(answer_s=0.05) as rig:
         rig.nodes.distort = Reluctant()
         with rig.driver:
-            taken = await streaming(rig, 100.0)
-    assert [alarm.code for alarm in taken.of(DeviceAlarm)] == []
-    assert len(taken.of(DeviceLost)) == 1
+            deliveries = await streaming(rig, 100.0)
+    assert [alarm.code for alarm in deliveries.of(DeviceAlarm)] == []
+    assert len(deliveries.of(DeviceLost)) == 1
 
 
 RATE_HZ = 50.0
@@ -126,10 +126,10 @@ PERIOD_S = 1.0 / RATE_HZ
 FIRST = {5: 1000, 9: 1007}
 
 
-def judge(taken: Taken, synced_ns: list[int]) -> tuple[int, list[str]]:
+def judge(deliveries: Deliveries, synced_ns: list[int]) -> tuple[int, list[str]]:
     """How many counts bear no flag, and those of them that are of another SYNC."""
     n_good, false = 0, []
-    for block in taken.of(CountSamples):
+    for block in deliveries.of(CountSamples):
         for at_ns, counts, status in zip(
             block.sample_time_ns, block.counts, block.status, strict=True
         ):
@@ -149,8 +149,8 @@ async def test_answers_that_come_after_the_next_sync_are_not_taken_for_it(late):
     host = {"sync": "host", "heartbeat_ms": 1000, "late_s": 2.0}
     with CanRig(**host) as rig, rig.driver:
         rig.nodes.answers_sync = True
-        taken = await streaming(rig, RATE_HZ)
-        await taken.until(lambda: len(taken.seqs()) >= 5, "samples in time")
+        deliveries = await streaming(rig, RATE_HZ)
+        await deliveries.until(lambda: len(deliveries.seqs()) >= 5, "samples in time")
         for number in late:
             rig.nodes.nodes[number].late_s = 1.3 * PERIOD_S
         n_before = len(rig.nodes.synced_ns)
@@ -159,8 +159,8 @@ async def test_answers_that_come_after_the_next_sync_are_not_taken_for_it(late):
             rig.nodes.nodes[number].late_s = 0.0
         n_before = len(rig.nodes.synced_ns)
         await until(lambda: len(rig.nodes.synced_ns) > n_before + 20, "20 in time")
-        taken.all += await rig.delivery_queue.take()
-    n_good, false = judge(taken, rig.nodes.synced_ns)
+        deliveries.all += await rig.delivery_queue.take()
+    n_good, false = judge(deliveries, rig.nodes.synced_ns)
     assert not false
     assert n_good > 10
-    assert np.diff(taken.seqs()).min() >= 1
+    assert np.diff(deliveries.seqs()).min() >= 1

@@ -1,5 +1,3 @@
-"""Frames from a socket, as read from the kernel."""
-
 import socket
 import struct
 
@@ -32,11 +30,7 @@ def test_frames_of_a_socket_are_split(
     theirs.send(b"short")
     theirs.send(frame(0x2000_0040, bytes(8)))  # the controller's own words
     got = [(can_id, data) for can_id, data, _ in frames.read(64)]
-    assert got == [
-        (0x185, b"\x40\xe2\x01\x00"),
-        (0x080, b""),
-        (0x2000_0040, bytes(8)),
-    ]
+    assert got == [(0x185, b"\x40\xe2\x01\x00"), (0x080, b""), (0x2000_0040, bytes(8))]
     assert list(frames.read(64)) == []
 
 

@@ -1,5 +1,3 @@
-"""The serial port on a pty: silence is not the end, the end is."""
-
 import contextlib
 import fcntl
 import os

@@ -109,14 +109,12 @@ class FakeBoard(PtyPeer):
                     return
 
     def emit(self, n: int) -> list[bytes]:
-        """Send the next n samples, and no heartbeat before them."""
         with self._lock:
             bodies_sent = self.samples(n)
             self.send(*bodies_sent)
         return bodies_sent
 
     def samples(self, n: int) -> list[bytes]:
-        """The next n samples of the stream, counting up by one."""
         with self._lock:
             first, self.next_sample = self.next_sample, self.next_sample + n
             last, request = self._last_ticks, self.stream_request

@@ -10,7 +10,6 @@ import pytest
 
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import CONFIGURE, HELLO, LATCH
-from tests.drivers.latch_board.rig import board_rig
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     DeviceLost,
@@ -19,22 +18,16 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.latch_board.driver import LatchBoardDriver, LatchBoardOptions
+from traverse.testing.deliveries import Deliveries
 from traverse.testing.driver_contract import streaming
-from traverse.testing.taken import Taken
 from traverse.testing.waiting import until
 
 
-@pytest.fixture
-async def rig(tmp_path):
-    with board_rig(tmp_path) as rig:
-        yield rig
-
-
 async def told_lost(rig) -> DeviceLost:
-    taken = Taken(rig.delivery_queue)
+    deliveries = Deliveries(rig.delivery_queue)
     with rig.driver:
-        await taken.until(lambda: taken.of(DeviceLost), "the loss")
-    return taken.of(DeviceLost)[0]
+        await deliveries.until(lambda: deliveries.of(DeviceLost), "the loss")
+    return deliveries.of(DeviceLost)[0]
 
 
 async def test_a_port_in_use_is_reported(rig, monkeypatch):
@@ -54,10 +47,10 @@ async def test_a_file_that_is_no_port_is_reported(tmp_path):
     path = tmp_path / "plain"
     path.write_text("no port")
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-    taken = Taken(delivery_queue)
+    deliveries = Deliveries(delivery_queue)
     with LatchBoardDriver("base", LatchBoardOptions(port=str(path)), delivery_queue):
-        await taken.until(lambda: taken.of(DeviceLost), "the loss")
-    assert str(path) in taken.of(DeviceLost)[0].reason
+        await deliveries.until(lambda: deliveries.of(DeviceLost), "the loss")
+    assert str(path) in deliveries.of(DeviceLost)[0].reason
 
 
 async def test_a_board_that_does_not_answer_is_reported(rig, monkeypatch):
@@ -113,30 +106,30 @@ async def test_closing_while_connecting_does_not_wait_for_the_board(rig):
     await asyncio.to_thread(rig.driver.close)
     # A driver that waits for all its tries would have sent eight requests.
     assert len(rig.board.heard(HELLO)) <= 2
-    taken = Taken(rig.delivery_queue)
+    deliveries = Deliveries(rig.delivery_queue)
     rig.delivery_queue.put(DeviceUp("end", None, False))
-    await taken.until(lambda: taken.of(DeviceUp), "what was delivered")
-    assert taken.of(DeviceLost) == []  # closing is no loss
+    await deliveries.until(lambda: deliveries.of(DeviceUp), "what was delivered")
+    assert deliveries.of(DeviceLost) == []  # closing is no loss
 
 
 async def test_silence_of_the_board_is_a_loss(rig):
     skipped_ns = [0]
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-    taken = Taken(delivery_queue)
+    deliveries = Deliveries(delivery_queue)
     with LatchBoardDriver(
         "base",
         LatchBoardOptions(port=str(rig.board.link)),
         delivery_queue,
         monotonic_ns=lambda: time.monotonic_ns() + skipped_ns[0],
     ):
-        await taken.until(lambda: taken.of(DeviceUp), "the device is up")
+        await deliveries.until(lambda: deliveries.of(DeviceUp), "the device is up")
         rig.board.mute = True
         for request in (HELLO, LATCH):
             rig.board.answers[request] = lambda body: []
         await asyncio.sleep(0)
         skipped_ns[0] = 3_000_000_000
-        await taken.until(lambda: taken.of(DeviceLost), "the loss")
-    assert "silent for 2 s" in taken.of(DeviceLost)[0].reason
+        await deliveries.until(lambda: deliveries.of(DeviceLost), "the loss")
+    assert "silent for 2 s" in deliveries.of(DeviceLost)[0].reason
 
 
 @pytest.mark.parametrize("has_chance", [True, False])
@@ -145,19 +138,25 @@ async def test_a_board_that_was_restarted_behind_an_open_port_is_noticed(
 ):
     rig.board.jump(100.0)  # so long it has been running
     with rig.driver:
-        taken = await streaming(rig)
+        deliveries = await streaming(rig)
         for seq in range(3):
             rig.press()
-            await taken.until(lambda n=seq: len(taken.of(LatchedCounts)) > n, "edge")
+            await deliveries.until(
+                lambda n=seq: len(deliveries.of(LatchedCounts)) > n, "edge"
+            )
             rig.driver.acknowledge(seq)
         rig.board.restart(has_chance=has_chance)
-        await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "up again")
-        await taken.until(lambda: len(taken.of(StreamStarted)) == 2, "its stream")
+        await deliveries.until(lambda: len(deliveries.of(DeviceUp)) == 2, "up again")
+        await deliveries.until(
+            lambda: len(deliveries.of(StreamStarted)) == 2, "its stream"
+        )
         rig.press()
-        await taken.until(lambda: len(taken.of(LatchedCounts)) == 4, "a new edge")
-    assert "stopped its stream" in taken.of(DeviceLost)[0].reason
-    assert taken.of(DeviceUp)[1].restarted
-    assert [latch.token for latch in taken.of(LatchedCounts)] == [0, 1, 2, 0]
+        await deliveries.until(
+            lambda: len(deliveries.of(LatchedCounts)) == 4, "a new edge"
+        )
+    assert "stopped its stream" in deliveries.of(DeviceLost)[0].reason
+    assert deliveries.of(DeviceUp)[1].restarted
+    assert [latch.token for latch in deliveries.of(LatchedCounts)] == [0, 1, 2, 0]
 
 
 async def test_a_restart_is_reported_even_if_connecting_fails_at_first(rig):
@@ -171,15 +170,19 @@ async def test_a_restart_is_reported_even_if_connecting_fails_at_first(rig):
         )
 
     with rig.driver:
-        taken = await streaming(rig)
+        deliveries = await streaming(rig)
         rig.board.answers[CONFIGURE] = refuse_once
         rig.board.restart()
         rig.press()
-        await taken.until(lambda: taken.of(LatchedCounts), "the edge after it")
-    ups = taken.of(DeviceUp)
+        await deliveries.until(
+            lambda: deliveries.of(LatchedCounts), "the edge after it"
+        )
+    ups = deliveries.of(DeviceUp)
     assert [up.restarted for up in ups] == [False, True]
     # Its counts are to be read with the knowledge of the restart.
-    assert taken.all.index(ups[1]) < taken.all.index(taken.of(LatchedCounts)[0])
+    assert deliveries.all.index(ups[1]) < deliveries.all.index(
+        deliveries.of(LatchedCounts)[0]
+    )
 
 
 async def test_a_fault_of_the_driver_itself_reaches_the_consumer(rig, caplog):
@@ -187,15 +190,15 @@ async def test_a_fault_of_the_driver_itself_reaches_the_consumer(rig, caplog):
         raise ZeroDivisionError("no time")
 
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-    taken = Taken(delivery_queue)
+    deliveries = Deliveries(delivery_queue)
     driver = LatchBoardDriver(
         "base", LatchBoardOptions(port=str(rig.board.link)), delivery_queue
     )
     driver._now_ns, good = broken_clock, driver._now_ns
     driver._pause = lambda seconds: None
     with driver:
-        await taken.until(lambda: taken.of(DeviceLost), "the loss")
+        await deliveries.until(lambda: deliveries.of(DeviceLost), "the loss")
         driver._now_ns = good
-        await taken.until(lambda: taken.of(DeviceUp), "the device")
-    assert "no time" in taken.of(DeviceLost)[0].reason
+        await deliveries.until(lambda: deliveries.of(DeviceUp), "the device")
+    assert "no time" in deliveries.of(DeviceLost)[0].reason
     assert "fault in the driver of base" in caplog.text

@@ -51,10 +51,10 @@ class ScriptedPort:
     def read(self) -> bytes:
         if self._script and self._script[0][1] == GONE:
             raise DeviceError("gone", "plug it in")
-        come = b""
+        data = b""
         while self._script and self._script[0][0] <= self.now_ns:
-            come += self._script.pop(0)[1]
-        return come
+            data += self._script.pop(0)[1]
+        return data
 
 
 def sample(seq: int) -> bytes:
@@ -95,7 +95,7 @@ def dispatched(*script: tuple[int, bytes]) -> list[tuple]:
     line = LatchBoardLine(
         port,
         lambda: port.now_ns,
-        lambda *what: dispatched_calls.append(what),
+        lambda *arguments: dispatched_calls.append(arguments),
         lambda: False,
     )
     while port.wait(0.1):
@@ -122,23 +122,23 @@ def test_an_edge_is_taken_up_when_it_comes_with_the_samples_before_it():
 
 
 def test_an_edge_in_pieces_is_taken_up_when_it_is_whole():
-    whole = edge()
-    for cut in range(1, len(whole)):
+    frame = edge()
+    for cut in range(1, len(frame)):
         script = [
-            (MS_NS, sample(1) + whole[:cut]),
-            (2 * MS_NS, whole[cut:]),
+            (MS_NS, sample(1) + frame[:cut]),
+            (2 * MS_NS, frame[cut:]),
             (3 * MS_NS, sample(2)),
         ]
         assert reads(*script)[1] == (2 * MS_NS, "Edge")
 
 
 def test_an_edge_begun_in_the_read_before_is_taken_up_when_it_is_whole():
-    whole = edge()
-    for cut in range(1, len(whole)):
+    frame = edge()
+    for cut in range(1, len(frame)):
         script = [
             (MS_NS, sample(1)),
-            (6 * MS_NS, whole[:cut]),
-            (8 * MS_NS, whole[cut:]),
+            (6 * MS_NS, frame[:cut]),
+            (8 * MS_NS, frame[cut:]),
         ]
         assert (8 * MS_NS, "Edge") in reads(*script)
 
@@ -220,7 +220,7 @@ def test_samples_before_the_port_went_away_are_taken_up_first():
     line = LatchBoardLine(
         port,
         lambda: port.now_ns,
-        lambda *what: dispatched_calls.append(what),
+        lambda *arguments: dispatched_calls.append(arguments),
         lambda: False,
     )
     assert line.port.wait(0.1)
@@ -236,7 +236,7 @@ BEGUN_NS = 5_000_000_000
 
 
 def test_the_read_with_the_smallest_delay_tells_the_time_of_all():
-    taken = []
+    deliveries = []
     session = LatchBoardSession(
         "base",
         "port",
@@ -244,7 +244,7 @@ def test_the_read_with_the_smallest_delay_tells_the_time_of_all():
         clock=DeviceClock(1_000_000),
         n_channels=2,
         debounce_ns=0,
-        put=taken.append,
+        put=deliveries.append,
         fault=print,
         counters=Counter(),
     )
@@ -261,7 +261,7 @@ def test_the_read_with_the_smallest_delay_tells_the_time_of_all():
     late_ns = [300_000, 50_000, 900_000]
     first, second, last = (BEGUN_NS + k * MS_NS + late_ns[k] for k in range(3))
     session.take(block, last, [(0, first), (1, second)])
-    [delivered] = taken
+    [delivered] = deliveries
     assert delivered.received_ns == last
     error_ns = delivered.sample_time_ns - (BEGUN_NS + ticks.astype(np.int64) * 1000)
     # The mapping adapts to a smaller delay within half a second, not at once.
@@ -276,4 +276,4 @@ def test_the_read_with_the_smallest_delay_tells_the_time_of_all():
         np.zeros((1, 2), np.uint8),
     )
     session.take(late, BEGUN_NS + 1000 * MS_NS + 900_000)
-    assert taken[-1].sample_time_ns[0] == BEGUN_NS + 1000 * MS_NS + 50_000
+    assert deliveries[-1].sample_time_ns[0] == BEGUN_NS + 1000 * MS_NS + 50_000

@@ -1,5 +1,3 @@
-"""Edges and latches on request, one at a time."""
-
 import asyncio
 from itertools import pairwise
 
@@ -10,7 +8,6 @@ from hypothesis import strategies as st
 
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import CONFIGURE, HELLO, LATCH
-from tests.drivers.latch_board.rig import board_rig
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     DeviceFault,
@@ -22,13 +19,13 @@ from traverse.drivers.base.values import (
 from traverse.drivers.latch_board.driver import LatchBoardDriver, LatchBoardOptions
 from traverse.drivers.latch_board.edge_sequence import WRAP, EdgeSequencer
 from traverse.drivers.latch_board.session import StreamSequence
+from traverse.testing.deliveries import Deliveries
 from traverse.testing.driver_contract import streaming
-from traverse.testing.taken import Taken
 from traverse.testing.waiting import until
 
 
 def reference(numbers: list[int]) -> tuple[list[int], int]:
-    """What is kept and lost, the plain way."""
+    """Return kept and lost numbers, by a plain loop."""
     kept, last = [], -1
     for number in numbers:
         if number > last:
@@ -38,8 +35,7 @@ def reference(numbers: list[int]) -> tuple[list[int], int]:
 
 
 @given(
-    st.lists(st.integers(0, 60), max_size=60),
-    st.lists(st.integers(0, 100), max_size=6),
+    st.lists(st.integers(0, 60), max_size=60), st.lists(st.integers(0, 100), max_size=6)
 )
 def test_losses_and_repeats_are_counted_however_the_blocks_are_cut(numbers, cuts):
     places = sorted({0, len(numbers), *(c % (len(numbers) + 1) for c in cuts)})
@@ -186,26 +182,22 @@ def test_the_board_is_told_once_what_is_dealt_with_and_again_when_it_did_not_hea
     assert (edges.needs_acknowledgement, edges.take_acknowledgement()) == (True, 7)
 
 
-@pytest.fixture
-async def rig(tmp_path):
-    with board_rig(tmp_path) as rig:
-        yield rig
-
-
 async def test_a_board_with_inputs_only_tells_its_edges(rig):
     rig.board.counts = ()
     rig.board.answers[HELLO] = lambda body: [bodies.hello(body[1], channels=())]
     with rig.driver:
-        taken = Taken(rig.delivery_queue)
-        await taken.until(lambda: taken.of(DeviceUp), "the board")
+        deliveries = Deliveries(rig.delivery_queue)
+        await deliveries.until(lambda: deliveries.of(DeviceUp), "the board")
         tokens = [rig.board.press(1), rig.board.press(1, level=0)]
-        await taken.until(lambda: len(taken.of(LatchedCounts)) == 2, "its edges")
+        await deliveries.until(
+            lambda: len(deliveries.of(LatchedCounts)) == 2, "its edges"
+        )
         rig.driver.acknowledge(tokens[1])
         await until(lambda: not rig.board.edges, "the acknowledgement")
-    identity = taken.of(DeviceUp)[0].identity
+    identity = deliveries.of(DeviceUp)[0].identity
     assert (identity.moduli_counts, identity.inputs) == ((), 2)
     assert (identity.latches, identity.max_rate_hz) == (False, 0.0)
-    latches = taken.of(LatchedCounts)
+    latches = deliveries.of(LatchedCounts)
     assert [latch.token for latch in latches] == tokens
     assert {(latch.counts, latch.status) for latch in latches} == {((), ())}
     # Its time is only in its heartbeat, which is therefore requested more often.
@@ -222,13 +214,13 @@ async def test_a_request_is_asked_again_and_answered_once(rig):
         return [p for b in late for p in rig.board.answer_latch(b)]  # both, late
 
     with rig.driver:
-        taken = await streaming(rig)
+        deliveries = await streaming(rig)
         rig.board.answers[LATCH] = latch
         token = rig.driver.request_latch()
-        await taken.until(lambda: taken.of(LatchedCounts), "the latch")
+        await deliveries.until(lambda: deliveries.of(LatchedCounts), "the latch")
         rig.emit(1)
-        await taken.until(taken.seqs, "a sample after it")
-    assert [latch.token for latch in taken.of(LatchedCounts)] == [token]
+        await deliveries.until(deliveries.seqs, "a sample after it")
+    assert [latch.token for latch in deliveries.of(LatchedCounts)] == [token]
     assert late[0][1] != late[1][1]  # a number of its own for each try
 
 
@@ -241,13 +233,13 @@ async def test_too_many_latch_requests_are_refused(rig):
 
 async def test_an_edge_that_the_consumer_has_no_room_for_is_repeated(rig):
     delivery_queue = DeliveryQueue(asyncio.get_running_loop(), max_others=8)
-    taken = Taken(delivery_queue)
+    deliveries = Deliveries(delivery_queue)
     with LatchBoardDriver(
         "base", LatchBoardOptions(port=str(rig.board.link)), delivery_queue
     ) as driver:
-        await taken.until(lambda: taken.of(DeviceUp), "the device is up")
+        await deliveries.until(lambda: deliveries.of(DeviceUp), "the device is up")
         driver.request_stream(100.0)
-        await taken.until(lambda: taken.of(StreamStarted), "the stream")
+        await deliveries.until(lambda: deliveries.of(StreamStarted), "the stream")
         while delivery_queue.put(DeviceTemperatures("filler", ())):
             pass
         seq = rig.board.press()
@@ -256,26 +248,26 @@ async def test_an_edge_that_the_consumer_has_no_room_for_is_repeated(rig):
         driver.request_latch()  # its request shows that the edge has been read
         await until(lambda: len(rig.board.requests) > sent, "the latch request")
         assert seq in rig.board.edges
-        await taken.until(
-            lambda: any(e.input == 0 for e in taken.of(LatchedCounts)), "the edge"
+        await deliveries.until(
+            lambda: any(e.input == 0 for e in deliveries.of(LatchedCounts)), "the edge"
         )
-    edges = [latch for latch in taken.of(LatchedCounts) if latch.input == 0]
+    edges = [latch for latch in deliveries.of(LatchedCounts) if latch.input == 0]
     assert [latch.token for latch in edges] == [seq]
 
 
 async def test_frames_with_other_channels_never_reach_the_consumer(rig):
     with rig.driver:
-        taken = await streaming(rig)
+        deliveries = await streaming(rig)
         request = rig.board.stream_request
         rig.board.send(
             bodies.sample(request, 0, 5, (1, 2, 3)), bodies.edge(0, 1, 0, 5, (1,))
         )
         rig.board.samples(1)
         rig.emit(1)
-        await taken.until(taken.seqs, "the good sample")
-    assert taken.seqs() == [1]
-    assert taken.of(LatchedCounts) == []
-    assert "channels_changed" in {fault.code for fault in taken.of(DeviceFault)}
+        await deliveries.until(deliveries.seqs, "the good sample")
+    assert deliveries.seqs() == [1]
+    assert deliveries.of(LatchedCounts) == []
+    assert "channels_changed" in {fault.code for fault in deliveries.of(DeviceFault)}
 
 
 async def test_edges_of_the_time_before_the_start_are_counted_and_forgotten(rig):
@@ -283,11 +275,11 @@ async def test_edges_of_the_time_before_the_start_are_counted_and_forgotten(rig)
         rig.board.press(0, level=level)
     rig.board.next_edge += 3  # for which the board had no room
     with rig.driver:
-        taken = Taken(rig.delivery_queue)
-        await taken.until(lambda: taken.of(DeviceFault), "what was forgotten")
+        deliveries = Deliveries(rig.delivery_queue)
+        await deliveries.until(lambda: deliveries.of(DeviceFault), "what was forgotten")
         token = rig.board.press()
-        await taken.until(lambda: taken.of(LatchedCounts), "an edge of now")
-    (fault,) = taken.of(DeviceFault)
+        await deliveries.until(lambda: deliveries.of(LatchedCounts), "an edge of now")
+    (fault,) = deliveries.of(DeviceFault)
     assert (fault.code, fault.count) == ("edges_lost", 7)
     assert fault.text.startswith("7 button or probe edges of the time before this")
-    assert [latch.token for latch in taken.of(LatchedCounts)] == [token]
+    assert [latch.token for latch in deliveries.of(LatchedCounts)] == [token]

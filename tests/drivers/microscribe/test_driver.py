@@ -16,6 +16,7 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.microscribe.driver import MicroscribeDriver
+from traverse.testing.deliveries import Deliveries
 from traverse.testing.driver_contract import (
     DriverContract,
     EdgeContract,
@@ -23,7 +24,6 @@ from traverse.testing.driver_contract import (
     up,
 )
 from traverse.testing.pty_peer import PeerRig, rig_fixture
-from traverse.testing.taken import Taken
 from traverse.testing.waiting import until
 
 
@@ -56,8 +56,8 @@ async def test_it_is_found_by_its_name():
 
 async def test_what_the_arm_says_of_itself_is_reported(rig):
     with rig.driver:
-        taken = await up(rig)
-    (ups,) = taken.of(DeviceUp)
+        deliveries = await up(rig)
+    (ups,) = deliveries.of(DeviceUp)
     identity = ups.identity
     assert identity.name == "MicroScribe 3D 3DX 12345"
     assert identity.firmware == "HCI 2.0a"
@@ -72,9 +72,9 @@ async def test_either_version_and_any_number_of_joints(tmp_path, hci, n_joints):
     with FakeMicroscribe(tmp_path / "arm", hci, n_joints) as arm:
         rig = MicroscribeRig(arm)
         with rig.driver:
-            taken = await up(rig, 100.0)
-            await taken.until(lambda: len(taken.seqs()) >= 3, "3 samples")
-    block = taken.of(CountSamples)[0]
+            deliveries = await up(rig, 100.0)
+            await deliveries.until(lambda: len(deliveries.seqs()) >= 3, "3 samples")
+    block = deliveries.of(CountSamples)[0]
     assert block.counts.shape[1] == n_joints
     assert block.counts[0, 1:].tolist() == arm.counts[1:n_joints]
 
@@ -100,30 +100,32 @@ async def test_a_session_left_behind_at_another_rate_is_ended(tmp_path):
 
 async def test_an_arm_that_lost_power_is_reported_as_restarted(rig):
     with rig.driver:
-        taken = await up(rig)
-        await taken.until(lambda: taken.of(StreamStarted), "the stream")
+        deliveries = await up(rig)
+        await deliveries.until(lambda: deliveries.of(StreamStarted), "the stream")
         rig.arm.power_cycle()
-        await taken.until(lambda: taken.of(DeviceLost), "the loss")
-        await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is back")
-    assert [ups.restarted for ups in taken.of(DeviceUp)] == [False, True]
-    assert "does not answer" in taken.of(DeviceLost)[0].reason
+        await deliveries.until(lambda: deliveries.of(DeviceLost), "the loss")
+        await deliveries.until(lambda: len(deliveries.of(DeviceUp)) == 2, "it is back")
+    assert [ups.restarted for ups in deliveries.of(DeviceUp)] == [False, True]
+    assert "does not answer" in deliveries.of(DeviceLost)[0].reason
 
 
 async def test_an_edge_has_the_counts_of_its_own_packet(rig):
     with rig.driver:
-        taken = await up(rig, 500.0)
-        await taken.until(lambda: len(taken.seqs()) > 20, "samples")
+        deliveries = await up(rig, 500.0)
+        await deliveries.until(lambda: len(deliveries.seqs()) > 20, "samples")
         rig.arm.press(1, True)
-        await taken.until(lambda: taken.of(LatchedCounts), "the edge")
-        (edge,) = taken.of(LatchedCounts)
-        await taken.until(
-            lambda: taken.of(CountSamples)[-1].sample_time_ns[-1] > edge.sample_time_ns,
+        await deliveries.until(lambda: deliveries.of(LatchedCounts), "the edge")
+        (edge,) = deliveries.of(LatchedCounts)
+        await deliveries.until(
+            lambda: (
+                deliveries.of(CountSamples)[-1].sample_time_ns[-1] > edge.sample_time_ns
+            ),
             "samples after it",
         )
     assert (edge.input, edge.active) == (1, True)
     rows = [
         (int(t), tuple(map(int, counts)), int(inputs))
-        for block in taken.of(CountSamples)
+        for block in deliveries.of(CountSamples)
         for t, counts, inputs in zip(
             block.sample_time_ns, block.counts, block.inputs, strict=True
         )
@@ -134,57 +136,59 @@ async def test_an_edge_has_the_counts_of_its_own_packet(rig):
 
 async def test_pedals_are_read_without_a_stream(rig):
     with rig.driver:
-        taken = await up(rig, 0.0)
+        deliveries = await up(rig, 0.0)
         rig.arm.press(0, True)
-        await taken.until(lambda: taken.of(LatchedCounts), "the edge")
-    assert taken.of(CountSamples) == []
-    assert len(taken.of(LatchedCounts)[0].counts) == 6
+        await deliveries.until(lambda: deliveries.of(LatchedCounts), "the edge")
+    assert deliveries.of(CountSamples) == []
+    assert len(deliveries.of(LatchedCounts)[0].counts) == 6
 
 
 async def test_a_slow_stream_is_counted_by_its_own_schedule(rig):
     with rig.driver:
-        taken = await up(rig, 40.0)
-        await taken.until(lambda: len(taken.seqs()) >= 8, "8 samples")
+        deliveries = await up(rig, 40.0)
+        await deliveries.until(lambda: len(deliveries.seqs()) >= 8, "8 samples")
 
         def n_missing() -> int:
-            return taken.seqs()[-1] + 1 - len(taken.seqs())
+            return deliveries.seqs()[-1] + 1 - len(deliveries.seqs())
 
         def n_lost() -> int:
-            faults = taken.of(DeviceFault)
+            faults = deliveries.of(DeviceFault)
             return sum(f.count for f in faults if f.code == "samples_lost")
 
         # A busy machine may miss an instant: that is a gap, and reported in a while.
-        await taken.until(lambda: n_lost() >= n_missing(), "the report of gaps")
-    seqs = np.array(taken.seqs())
+        await deliveries.until(lambda: n_lost() >= n_missing(), "the report of gaps")
+    seqs = np.array(deliveries.seqs())
     assert seqs[0] == 0
-    times_ns = np.concatenate([b.sample_time_ns for b in taken.of(CountSamples)])
+    times_ns = np.concatenate([b.sample_time_ns for b in deliveries.of(CountSamples)])
     per_number_ns = (times_ns[-1] - times_ns[0]) / (seqs[-1] - seqs[0])
     assert per_number_ns == pytest.approx(25e6, rel=0.2)
 
 
 async def test_a_count_that_cannot_be_is_missing_and_told(rig):
     with rig.driver:
-        taken = await up(rig, 500.0)
-        await taken.until(lambda: len(taken.seqs()) > 20, "samples")
+        deliveries = await up(rig, 500.0)
+        await deliveries.until(lambda: len(deliveries.seqs()) > 20, "samples")
         before = rig.arm.counts[2]
         rig.arm.move(0, 0, 3000)
-        await taken.until(lambda: missing(taken, 2), "a reading is missing")
+        await deliveries.until(lambda: missing(deliveries, 2), "a reading is missing")
         # It stays there: after a few packets it is believed.
-        await taken.until(
-            lambda: int(taken.of(CountSamples)[-1].counts[-1, 2]) == before + 3000,
+        await deliveries.until(
+            lambda: int(deliveries.of(CountSamples)[-1].counts[-1, 2]) == before + 3000,
             "the new place",
         )
-        await taken.until(
-            lambda: [f for f in taken.of(DeviceFault) if f.code == "readings_missing"],
+        await deliveries.until(
+            lambda: [
+                f for f in deliveries.of(DeviceFault) if f.code == "readings_missing"
+            ],
             "it is reported",
         )
-    assert all(before in (c, 0) or s == 0 for c, s in missing(taken, 2))
+    assert all(before in (c, 0) or s == 0 for c, s in missing(deliveries, 2))
 
 
-def missing(taken: Taken, channel: int) -> list[tuple[int, int]]:
+def missing(deliveries: Deliveries, channel: int) -> list[tuple[int, int]]:
     return [
         (int(counts[channel]), int(status[channel]))
-        for block in taken.of(CountSamples)
+        for block in deliveries.of(CountSamples)
         for counts, status in zip(block.counts, block.status, strict=True)
         if status[channel] & STATUS_MISSING
     ]
@@ -192,12 +196,14 @@ def missing(taken: Taken, channel: int) -> list[tuple[int, int]]:
 
 async def test_a_late_answer_is_not_taken_for_the_next_one(rig):
     with rig.driver:
-        taken = await up(rig, 100.0)
-        await taken.until(lambda: len(taken.seqs()) >= 5, "samples")
+        deliveries = await up(rig, 100.0)
+        await deliveries.until(lambda: len(deliveries.seqs()) >= 5, "samples")
         rig.arm.late_s = 0.15
-        n = len(taken.seqs())
-        await taken.until(lambda: len(taken.seqs()) >= n + 40, "samples after it")
-    blocks = taken.of(CountSamples)
+        n = len(deliveries.seqs())
+        await deliveries.until(
+            lambda: len(deliveries.seqs()) >= n + 40, "samples after it"
+        )
+    blocks = deliveries.of(CountSamples)
     times_ns = np.concatenate([block.sample_time_ns for block in blocks])
     counts = np.concatenate([block.counts[:, 0] for block in blocks])
     assert (np.diff(times_ns) > 0).all()
@@ -212,33 +218,35 @@ async def test_a_timer_that_runs_off_its_rate_loses_no_connection(tmp_path, rate
         arm.timer_rate_hz = rate_hz
         rig = MicroscribeRig(arm)
         with rig.driver:
-            taken = await up(rig, 100.0)
+            deliveries = await up(rig, 100.0)
             await asyncio.sleep(1.5)
             rig.lose(3)
-            await taken.until(
-                lambda: "samples_lost" in {f.code for f in taken.of(DeviceFault)},
+            await deliveries.until(
+                lambda: "samples_lost" in {f.code for f in deliveries.of(DeviceFault)},
                 "losses",
             )
             # Within 1 % after about a second; a busy machine may be late now and then.
-            await taken.until(lambda: is_learned(taken, rate_hz), "the timer's rate")
-        assert not taken.of(DeviceLost)
-        codes = {fault.code for fault in taken.of(DeviceFault)}
+            await deliveries.until(
+                lambda: is_learned(deliveries, rate_hz), "the timer's rate"
+            )
+        assert not deliveries.of(DeviceLost)
+        codes = {fault.code for fault in deliveries.of(DeviceFault)}
         assert "samples_lost" in codes
         assert "timer_unused" not in codes
 
 
-def is_learned(taken: Taken, rate_hz: float) -> bool:
+def is_learned(deliveries: Deliveries, rate_hz: float) -> bool:
     """The rate is within 1 %, and hardly a packet is taken for an old one."""
     return any(
         counters.values["timer_hz"] == pytest.approx(rate_hz, rel=0.01)
         and counters.values["packets_old"] < 0.05 * counters.values["packets_received"]
-        for counters in taken.of(DeviceCounters)[-1:]
+        for counters in deliveries.of(DeviceCounters)[-1:]
     )
 
 
-def faults_but_of_load(taken: Taken) -> list[str]:
+def faults_but_of_load(deliveries: Deliveries) -> list[str]:
     """Codes of faults; a busy machine finds the line slower than it is."""
-    codes = [fault.code for fault in taken.of(DeviceFault)]
+    codes = [fault.code for fault in deliveries.of(DeviceFault)]
     return [code for code in codes if code != "rate_limited"]
 
 
@@ -247,57 +255,67 @@ async def test_a_timer_of_another_rate_is_left_alone(tmp_path):
         arm.timer_rate_hz = 250.0
         rig = MicroscribeRig(arm)
         with rig.driver:
-            taken = await up(rig, 100.0)
-            await taken.until(lambda: len(taken.seqs()) >= 3, "3 samples")
-    assert faults_but_of_load(taken) == ["timer_unused"]
+            deliveries = await up(rig, 100.0)
+            await deliveries.until(lambda: len(deliveries.seqs()) >= 3, "3 samples")
+    assert faults_but_of_load(deliveries) == ["timer_unused"]
 
 
 async def test_reports_of_motion_are_samples(tmp_path):
     with FakeMicroscribe(tmp_path / "arm") as arm:
         rig = MicroscribeRig(arm, report="motion")
         with rig.driver:
-            taken = await up(rig, 100.0)
-            await taken.until(lambda: taken.of(StreamStarted), "the stream")
+            deliveries = await up(rig, 100.0)
+            await deliveries.until(lambda: deliveries.of(StreamStarted), "the stream")
             for n in range(1, 6):
                 arm.move(0, 1)  # a hand does not make a joint at rest jump
-                await taken.until(lambda n=n: len(taken.seqs()) >= n, f"{n} samples")
+                await deliveries.until(
+                    lambda n=n: len(deliveries.seqs()) >= n, f"{n} samples"
+                )
             arm.press(0, True)
-            await taken.until(lambda: taken.of(LatchedCounts), "the edge")
+            await deliveries.until(lambda: deliveries.of(LatchedCounts), "the edge")
             # A still arm is polled now and then.
-            n = len(taken.seqs())
-            await taken.until(lambda: len(taken.seqs()) >= n + 2, "it is asked")
+            n = len(deliveries.seqs())
+            await deliveries.until(
+                lambda: len(deliveries.seqs()) >= n + 2, "it is asked"
+            )
             arm.move(0, 2)
-            await taken.until(
-                lambda: int(taken.of(CountSamples)[-1].counts[-1, 1]) == arm.counts[1],
+            await deliveries.until(
+                lambda: (
+                    int(deliveries.of(CountSamples)[-1].counts[-1, 1]) == arm.counts[1]
+                ),
                 "motion again",
             )
     # Where the machine was suspended, the arm was lost and a new stream has begun.
-    streams = {block.stream for block in taken.of(CountSamples)}
-    assert len(streams) <= 1 + len(taken.of(DeviceLost))
+    streams = {block.stream for block in deliveries.of(CountSamples)}
+    assert len(streams) <= 1 + len(deliveries.of(DeviceLost))
     for stream in streams:
-        blocks = [b for b in taken.of(CountSamples) if b.stream == stream]
+        blocks = [b for b in deliveries.of(CountSamples) if b.stream == stream]
         seqs = [int(seq) for block in blocks for seq in block.seq]
         assert seqs == list(range(len(seqs)))
-    assert faults_but_of_load(taken) == []
+    assert faults_but_of_load(deliveries) == []
 
 
 async def test_a_report_that_is_cut_by_its_end_is_not_broken(tmp_path):
     with FakeMicroscribe(tmp_path / "arm") as arm:
         rig = MicroscribeRig(arm, report="motion")
         with rig.driver:
-            taken = await up(rig, 100.0)
-            await taken.until(lambda: len(taken.seqs()) >= 1, "a sample")
+            deliveries = await up(rig, 100.0)
+            await deliveries.until(lambda: len(deliveries.seqs()) >= 1, "a sample")
             arm.held_back = True
             arm.move(0, 3)
-            await taken.until(
-                lambda: int(taken.of(CountSamples)[-1].counts[-1, 1]) == arm.counts[1],
+            await deliveries.until(
+                lambda: (
+                    int(deliveries.of(CountSamples)[-1].counts[-1, 1]) == arm.counts[1]
+                ),
                 "its counts, as it was asked after that",
             )
-            await taken.until(
-                lambda: taken.of(DeviceCounters)[-1].values["packets_received"] >= 4,
+            await deliveries.until(
+                lambda: (
+                    deliveries.of(DeviceCounters)[-1].values["packets_received"] >= 4
+                ),
                 "packets after it",
             )
-    assert taken.of(DeviceFault) == []
+    assert deliveries.of(DeviceFault) == []
 
 
 async def test_something_else_on_the_port_is_refused(tmp_path):
@@ -305,9 +323,9 @@ async def test_something_else_on_the_port_is_refused(tmp_path):
         arm.rewrite(maxes=(0,) * 6)
         rig = MicroscribeRig(arm)
         with rig.driver:
-            taken = Taken(rig.delivery_queue)
-            await taken.until(lambda: taken.of(DeviceLost), "the refusal")
-    (lost,) = taken.of(DeviceLost)[:1]
+            deliveries = Deliveries(rig.delivery_queue)
+            await deliveries.until(lambda: deliveries.of(DeviceLost), "the refusal")
+    (lost,) = deliveries.of(DeviceLost)[:1]
     assert "greatest counts" in lost.reason
     assert "MicroScribe" in lost.remedy
 
@@ -317,6 +335,6 @@ async def test_a_silent_port_names_its_baud_rate(tmp_path):
         arm.mute = True
         rig = MicroscribeRig(arm)
         with rig.driver:
-            taken = Taken(rig.delivery_queue)
-            await taken.until(lambda: taken.of(DeviceLost), "the loss")
-    assert "115200 baud" in taken.of(DeviceLost)[0].reason
+            deliveries = Deliveries(rig.delivery_queue)
+            await deliveries.until(lambda: deliveries.of(DeviceLost), "the loss")
+    assert "115200 baud" in deliveries.of(DeviceLost)[0].reason

@@ -1,5 +1,3 @@
-"""Requests of packets on a line whose answers come late, in virtual time."""
-
 from typing import Any
 
 import pytest

@@ -8,10 +8,7 @@ from hypothesis import strategies as st
 from traverse.drivers.base.pending_edges import MAX_WAITING, PendingEdges
 from traverse.drivers.base.values import CountSamples, PolledSample
 from traverse.drivers.microscribe.line import TimedPacket
-from traverse.drivers.microscribe.packets import (
-    PacketClock,
-    timer_runs,
-)
+from traverse.drivers.microscribe.packets import PacketClock, timer_runs
 from traverse.drivers.polling.pedals import PedalDebouncer
 from traverse.drivers.polling.sampling import SampleBlockBuilder
 from traverse.protocol.microscribe.packets import Packet
@@ -187,11 +184,11 @@ def test_a_packet_that_only_a_pedal_can_have_caused_is_enough():
 
 
 def test_edges_wait_for_room_and_the_oldest_go_first():
-    taken, room = [], 0
+    accepted, room = [], 0
 
     def put(latch) -> bool:
-        if len(taken) < room:
-            taken.append(latch.token)
+        if len(accepted) < room:
+            accepted.append(latch.token)
             return True
         return False
 
@@ -203,15 +200,15 @@ def test_edges_wait_for_room_and_the_oldest_go_first():
     for _ in range(MAX_WAITING + 3):
         queue.add(edge.number, edge.down, edge.first)
     queue.hand_over()
-    assert not taken
+    assert not accepted
     room = 5
     queue.hand_over()
-    assert taken == [4, 5, 6, 7, 8]
+    assert accepted == [4, 5, 6, 7, 8]
     assert counters["edges_received"] == 5
     assert not faults
     room = MAX_WAITING
     queue.hand_over()
-    assert len(taken) == MAX_WAITING
+    assert len(accepted) == MAX_WAITING
     assert not queue
     assert [(code, count) for code, _, _, count in faults] == [("edges_lost", 3)]
 

@@ -1,5 +1,3 @@
-"""Modbus encoders read in virtual time; the simulator's devices are the peers."""
-
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -225,8 +223,6 @@ class CountedUp(CountsUp, SimulatedModbusLine):
 
 
 class ModbusRig(PeerRig):
-    """The simulator's encoders on a real pty, in a thread."""
-
     def __init__(self, folder) -> None:
         table = ModbusTable(kind="modbus", id="m", port="p", addresses=(1, 2))
         mounting = mounted(folder, table)

@@ -1,5 +1,3 @@
-"""The parts that drivers of polled encoders are made of."""
-
 import math
 
 import numpy as np
@@ -42,7 +40,7 @@ def channel(count=0, modulus=TURN) -> PolledChannel:
 
 
 def steps_in(ms: float) -> float:
-    """What a joint at the limit makes in a time."""
+    """Counts that a joint at the limit makes in a time."""
     return SPEED_RAD_S * ms * 1e-3 / math.tau * TURN
 
 

@@ -1,5 +1,3 @@
-"""RLS encoders read in virtual time; the simulator's devices are the peers."""
-
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -137,10 +135,7 @@ def test_a_silent_encoder_is_an_alarm_that_ends_and_does_not_stop_the_others(
 ):
     reset = {"kind": "reset", "channel": 1, "at_s": 1.0, "duration_s": 1.0}
     run = entries_of(tmp_path, reset, seconds=4.0, mode=mode)
-    assert run.alarms() == [
-        (1, "encoder_missing", True),
-        (1, "encoder_missing", False),
-    ]
+    assert run.alarms() == [(1, "encoder_missing", True), (1, "encoder_missing", False)]
     assert PORTS[1] in run.of(DeviceAlarm)[0].text
     missing = run.missing()
     assert not missing[:, 0].any()
@@ -227,8 +222,6 @@ class CountedUp(CountsUp, SimulatedRls):
 
 
 class RlsRig(PeerRig):
-    """The simulator's encoders on real ptys, in a thread."""
-
     def __init__(self, folder) -> None:
         table = RlsTable(kind="rls", id="wrist", ports=PORTS)
         mounting = mounted(folder, table, per_turn=16384)

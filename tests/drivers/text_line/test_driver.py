@@ -1,5 +1,3 @@
-"""Boards that print lines, each at the end of a pty."""
-
 import contextlib
 import os
 import select
@@ -20,6 +18,7 @@ from traverse.drivers.base.values import (
 )
 from traverse.drivers.text_line.driver import TextLineDriver
 from traverse.simulator.devices.text_line import SimulatedTextLine, TextLineTable
+from traverse.testing.deliveries import Deliveries
 from traverse.testing.driver_contract import (
     DriverContract,
     EdgeContract,
@@ -27,7 +26,6 @@ from traverse.testing.driver_contract import (
     streaming,
 )
 from traverse.testing.pty_peer import PeerRig, PtyPeer, rig_fixture
-from traverse.testing.taken import Taken
 from traverse.testing.waiting import until
 
 PERIOD_MS = 5
@@ -121,8 +119,8 @@ class TestContract(DriverContract, StreamContract, EdgeContract):
 
 async def test_odd_lines_cost_themselves_and_are_named(rig):
     with rig.driver:
-        taken = await streaming(rig, 200.0)
-        await taken.until(taken.seqs, "samples")
+        deliveries = await streaming(rig, 200.0)
+        await deliveries.until(deliveries.seqs, "samples")
         with rig.board.lock:
             rig.board.spoil = [
                 lambda data: data[: len(data) // 2] + b"\r\n",
@@ -132,41 +130,43 @@ async def test_odd_lines_cost_themselves_and_are_named(rig):
                 lambda data: data,
                 lambda data: b"x" * 3000 + b"\n",
             ]
-        await taken.until(
+        await deliveries.until(
             lambda: (
                 sum(
                     fault.count
-                    for fault in taken.of(DeviceFault)
+                    for fault in deliveries.of(DeviceFault)
                     if fault.code == "frames_rejected"
                 )
                 >= 5
             ),
             "odd lines",
         )
-        n = len(taken.seqs())
-        await taken.until(lambda: len(taken.seqs()) > n + 5, "samples after them")
+        n = len(deliveries.seqs())
+        await deliveries.until(
+            lambda: len(deliveries.seqs()) > n + 5, "samples after them"
+        )
     faults = [
         delivered
-        for delivered in taken.of(DeviceFault)
+        for delivered in deliveries.of(DeviceFault)
         if delivered.code == "frames_rejected"
     ]
     assert sum(fault.count for fault in faults) == 5
     assert all("line" in fault.text and fault.remedy for fault in faults)
-    for block in taken.of(CountSamples):
+    for block in deliveries.of(CountSamples):
         assert set(block.counts[:, 1].tolist()) == {500}
-    assert taken.of(DeviceLost) == []
+    assert deliveries.of(DeviceLost) == []
 
 
 async def test_a_board_that_begins_anew_is_a_restart(rig):
     with rig.driver:
-        taken = await streaming(rig, 200.0)
-        await taken.until(taken.seqs, "samples")
+        deliveries = await streaming(rig, 200.0)
+        await deliveries.until(deliveries.seqs, "samples")
         await until(lambda: rig.board.seq > 300, "more than a second of its time")
         with rig.board.lock:
             rig.board.reset = True
-        await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is back")
-    assert [ups.restarted for ups in taken.of(DeviceUp)] == [False, True]
-    assert "reset" in taken.of(DeviceLost)[0].reason
+        await deliveries.until(lambda: len(deliveries.of(DeviceUp)) == 2, "it is back")
+    assert [ups.restarted for ups in deliveries.of(DeviceUp)] == [False, True]
+    assert "reset" in deliveries.of(DeviceLost)[0].reason
 
 
 async def test_lines_without_a_time_are_uncertain_where_some_may_have_waited(tmp_path):
@@ -174,19 +174,19 @@ async def test_lines_without_a_time_are_uncertain_where_some_may_have_waited(tmp
     with FakeBoard(tmp_path / "board") as board:
         rig = BoardRig(board, pattern=pattern)
         with rig.driver:
-            taken = await streaming(rig, 200.0)
+            deliveries = await streaming(rig, 200.0)
 
             def uncertain():
                 return [
                     bool((block.status & STATUS_TIME_UNCERTAIN).any())
-                    for block in taken.of(CountSamples)
+                    for block in deliveries.of(CountSamples)
                 ]
 
-            await taken.until(lambda: uncertain()[-1:] == [False], "steady lines")
+            await deliveries.until(lambda: uncertain()[-1:] == [False], "steady lines")
             steady = len(uncertain())
             rig.lose(20)  # as of a computer that stalls until its buffer is full
-            await taken.until(lambda: any(uncertain()[steady:]), "a bunch")
-            await taken.until(lambda: not uncertain()[-1], "steady lines again")
+            await deliveries.until(lambda: any(uncertain()[steady:]), "a bunch")
+            await deliveries.until(lambda: not uncertain()[-1], "steady lines again")
 
 
 async def test_lines_of_another_form_are_shown_in_the_loss(tmp_path, monkeypatch):
@@ -194,14 +194,15 @@ async def test_lines_of_another_form_are_shown_in_the_loss(tmp_path, monkeypatch
     with FakeBoard(tmp_path / "board") as board:
         rig = BoardRig(board, pattern="{joint};{joint}", checksum="none")
         with rig.driver:
-            taken = Taken(rig.delivery_queue)
-            await taken.until(
+            deliveries = Deliveries(rig.delivery_queue)
+            await deliveries.until(
                 lambda: (
-                    "'$TRV," in "".join(lost.reason for lost in taken.of(DeviceLost))
+                    "'$TRV,"
+                    in "".join(lost.reason for lost in deliveries.of(DeviceLost))
                 ),
                 "a loss that shows a line",
             )
-    assert "pattern" in taken.of(DeviceLost)[-1].remedy
+    assert "pattern" in deliveries.of(DeviceLost)[-1].remedy
 
 
 FORMS = {
@@ -244,13 +245,13 @@ async def test_each_simulated_board_is_read(tmp_path, form):
         counts_per_turn = (36_000,) * n_joints
         rig = PeerRig(board, TextLineDriver, counts_per_turn=counts_per_turn, **options)
         with rig.driver:
-            taken = await streaming(rig, 100.0)
-            await taken.until(lambda: len(taken.seqs()) >= 20, "samples")
-    for block in taken.of(CountSamples):
+            deliveries = await streaming(rig, 100.0)
+            await deliveries.until(lambda: len(deliveries.seqs()) >= 20, "samples")
+    for block in deliveries.of(CountSamples):
         assert block.counts.shape[1] == n_joints
         ahead = (block.counts[:, 1:] - block.counts[:, :-1].astype(int)) % 36_000
         assert (abs(ahead - 1000) <= 1).all()  # the hinge's channels are 1000 apart
-    rate_hz = taken.of(DeviceUp)[0].identity.max_rate_hz
+    rate_hz = deliveries.of(DeviceUp)[0].identity.max_rate_hz
     if "{time}" in options["pattern"]:  # others are as regular as this computer
         assert rate_hz == pytest.approx(100.0, rel=1e-6)
-    assert taken.of(LatchedCounts) == []
+    assert deliveries.of(LatchedCounts) == []

@@ -115,14 +115,14 @@ def test_what_is_printed_is_read(counts, seq, ms, buttons):
 @given(st.binary(max_size=2000), st.lists(st.integers(1, 50), max_size=50))
 def test_any_division_gives_the_same_lines(data, sizes):
     data = data.replace(b"\r", b"\n")
-    whole, parts = LineSplitter(), LineSplitter()
+    undivided, parts = LineSplitter(), LineSplitter()
     lines, rest = [], data
     for size in sizes:
         lines += parts.feed(rest[:size])
         rest = rest[size:]
     lines += parts.feed(rest)
-    assert lines == whole.feed(data)
-    assert whole.overlong == parts.overlong
+    assert lines == undivided.feed(data)
+    assert undivided.overlong == parts.overlong
     assert len(parts._buffer) <= MAX_LINE
 
 

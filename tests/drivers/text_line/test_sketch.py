@@ -1,5 +1,3 @@
-"""The sketch of the examples, compiled, and read by the pattern of its page."""
-
 import re
 import subprocess
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Properties of a device's clock in virtual time, with clocks that run wrong."""
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,11 +128,11 @@ def test_a_clock_without_a_fault_is_within_its_bound_and_certain_after_5_s(world
     certain = ~followed.uncertain
     assert_within_bounds(followed)
     # The last poll may have come in the midst of what the next one would have read.
-    whole = followed.at_s < world.seconds - 0.1
+    before_end = followed.at_s < world.seconds - 0.1
     # Long delays of few reads take longer to be known. One that is later than all
     # before it may be a counter that stood still: the next read tells.
     settled = followed.at_s > 5.0 + 0.05 * world.delay_ms
-    assert certain[settled & whole].mean() > 0.98
+    assert certain[settled & before_end].mean() > 0.98
     assert followed.clock.steps == 0
 
 
@@ -283,9 +281,7 @@ def test_edges_that_are_sent_again_are_not_newer():
 @settings(max_examples=12, deadline=None)
 @example(ppm=9.0, frame_ms=1.0, phase=0.07)
 @given(
-    st.floats(-2000.0, 2000.0),
-    st.sampled_from([1.0, 4.0, 16.0]),
-    st.floats(0.0, 1.0),
+    st.floats(-2000.0, 2000.0), st.sampled_from([1.0, 4.0, 16.0]), st.floats(0.0, 1.0)
 )
 def test_answers_bound_a_delay_that_a_bus_of_frames_lets_rise(ppm, frame_ms, phase):
     """A request is on its way at once; the answer waits for the bus's next frame.

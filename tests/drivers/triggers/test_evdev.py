@@ -20,21 +20,20 @@ from traverse.drivers.triggers.evdev import (
     EvdevDriver,
     EvdevOptions,
 )
+from traverse.testing.deliveries import Deliveries
 from traverse.testing.driver_contract import DriverContract, EdgeContract, up
-from traverse.testing.taken import Taken
 
 HEADER = Path("/usr/include/linux/input-event-codes.h")
 KEY_B, KEY_C, KEY_A = 48, 46, 30
 
 
 def event(time_ns, kind, code, value):
-    """One event as the kernel writes it."""
     seconds, rest_ns = divmod(time_ns, 10**9)
     return struct.pack("@llHHi", seconds, rest_ns // 1000, kind, code, value)
 
 
 class Kernel:
-    """What the kernel answers about the device."""
+    """Answers of the kernel about the device."""
 
     def __init__(self, *, stamps=True, grabs=True) -> None:
         self.asked: list[tuple[int, object]] = []
@@ -105,9 +104,9 @@ class TestContract(DriverContract, EdgeContract):
 
 
 async def edges(rig, n) -> list[LatchedCounts]:
-    taken = await up(rig)
-    await taken.until(lambda: len(taken.of(LatchedCounts)) >= n, f"{n} edges")
-    return taken.of(LatchedCounts)
+    deliveries = await up(rig)
+    await deliveries.until(lambda: len(deliveries.of(LatchedCounts)) >= n, f"{n} edges")
+    return deliveries.of(LatchedCounts)
 
 
 async def test_keys_are_inputs_at_the_kernels_time(rig):
@@ -133,9 +132,9 @@ async def test_keys_are_inputs_at_the_kernels_time(rig):
 async def test_the_kernel_is_set_to_the_monotonic_clock_and_the_keys_alone(rig):
     with rig.driver:
         await up(rig)
-    asked = dict(rig.kernel.asked)
-    assert asked[EVIOCSCLOCKID] == struct.pack("i", time.CLOCK_MONOTONIC)
-    assert asked[EVIOCGRAB] == 1
+    ioctls = dict(rig.kernel.asked)
+    assert ioctls[EVIOCSCLOCKID] == struct.pack("i", time.CLOCK_MONOTONIC)
+    assert ioctls[EVIOCGRAB] == 1
     assert EVIOCSCLOCKID == 0x400445A0
     assert EVIOCGRAB == 0x40044590
     assert EVIOCGKEY == 0x80604518  # 96 bytes
@@ -164,11 +163,11 @@ async def test_what_stamps_with_another_clock_is_reported_and_stamped_when_it_is
     begun_ns = time.monotonic_ns()
     rig.key(KEY_B, 1, time_ns=1_700_000_000 * 10**9)
     with rig.driver:
-        taken = await up(rig)
-        await taken.until(lambda: taken.of(LatchedCounts), "the edge")
-    (edge,) = taken.of(LatchedCounts)
+        deliveries = await up(rig)
+        await deliveries.until(lambda: deliveries.of(LatchedCounts), "the edge")
+    (edge,) = deliveries.of(LatchedCounts)
     assert begun_ns <= edge.sample_time_ns <= time.monotonic_ns()
-    assert [fault.code for fault in taken.of(DeviceFault)] == ["times_estimated"]
+    assert [fault.code for fault in deliveries.of(DeviceFault)] == ["times_estimated"]
     rig.unplug()
 
 
@@ -182,15 +181,17 @@ async def test_a_key_that_is_down_at_the_start_is_no_edge(rig):
 
 async def test_after_an_overrun_the_keys_are_looked_at_and_the_loss_is_reported(rig):
     with rig.driver:
-        taken = await up(rig)
+        deliveries = await up(rig)
         rig.kernel.down = {KEY_C}
         now_ns = time.monotonic_ns()
         dropped = [event(now_ns, 0, 3, 0), event(now_ns, 1, KEY_B, 1)]
         rig.write(*dropped, event(now_ns, 0, 0, 0))
-        await taken.until(lambda: taken.of(LatchedCounts), "the key that is down")
-    (edge,) = taken.of(LatchedCounts)
+        await deliveries.until(
+            lambda: deliveries.of(LatchedCounts), "the key that is down"
+        )
+    (edge,) = deliveries.of(LatchedCounts)
     assert (edge.input, edge.active) == (1, True)
-    (fault,) = taken.of(DeviceFault)
+    (fault,) = deliveries.of(DeviceFault)
     assert fault.code == "edges_lost"
 
 
@@ -204,12 +205,14 @@ async def test_edges_that_find_no_room_come_later_and_once(tmp_path):
         ask_kernel=rig.kernel,
     )
     with driver:
-        taken = Taken(delivery_queue)
-        await taken.until(lambda: taken.of(DeviceUp), "the device")
+        deliveries = Deliveries(delivery_queue)
+        await deliveries.until(lambda: deliveries.of(DeviceUp), "the device")
         for number in range(40):
             rig.key(KEY_B, 1 - number % 2)
-        await taken.until(lambda: len(taken.of(LatchedCounts)) >= 40, "40 edges")
-    assert [e.token for e in taken.of(LatchedCounts)] == list(range(1, 41))
+        await deliveries.until(
+            lambda: len(deliveries.of(LatchedCounts)) >= 40, "40 edges"
+        )
+    assert [e.token for e in deliveries.of(LatchedCounts)] == list(range(1, 41))
     rig.unplug()
 
 

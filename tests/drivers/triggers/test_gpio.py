@@ -20,8 +20,8 @@ from gpiod.line import Bias, Clock, Direction, Edge, Value
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import DeviceFault, DeviceLost, LatchedCounts
 from traverse.drivers.triggers.gpio import GpioDriver, GpioOptions
+from traverse.testing.deliveries import Deliveries
 from traverse.testing.driver_contract import DriverContract, EdgeContract, up
-from traverse.testing.taken import Taken
 
 RISING, FALLING = gpiod.EdgeEvent.Type.RISING_EDGE, gpiod.EdgeEvent.Type.FALLING_EDGE
 OFFSETS = {17: 17, "probe": 27}
@@ -137,12 +137,12 @@ async def test_lines_are_requested_with_every_change_stamped_by_the_kernel(rig):
 async def test_edges_carry_the_time_of_the_first_change(tmp_path):
     rig = GpioRig(debounce_us=200_000)  # longer than the test takes to bounce
     with rig.driver:
-        taken = await up(rig)
+        deliveries = await up(rig)
         at_ns = time.monotonic_ns()
         for kind, later_us in ((RISING, 0), (FALLING, 200), (RISING, 500)):
             rig.chip.edge(27, kind, at_ns + later_us * 1000)
-        await taken.until(lambda: taken.of(LatchedCounts), "the edge")
-    (edge,) = taken.of(LatchedCounts)
+        await deliveries.until(lambda: deliveries.of(LatchedCounts), "the edge")
+    (edge,) = deliveries.of(LatchedCounts)
     assert (edge.input, edge.active, edge.sample_time_ns) == (1, True, at_ns)
     assert edge.counts == ()
 
@@ -150,20 +150,20 @@ async def test_edges_carry_the_time_of_the_first_change(tmp_path):
 async def test_an_input_that_is_active_at_the_start_is_no_edge(rig):
     rig.chip.values = [Value.ACTIVE, Value.INACTIVE]
     with rig.driver:
-        taken = await up(rig)
+        deliveries = await up(rig)
         rig.chip.edge(17, FALLING)
-        await taken.until(lambda: taken.of(LatchedCounts), "the release")
-    (edge,) = taken.of(LatchedCounts)
+        await deliveries.until(lambda: deliveries.of(LatchedCounts), "the release")
+    (edge,) = deliveries.of(LatchedCounts)
     assert (edge.input, edge.active) == (0, False)
 
 
 async def test_events_that_the_kernel_dropped_are_reported(rig):
     with rig.driver:
-        taken = await up(rig)
+        deliveries = await up(rig)
         rig.chip.edge(17, RISING)
         rig.chip.edge(17, RISING, dropped=4)
-        await taken.until(lambda: taken.of(DeviceFault), "the loss")
-    (fault,) = taken.of(DeviceFault)
+        await deliveries.until(lambda: deliveries.of(DeviceFault), "the loss")
+    (fault,) = deliveries.of(DeviceFault)
     assert (fault.code, fault.count) == ("edges_lost", 4)
 
 
@@ -181,9 +181,9 @@ async def test_a_chip_that_does_not_give_its_lines_is_reported_with_what_to_do(
 ):
     rig.chip.error = OSError(number, os.strerror(number))
     with rig.driver:
-        taken = Taken(rig.delivery_queue)
-        await taken.until(lambda: taken.of(DeviceLost), "the loss")
-    (lost,) = taken.of(DeviceLost)
+        deliveries = Deliveries(rig.delivery_queue)
+        await deliveries.until(lambda: deliveries.of(DeviceLost), "the loss")
+    (lost,) = deliveries.of(DeviceLost)
     assert "/dev/gpiochip9" in lost.reason
     assert remedy in lost.remedy
 
@@ -192,9 +192,9 @@ async def test_a_chip_that_is_not_there_is_reported_by_the_library_itself(tmp_pa
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     path = str(tmp_path / "gpiochip0")
     with GpioDriver("inputs", GpioOptions(port=path, lines=(1,)), delivery_queue):
-        taken = Taken(delivery_queue)
-        await taken.until(lambda: taken.of(DeviceLost), "the loss")
-    assert path in taken.of(DeviceLost)[0].reason
+        deliveries = Deliveries(delivery_queue)
+        await deliveries.until(lambda: deliveries.of(DeviceLost), "the loss")
+    assert path in deliveries.of(DeviceLost)[0].reason
 
 
 @pytest.mark.parametrize("lines", [(), (-1,), ("",), (3, 3), tuple(range(9)), (True,)])

@@ -1,5 +1,3 @@
-"""`traverse collect` with a running daemon: the collected campaign."""
-
 import asyncio
 import contextlib
 import json
@@ -13,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from tests.campaign_texts import ONE_CONE
 from tests.end_to_end.listener import Listener
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, Program
@@ -26,26 +25,16 @@ from traverse.testing.waiting import until
 pytestmark = pytest.mark.needs("mosquitto")
 
 SEEN_NS = 200_000_000  # motion is known for a quarter of a second
-CAMPAIGN = """\
-schema = "traverse/campaign/1"
-poses = "poses.csv"
-[[artefacts]]
-id = "seat"
-kind = "cone"
-[[artefacts]]
-id = "ball"
-kind = "sphere"
-"""
+CAMPAIGN = ONE_CONE + '[[artefacts]]\nid = "ball"\nkind = "sphere"\n'
 
 
-def options(bench: Workbench, *more: str) -> list[str]:
+def options(bench: Workbench, *extra: str) -> list[str]:
     where = ["--broker", f"{bench.host}:{bench.port}"]
-    return ["collect", "campaign.toml", "--arm", "arm.toml", *where, *more]
+    return ["collect", "campaign.toml", "--arm", "arm.toml", *where, *extra]
 
 
 @pytest.fixture
 def campaign(bench: Workbench) -> Workbench:
-    """A bench with a campaign of a cone and a sphere."""
     (bench.folder / "campaign.toml").write_text(CAMPAIGN)
     return bench
 
@@ -70,8 +59,8 @@ async def test_a_campaign_is_collected_as_it_is_touched(campaign: Workbench) -> 
     lead_in = rest(1.0)
     bench.write_simulator(lead_in, CONE.format(postures=5), SPHERE.format(points=5))
     bench.write_daemon(capture="live_rate_hz = 100.0")
-    asked = options(bench, "--each", "5", "--json")
-    collecting = Program(bench.folder, "collect", *asked)
+    arguments = options(bench, "--each", "5", "--json")
+    collecting = Program(bench.folder, "collect", *arguments)
     with collecting:
         await collecting.says("Touch seat (cone): 5 more")
         await collecting.says("following")
@@ -116,11 +105,11 @@ async def test_an_ended_collection_continues_where_it_was(campaign: Workbench) -
             await touch(listener, 1)
             await first.says("on seat: 1 of 2")
             first.process.kill()
-        with Program(bench.folder, "again", *options(bench, "--each", "2")) as again:
-            await again.says("Touch seat (cone): 1 more")
-            await again.says("following")
+        with Program(bench.folder, "again", *options(bench, "--each", "2")) as repeated:
+            await repeated.says("Touch seat (cone): 1 more")
+            await repeated.says("following")
             await touch(listener, 3)
-            assert await again.ended() == 0
+            assert await repeated.ended() == 0
     lines = (bench.folder / "poses.csv").read_text().splitlines()
     assert len(lines) == 1 + 4
 
@@ -203,8 +192,7 @@ async def test_a_touch_of_another_seat_is_questioned(
 ) -> None:
     bench = campaign
     bench.write_simulator(
-        rest(3.0),
-        *(CONE.format(postures=2), ANOTHER.format(postures=1), REST),
+        rest(3.0), *(CONE.format(postures=2), ANOTHER.format(postures=1), REST)
     )
     bench.write_daemon()
     with terminal(bench, *options(bench, "--each", "4")) as screen:
@@ -228,7 +216,7 @@ async def test_a_broker_that_is_not_there_is_told(campaign: Workbench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("more", "files", "message"),
+    ("extra", "files", "message"),
     [
         (["--allow", "shaky"], {}, "no quality flag shaky"),
         ([], {"poses.csv": "time_s\n"}, "was not written by `traverse collect`"),
@@ -241,11 +229,11 @@ async def test_a_broker_that_is_not_there_is_told(campaign: Workbench) -> None:
     ],
 )
 async def test_what_would_spoil_files_is_refused(
-    campaign: Workbench, more: list[str], files: dict[str, str], message: str
+    campaign: Workbench, extra: list[str], files: dict[str, str], message: str
 ) -> None:
     for name, text in files.items():
         (campaign.folder / name).write_text(text)
-    arguments = options(campaign, *more)
+    arguments = options(campaign, *extra)
     with Program(campaign.folder, "collect", *arguments) as collecting:
         assert await collecting.ended() == 2
         assert message in collecting.log

@@ -1,5 +1,3 @@
-"""Commands from a terminal: points, labels, scans; and doubt after a loss of power."""
-
 import json
 
 import pytest
@@ -28,7 +26,6 @@ async def traverse(
 
 
 def alarms(listener: Listener) -> list[str]:
-    """Codes of the conditions that last, by the latest status."""
     return [alarm.code for alarm in listener.statuses[-1].alarms or ()]
 
 
@@ -102,7 +99,7 @@ async def test_points_are_in_doubt_after_a_loss_of_power_until_confirmed(
         assert (status, errors) == (0, "")
         await resting.kill_simulator(simulator)
         await listener.event("device.lost", active=True)
-        with resting.simulator("simulator-again") as again:
+        with resting.simulator("simulator-again") as repeated:
             await until(lambda: len(listener.events_of(DOUBT, True)) == 2, "the doubt")
             doubt = listener.events_of(DOUBT, True)[
                 -1
@@ -122,15 +119,12 @@ async def test_points_are_in_doubt_after_a_loss_of_power_until_confirmed(
             )
             assert status == 2
             assert "5.000 mm from the known point" in errors
-            here = f"{x_mm},{y_mm},{z_mm}"
-            status, output, _ = await traverse(resting, "confirm", "--at", here)
-            assert (status, output) == (
-                0,
-                "the positions of base have been confirmed",
-            )
+            place = f"{x_mm},{y_mm},{z_mm}"
+            status, output, _ = await traverse(resting, "confirm", "--at", place)
+            assert (status, output) == (0, "the positions of base have been confirmed")
             await until(lambda: not alarms(listener), "no alarm in the status")
             assert (await traverse(resting, "point"))[0] == 0
-            assert await again.stop() == 0
+            assert await repeated.stop() == 0
     flags = [p.quality.flags for p in listener.points]
     assert flags == [(), ("turns_uncertain",), ()]
 

@@ -1,5 +1,3 @@
-"""`traverse daily-check` beside a daemon that measures: guided, and in the history."""
-
 import json
 import subprocess
 import sys
@@ -45,20 +43,20 @@ async def test_without_scipy_it_says_so_first_and_computes_later(
         ) as process,
     ):
 
-        def said() -> str:
+        def output() -> str:
             return (bench.folder / "out").read_text("utf-8")
 
-        await until(lambda: "following" in said(), "it follows")
-        before = said()
+        await until(lambda: "following" in output(), "it follows")
+        before = output()
         assert f"needs scipy, which is not installed; {remedy('lab')}" in before
         assert before.index("needs scipy") < before.index("cone left: the cone")
         async with measuring(bench) as (listener, _, _):
             await listener.n_points(19)
             await until(lambda: process.poll() is not None, "it ends")
         assert process.returncode == 2
-    folder = said().strip().rpartition(" ")[2]
+    folder = output().strip().rpartition(" ")[2]
     later = f"traverse {' '.join(words)} --campaign {folder}"
-    assert said().splitlines()[-1] == f"kept, and not judged; later: {later}"
+    assert output().splitlines()[-1] == f"kept, and not judged; later: {later}"
     begun = read_campaign_file(bench.folder / folder / "campaign.toml").start_utc
     with Program(bench.folder, "later", *later.split()[1:]) as computed:
         assert await computed.ended() == 0

@@ -1,5 +1,3 @@
-"""The demonstration, from the command line."""
-
 import asyncio
 import re
 import signal
@@ -27,7 +25,6 @@ def assert_nothing_is_left(folder: Path) -> None:
 
 
 async def measure_one_round(folder: Path, broker: Mosquitto) -> None:
-    """`--once` over a real broker: prints length and deviation, and ends."""
     where = ("--broker", f"{broker.host}:{broker.port}")
     with Program(folder, "once", "demo", "--once", *where) as demo:
         assert await demo.ended(90.0) == 0
@@ -40,14 +37,13 @@ async def measure_one_round(folder: Path, broker: Mosquitto) -> None:
         length_mm, deviation_mm = map(float, match.groups())
         assert length_mm - 800.0 == pytest.approx(deviation_mm, abs=1e-9)
         assert abs(deviation_mm) < 0.2
-        for said in ("ball  ", "seat  ", "latency", "Hz achieved", " 0 missing"):
-            assert said in demo.output
+        for expected in ("ball  ", "seat  ", "latency", "Hz achieved", " 0 missing"):
+            assert expected in demo.output
         assert len(re.findall(r" point +\d", demo.output)) == 48
         assert demo.log == ""
 
 
 async def measure_some_seconds(folder: Path) -> None:
-    """`--for` with a broker of its own."""
     with Program(folder, "seconds", "demo", "--for", "10", "--no-page") as demo:
         assert await demo.ended(45.0) == 0
         assert " point     0" in demo.output

@@ -1,5 +1,3 @@
-"""`traverse watch` with its output in a pipe or file: whole lines, at once."""
-
 import asyncio
 import contextlib
 import os
@@ -23,7 +21,6 @@ pytestmark = pytest.mark.needs("mosquitto")
 
 
 def watch(bench: Workbench, *options: str) -> Program:
-    """Follow the bench's arm."""
     where = ("--broker", f"{bench.host}:{bench.port}", "--arm-name", bench.arm)
     return Program(bench.folder, "watch", "watch", *where, *options)
 
@@ -104,9 +101,7 @@ async def test_an_unknown_kind_is_refused(resting: Workbench) -> None:
 
 
 @pytest.mark.slow
-async def test_it_ends_when_nobody_reads_its_lines_any_more(
-    resting: Workbench,
-) -> None:
+async def test_it_ends_when_nobody_reads_its_lines_any_more(resting: Workbench) -> None:
     async with measuring(resting):
         out, err = await asyncio.to_thread(watched_by_head, resting)
     assert len(out.splitlines()) == 1
@@ -126,7 +121,7 @@ async def test_on_a_terminal_it_is_a_display(resting: Workbench) -> None:
         resting.arm,
     ]
     ours, theirs = os.openpty()
-    said = b""
+    screen = b""
     async with measuring(resting) as (listener, _, _):
         process = await asyncio.create_subprocess_exec(
             *command, stdout=theirs, stderr=theirs
@@ -136,10 +131,10 @@ async def test_on_a_terminal_it_is_a_display(resting: Workbench) -> None:
             os.set_blocking(ours, False)
 
             def shows(text: bytes) -> bool:
-                nonlocal said
+                nonlocal screen
                 with contextlib.suppress(OSError):
-                    said += os.read(ours, 1 << 20)
-                return text in said
+                    screen += os.read(ours, 1 << 20)
+                return text in screen
 
             await until(lambda: shows(b"Ready to measure."), "a display")
             await listener.command(PointArgs())

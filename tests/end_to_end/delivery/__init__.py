@@ -1,1 +1,0 @@
-"""Delivery over the broker: outages, encodings, TLS, hostile clients."""

@@ -1,5 +1,3 @@
-"""The broker is killed: the daemon lives, and no point is lost."""
-
 import asyncio
 import signal
 from collections.abc import Callable

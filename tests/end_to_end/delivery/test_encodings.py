@@ -1,5 +1,3 @@
-"""What is on the broker, byte by byte: encodings, retained messages, last will."""
-
 import asyncio
 import json
 import signal
@@ -95,7 +93,7 @@ async def test_the_last_will_says_offline_when_the_daemon_is_killed(
         assert await daemon.ended() == -signal.SIGKILL
         await until(lambda: not listener.statuses[-1].online, "offline by last will")
         assert listener.statuses[-1].session == online.session
-        with bench.daemon(name="daemon-again") as again:
+        with bench.daemon(name="daemon-again") as repeated:
             await listener.ready()
             assert listener.statuses[-1].session != online.session
-            assert await again.stop() == 0
+            assert await repeated.stop() == 0

@@ -1,5 +1,3 @@
-"""Somebody at the broker means no good: the daemon answers or drops, measures on."""
-
 import asyncio
 import contextlib
 import socket
@@ -33,7 +31,6 @@ OTHER = "arm-of-somebody-else"
 
 
 def command(request: str) -> bytes:
-    """A good command that takes a point."""
     return encode(Command.carrying(PointArgs(), request), "msgpack")
 
 
@@ -216,8 +213,8 @@ async def test_a_flood_is_dropped_and_points_of_the_button_continue(
             await attacker.send(payload, "scan", qos=0)
         raised = await listener.event("commands.flood", active=True)
         assert raised.severity == "warning"
-        taken = len(listener.points)
-        await listener.n_points(taken + 4)
+        n_before = len(listener.points)
+        await listener.n_points(n_before + 4)
         over = await listener.event("commands.flood", active=False)
         dropped = over.data["dropped"]
         assert dropped >= FLOOD

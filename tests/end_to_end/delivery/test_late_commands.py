@@ -1,5 +1,3 @@
-"""Commands that were held up by a standstill are answered, and not executed."""
-
 import asyncio
 import signal
 import time
@@ -38,14 +36,12 @@ async def press(bench: Workbench, request: str, expiry_s: int | None = None) -> 
 
 
 async def answer(listener: Listener, request: str) -> str:
-    """`ok`, or the code of the refusal."""
     await until(lambda: request in listener.replies, f"an answer to {request}")
     error = listener.replies[request].error
     return "ok" if error is None else error.code
 
 
 def refusals(listener: Listener) -> str:
-    """Texts of all refusals so far."""
     errors = (reply.error for reply in listener.replies.values())
     return "\n".join(error.text for error in errors if error is not None)
 

@@ -1,5 +1,3 @@
-"""Points survive brokers, daemons and disks that fail: each is on the disk first."""
-
 import asyncio
 import contextlib
 import json
@@ -52,7 +50,7 @@ async def test_a_broker_that_forgets_and_a_consumer_that_comes_late(
     resting.port = broker.port
     resting.write_daemon()
     async with measuring(resting) as (listener, _, _):
-        taken = await take(listener, 8)
+        keys = await take(listener, 8)
         await until(lambda: all(row[2] for row in on_disk(resting)), "PUBACKs")
         broker.kill()
         broker.start()
@@ -70,7 +68,7 @@ async def test_a_broker_that_forgets_and_a_consumer_that_comes_late(
                 assert await resend.ended() == 0
                 assert json.loads(resend.output)["points"] == 6
             await late.n_points(6)
-            assert [(p.session, p.seq) for p in late.points] == taken[2:]
+            assert [(p.session, p.seq) for p in late.points] == keys[2:]
             assert {p.id: p for p in late.points}.items() <= {
                 p.id: p for p in listener.points
             }.items()
@@ -211,19 +209,16 @@ class SmallDisk:
         folder.mkdir(exist_ok=True)
 
     def mount(self, options: str) -> None:
-        """Mount it, or mount it anew with other options."""
         words = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(self.folder)]
         subprocess.run(words, check=True, capture_output=True)
 
     def fill(self) -> None:
-        """Leave no room at all."""
         with contextlib.suppress(OSError), (self.folder / "ballast").open("wb") as file:
             while True:
                 file.write(bytes(4096))
                 file.flush()
 
     def empty(self) -> None:
-        """Make room again."""
         (self.folder / "ballast").unlink()
 
 

@@ -1,5 +1,3 @@
-"""Two daemons of one arm at one broker: both report it, and one stops."""
-
 from pathlib import Path
 
 import pytest

@@ -1,5 +1,3 @@
-"""A daemon that signs: its points, its outbox, its status; killed in between."""
-
 import json
 import re
 import signal
@@ -22,7 +20,6 @@ def run(*words: object, status: int = 0) -> str:
 
 
 def write_signing(bench: Workbench) -> None:
-    """A bench at rest whose daemon has a key."""
     run("points", "key", "--out", bench.folder / "arm.key")
     bench.write_simulator(REST)
     bench.write_daemon()
@@ -55,10 +52,10 @@ async def test_points_are_signed_and_checked_wherever_they_are(
     assert checked.problems == []
     assert sorted(checked.last.values()) == [1, 2, 4]
     config = bench.folder / "daemon.toml"
-    said = json.loads(
+    document = json.loads(
         run("points", "verify", "--config", config, "--key", public, "--json")
     )
-    assert said == {"points": 10, "problems": [], "last": checked.last}
+    assert document == {"points": 10, "problems": [], "last": checked.last}
     file = bench.folder / "points.jsonl"
     run("points", "export", "--config", config, "--format", "jsonl", "--out", file)
     assert "10 points: signed" in run("points", "verify", file, "--key", public)

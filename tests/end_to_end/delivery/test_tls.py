@@ -1,5 +1,3 @@
-"""A whole arm behind TLS, certificates, passwords and the access list of deploy/."""
-
 import asyncio
 import contextlib
 import os
@@ -190,9 +188,9 @@ async def test_no_secret_shows_and_a_renewed_certificate_is_taken_on_a_reload(
         proc = Path(f"/proc/{daemon.process.pid}")
         shown = (proc / "cmdline").read_bytes() + (proc / "environ").read_bytes()
         assert SECRET.encode() not in shown
-    said = daemon.log + daemon.output
-    assert SECRET not in said
-    assert "PRIVATE KEY" not in said
+    output = daemon.log + daemon.output
+    assert SECRET not in output
+    assert "PRIVATE KEY" not in output
 
 
 async def test_files_that_cannot_be_used_are_refused_as_mistakes_of_a_file(

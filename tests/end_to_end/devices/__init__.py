@@ -1,1 +1,0 @@
-"""Whole arms with encoders of several makers, and faults of their lines."""

@@ -72,7 +72,6 @@ def line(bench: Workbench) -> Workbench:
 
 
 def step_on(pedal: int) -> None:
-    """Press and release the key, in the kernel's bytes."""
     now_ns = time.monotonic_ns()
     stamp = (now_ns // 10**9, now_ns % 10**9 // 1000)
     for value in (1, 0):

@@ -1,5 +1,3 @@
-"""The board is removed and returns: reported, counted, and measuring continues."""
-
 import asyncio
 
 import numpy as np
@@ -52,13 +50,13 @@ async def test_a_killed_board_leaves_the_right_gap_and_returns(
         assert listener.statuses[-1].drivers[0].state == "lost"
         await asyncio.sleep(3.0)
         n_before = len(listener.points)
-        with bench.simulator("simulator-again") as again:
+        with bench.simulator("simulator-again") as repeated:
             await listener.event("device.lost", active=False)
             await listener.ready()
             await listener.n_points(n_before + 4)  # the whole script, from its start
             blocks = await listener.stop_scan(scan)
             await until(lambda: listener.healths[-1].devices[0].rate_hz > 0, "a rate")
-            assert await again.stop() == 0
+            assert await repeated.stop() == 0
         assert "device.lost" in daemon.log
     assert_gap_is_the_outage(blocks, 3.0)
     assert [p.seq for p in listener.points] == list(range(len(listener.points)))
@@ -67,8 +65,8 @@ async def test_a_killed_board_leaves_the_right_gap_and_returns(
 
 
 async def test_a_board_that_is_unplugged_for_a_while_goes_on(bench: Workbench) -> None:
-    gone = '[[fault]]\nkind = "gone"\nat_s = 3.0\nduration_s = 1.2'
-    bench.write_simulator(REST, faults=gone)
+    fault = '[[fault]]\nkind = "gone"\nat_s = 3.0\nduration_s = 1.2'
+    bench.write_simulator(REST, faults=fault)
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
         scan = await start_scan(listener)

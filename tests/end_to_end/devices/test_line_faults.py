@@ -1,5 +1,3 @@
-"""A bad line between board and host: only what was touched is missing."""
-
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,6 @@ N_POINTS = 4
 
 
 def line_fault(kind: str, probability: float = 0.05) -> str:
-    """A fault that lasts."""
     return f'[[fault]]\nkind = "{kind}"\nprobability = {probability}\n'
 
 

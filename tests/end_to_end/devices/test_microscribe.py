@@ -205,7 +205,7 @@ async def test_a_bad_line_costs_samples_and_invents_nothing(bench: Workbench) ->
 async def test_a_port_without_an_arm_is_reported(tmp_path: Path, mosquitto: Mosquitto):
     del mosquitto
     words = "--port nothing.pty --out arm.toml"
-    with Program(tmp_path, "ask", "microscribe", "arm-file", *words.split()) as asked:
-        assert await asked.ended() == 3
-        assert "nothing.pty" in asked.log
+    with Program(tmp_path, "ask", "microscribe", "arm-file", *words.split()) as program:
+        assert await program.ended() == 3
+        assert "nothing.pty" in program.log
     assert not (tmp_path / "arm.toml").exists()

@@ -1,5 +1,3 @@
-"""Points as metrologists take them: simulator, daemon and subscriber as processes."""
-
 import numpy as np
 import pytest
 
@@ -60,11 +58,11 @@ async def test_a_list_with_means_labels_undos_and_a_new_session(
         await listener.n_points(6)
         statuses = listener.statuses
         await listener.event("capture.session")
-    async with measuring(bench) as (again, _, _):  # the probe is still on the arm
-        await again.command(PointArgs())
-        await again.n_points(1)
-    assert again.points[-1].probe_radius_mm == 1.5
-    assert again.points[-1].model == probe["model"]
+    async with measuring(bench) as (repeated, _, _):  # the probe is still on the arm
+        await repeated.command(PointArgs())
+        await repeated.n_points(1)
+    assert repeated.points[-1].probe_radius_mm == 1.5
+    assert repeated.points[-1].model == probe["model"]
     points = listener.points
     online = [s for s in statuses if s.online]
     shown_labels = [(s.label and s.label.artefact, s.probe, s.probes) for s in online]

@@ -1,5 +1,3 @@
-"""Scans, limits, alignment and reload, with the simulator's hardware."""
-
 import signal
 
 import numpy as np
@@ -8,13 +6,7 @@ import pytest
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.listener import Listener, numbers, times_ns
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.workbench import (
-    DEMO_ARM,
-    REST,
-    SPHERE,
-    SWEEP,
-    Workbench,
-)
+from tests.end_to_end.workbench import DEMO_ARM, REST, SPHERE, SWEEP, Workbench
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.protocol.messages import (
     AlignArgs,
@@ -29,7 +21,6 @@ pytestmark = pytest.mark.needs("mosquitto")
 
 
 async def scanned(listener: Listener, n: int, **args: object) -> list[Scan]:
-    """Blocks of a whole scan, stopped after at least n points."""
     scan = await listener.start_scan(**args)
     await listener.scan_points(scan, n)
     blocks = await listener.stop_scan(scan)
@@ -49,9 +40,7 @@ def in_contact(xyz_mm: np.ndarray) -> np.ndarray:
     return np.asarray(np.abs(away_mm - 50.8 - BALL_MM) < 0.05)
 
 
-async def test_a_scan_by_distance_has_its_points_so_far_apart(
-    bench: Workbench,
-) -> None:
+async def test_a_scan_by_distance_has_its_points_so_far_apart(bench: Workbench) -> None:
     bench.write_simulator(SWEEP, top="repeat = true")
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
@@ -110,22 +99,20 @@ async def test_a_held_scan_has_all_from_each_press_to_its_release(
         (release["ticks"] - press["ticks"]) * 1e-6
         for press, release in zip(edges[::2], edges[1::2], strict=True)
     ]
-    whole = 0
+    n_complete = 0
     for stretch in stretches[:-1]:  # the last may have been cut by the stop
         touch = int(np.searchsorted(presses_ns, stretch[0], side="right")) - 1
         if stretch[0] - presses_ns[touch] > 2e9 / rate_hz:
             continue  # it was held when the scan began
-        whole += 1
+        n_complete += 1
         # Not a sample too few or too many at either end, by the device's own time.
         assert stretch[0] - presses_ns[touch] <= 1.05e9 / rate_hz
         assert len(stretch) == pytest.approx(held_s[touch] * rate_hz, abs=1.0)
-    assert whole >= 3
+    assert n_complete >= 3
 
 
 @pytest.mark.slow
-async def test_filters_of_the_configuration_hold_points_back(
-    bench: Workbench,
-) -> None:
+async def test_filters_of_the_configuration_hold_points_back(bench: Workbench) -> None:
     bench.write_simulator(SWEEP, top="repeat = true")
     bench.write_daemon(
         scan='filters = [{ kind = "box", low_mm = [600, 0, 0], '

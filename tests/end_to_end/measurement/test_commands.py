@@ -1,5 +1,3 @@
-"""Commands over MQTT: answered on reply/<name> or where MQTT 5 says."""
-
 import asyncio
 
 import aiomqtt

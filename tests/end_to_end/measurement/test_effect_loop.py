@@ -66,7 +66,7 @@ def rounding_mm(run: Measured) -> np.ndarray:
 
 
 def lag_mm(run: Measured) -> np.ndarray:
-    """What a mean speed over the last few ms makes of `LATENCY_S`, (n,)."""
+    """Error of a mean speed over the last few ms times `LATENCY_S`, (n,)."""
     script, now_s = run.board.script, run.script_s
     turns_rad, speeds_rad_s = script.turns(now_s), script.speeds(now_s)
     off_rad_s = [
@@ -146,6 +146,6 @@ def test_all_effects_at_once_are_taken_out_of_noisy_readings(tmp_path, monkeypat
 
 
 def test_every_kind_that_the_daemon_applies_is_here():
-    here = {*kinds_of("L", "A"), *kinds_of("D")}
-    assert {*EFFECT_KINDS} - here == {"artefact_length", "first_moment"}
+    tested_kinds = {*kinds_of("L", "A"), *kinds_of("D")}
+    assert {*EFFECT_KINDS} - tested_kinds == {"artefact_length", "first_moment"}
     assert N_POINTS >= 4  # two before a step, two after it

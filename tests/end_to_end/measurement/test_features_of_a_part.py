@@ -1,5 +1,3 @@
-"""A sphere and a plane of known truth, from the simulator's touches to features."""
-
 import pytest
 
 from tests.end_to_end.measuring import measuring

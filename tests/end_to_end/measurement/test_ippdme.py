@@ -1,5 +1,3 @@
-"""An I++ DME client, its gateway, the daemon and a simulated arm, as programs."""
-
 import re
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""Lengths between points, asked of a running daemon by the Python client."""
-
 import hashlib
 import shutil
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Timed scans: complete, at their rate, at any rate."""
-
 import asyncio
 
 import numpy as np
@@ -18,7 +16,6 @@ SETTLED_S = 1.0  # the host learns the board's clock in the first half second
 
 
 async def scanned(listener: Listener, rate_hz: float, n: int) -> list[Scan]:
-    """Blocks of a whole scan, stopped after at least n points."""
     await asyncio.sleep(SETTLED_S)
     scan = await listener.start_scan(rate_hz)
     await listener.scan_points(scan, n)

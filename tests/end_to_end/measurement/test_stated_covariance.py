@@ -16,12 +16,7 @@ from tests.daemon.values import SetClock
 from tests.end_to_end.measurement.effect_loop import Daemon
 from tests.end_to_end.workbench import DEMO_ARM, SWEEP
 from traverse.daemon.config.schema import UncertaintySection
-from traverse.drivers.base.values import (
-    CountSamples,
-    DeviceUp,
-    Identity,
-    LatchedCounts,
-)
+from traverse.drivers.base.values import CountSamples, DeviceUp, Identity, LatchedCounts
 from traverse.kinematics.arm_file.arm import Identification, read_arm, write_arm
 from traverse.kinematics.uncertainty.arm_covariance import parameter_names
 from traverse.simulator.config import SimulatorConfig, config_problems
@@ -114,7 +109,7 @@ class NoisyArm:
         return replace(self.model, geometry=changed)
 
     def touched(self, number, time_s):
-        """What the daemon says of a touch, and where the ball truly was."""
+        """Return the daemon's point of a touch, and the ball's true place."""
         self.daemon.use_model(self.another_model())
         latch_ns = 10**12 + number * 10**9
         before_ns = latch_ns - np.array([2, 1]) * PERIOD_NS - 1_000_000

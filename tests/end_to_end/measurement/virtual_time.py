@@ -20,9 +20,7 @@ from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.latch_board.driver import LatchBoardDriver, LatchBoardOptions
 from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.devices.latch_board.device import (
-    SimulatedLatchBoard,
-)
+from traverse.simulator.devices.latch_board.device import SimulatedLatchBoard
 from traverse.simulator.devices.pty_port import PtyPort
 from traverse.simulator.scenario.course import Course
 from traverse.simulator.scenario.script import Script
@@ -128,7 +126,6 @@ class VirtualBoard:
 
     @property
     def is_begun(self) -> bool:
-        """Whether the script runs."""
         return self.clock.script.begin_s is not None
 
     def live(self, most_s: float) -> None:
@@ -180,38 +177,38 @@ def played(
     class BoardsPort(SerialPort):
         """A real port; waiting for it runs the board."""
 
-        taken = 0
-        said = 0
+        n_read = 0
+        n_written = 0
 
         def wait(self, seconds: float) -> bool:
-            if board.port.sent > self.taken:
+            if board.port.sent > self.n_read:
                 return super().wait(BYTES_S)
             if board.over.is_set():
                 return super().wait(0.05)
-            if self.said > board.port.heard:
-                # What was said is there at once.
+            if self.n_written > board.port.heard:
+                # What was n_written is there at once.
                 board.port.await_bytes()
                 seconds = 0.0
             board.live(seconds)
-            return super().wait(BYTES_S if board.port.sent > self.taken else 0.0)
+            return super().wait(BYTES_S if board.port.sent > self.n_read else 0.0)
 
         def read(self) -> bytes:
             data = super().read()
-            self.taken += len(data)
+            self.n_read += len(data)
             return data
 
         def write(self, data: bytes) -> None:
-            self.said += len(data)
+            self.n_written += len(data)
             super().write(data)
 
     monkeypatch.setattr("traverse.drivers.latch_board.driver.SerialPort", BoardsPort)
 
-    def taken(delivery: Delivery) -> None:
+    def take_and_begin(delivery: Delivery) -> None:
         take(driver, delivery)
         if isinstance(delivery, DeviceTemperatures) and not board.is_begun:
             driver.request_stream(rate_hz)
 
-    straight = Straight(taken)
+    straight = Straight(take_and_begin)
     driver: Driver = LatchBoardDriver(
         "base",
         LatchBoardOptions(port=str(board.path), debounce_us=1000),

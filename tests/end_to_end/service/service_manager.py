@@ -41,12 +41,10 @@ class Manager:
         return self.listen().count(line) >= times
 
     def status(self) -> str:
-        """The latest status line."""
         lines = [x for x in self.listen() if x.startswith("STATUS=")]
         return lines[-1].removeprefix("STATUS=") if lines else ""
 
     def close(self) -> None:
-        """Hear no more."""
         self._socket.close()
 
 

@@ -23,7 +23,6 @@ FED = "WATCHDOG=1"
 
 @pytest.fixture
 def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Manager]:
-    """systemd, as seen by the daemon."""
     path = tmp_path / "notify"
     manager = Manager(path)
     monkeypatch.setenv("NOTIFY_SOCKET", str(path))
@@ -33,8 +32,7 @@ def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Manager
     manager.close()
 
 
-def more(text: str, bench: Workbench) -> None:
-    """Add tables to the daemon's configuration."""
+def add_tables(text: str, bench: Workbench) -> None:
     path = bench.folder / "daemon.toml"
     path.write_text(f"{path.read_text('utf-8')}\n{text}\n", "utf-8")
 
@@ -146,7 +144,7 @@ async def test_prometheus_reads_what_health_says(bench: Workbench) -> None:
     port = free_port()
     bench.write_simulator(REST)
     bench.write_daemon()
-    more(f"[metrics]\nport = {port}\n[realtime]\npriority = 1", bench)
+    add_tables(f"[metrics]\nport = {port}\n[realtime]\npriority = 1", bench)
 
     def scraped() -> str:
         with urllib.request.urlopen(f"http://{HOST}:{port}/metrics", timeout=20) as got:

@@ -31,7 +31,7 @@ pytestmark = pytest.mark.needs("mosquitto")
 async def replayed(
     bench: Workbench, path: Path, *options: str
 ) -> tuple[dict[str, Any], list[Point]]:
-    """What `traverse replay` says, and the points that it writes."""
+    """Output of `traverse replay`, and the points that it writes."""
     written = ("--out", "points.jsonl", "--force")
     arguments = ("replay", str(path), "--json", *written, *options)
     with Program(bench.folder, "replay", *arguments) as program:
@@ -48,11 +48,11 @@ def size_of(path: Path) -> int:
 
 def assert_the_same(published: list[Point], points: list[Point]) -> None:
     """A subscriber's messages and a replay's output: equal in all but the numbers."""
-    then = {p.time_ns: p for p in published if p.retracts is None}
+    published_at = {p.time_ns: p for p in published if p.retracts is None}
     now = [p for p in points if p.retracts is None]
     assert len(now) >= 14
     for point in now:
-        original = then[point.time_ns]
+        original = published_at[point.time_ns]
         assert (point.xyz_mm, point.ijk, point.angles_rad) == (
             original.xyz_mm,
             original.ijk,
@@ -80,7 +80,7 @@ async def test_a_replay_gives_what_was_published_to_the_last_bit(
         await listener.n_points(2)
         start = RecordArgs(action="start", name="first", note="all sorts of things")
         path = Path(str(result(await listener.command(start))["file"]))
-        again = await listener.command(RecordArgs(action="start", name="second"))
+        repeated = await listener.command(RecordArgs(action="start", name="second"))
         await listener.n_points(5)
         result(await listener.command(PointArgs()))
         result(await listener.command(LabelArgs(artefact="ball")))
@@ -97,9 +97,9 @@ async def test_a_replay_gives_what_was_published_to_the_last_bit(
         recorded = result(await listener.command(RecordArgs(action="stop")))
         stopped = await listener.command(RecordArgs(action="stop"))
         health = listener.healths[-1].recording
-    assert not again.ok
-    assert again.error is not None
-    assert again.error.code == "recording.busy"
+    assert not repeated.ok
+    assert repeated.error is not None
+    assert repeated.error.code == "recording.busy"
     assert stopped.error is not None
     assert stopped.error.code == "recording.none"
     assert health.state in ("recording", "flight")

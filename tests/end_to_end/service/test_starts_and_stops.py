@@ -17,7 +17,7 @@ REFUSED, UNREACHABLE = 2, 3
 
 
 @pytest.fixture
-def alone(tmp_path: Path) -> Workbench:
+def unconnected(tmp_path: Path) -> Workbench:
     """Files that name a broker which is not there."""
     bench = Workbench(tmp_path, HOST, free_port())
     bench.write_simulator(REST)
@@ -25,27 +25,32 @@ def alone(tmp_path: Path) -> Workbench:
     return bench
 
 
-async def test_no_port_and_no_broker_are_told_together(alone: Workbench) -> None:
-    with alone.daemon() as daemon:
+async def test_no_port_and_no_broker_are_told_together(unconnected: Workbench) -> None:
+    with unconnected.daemon() as daemon:
         assert await daemon.ended() == UNREACHABLE
         assert "traverse cannot start:" in daemon.log
         failures = [x for x in daemon.log.splitlines() if x.startswith("  - ")]
         assert len(failures) == 2
-        assert str(alone.pty) in failures[0]
+        assert str(unconnected.pty) in failures[0]
         assert "no such port" in failures[0]
         assert "device base" in failures[0]
-        assert f"{alone.host}:{alone.port}: nothing listens there" in failures[1]
+        assert (
+            f"{unconnected.host}:{unconnected.port}: nothing listens there"
+            in failures[1]
+        )
         assert "Traceback" not in daemon.log
         assert daemon.output == ""
 
 
 async def test_every_mistake_of_a_configuration_is_reported_at_once(
-    alone: Workbench,
+    unconnected: Workbench,
 ) -> None:
-    alone.change("daemon.toml", 'id = "base"\ndriver = "latch-board"', 'id = "a b"')
-    alone.change("daemon.toml", "[arm]", "colour = 1\n[arm]")
-    alone.change("daemon.toml", "[health]", "[health]\nperiod = 3")
-    with alone.daemon() as daemon:
+    unconnected.change(
+        "daemon.toml", 'id = "base"\ndriver = "latch-board"', 'id = "a b"'
+    )
+    unconnected.change("daemon.toml", "[arm]", "colour = 1\n[arm]")
+    unconnected.change("daemon.toml", "[health]", "[health]\nperiod = 3")
+    with unconnected.daemon() as daemon:
         assert await daemon.ended() == REFUSED
         for where in ("colour", "device[0].id", "device[0].driver", "health.period"):
             assert f"{where}: " in daemon.log
@@ -53,13 +58,13 @@ async def test_every_mistake_of_a_configuration_is_reported_at_once(
 
 
 async def test_a_bad_arm_file_and_a_missing_broker_table_are_told_together(
-    alone: Workbench,
+    unconnected: Workbench,
 ) -> None:
-    alone.change("arm.toml", "axis = [0.0, 0.0, 1.0]", "axis = [0.0, 0.0, 0.0]")
-    alone.change("arm.toml", "sign = -1", "sign = 2")
-    alone.port = 0
-    alone.write_daemon()
-    with alone.daemon() as daemon:
+    unconnected.change("arm.toml", "axis = [0.0, 0.0, 1.0]", "axis = [0.0, 0.0, 0.0]")
+    unconnected.change("arm.toml", "sign = -1", "sign = 2")
+    unconnected.port = 0
+    unconnected.write_daemon()
+    with unconnected.daemon() as daemon:
         assert await daemon.ended() == REFUSED
         for where in ("broker", "joints[0].axis", "joints[1].encoder.sign"):
             assert f"{where}: " in daemon.log
@@ -68,14 +73,14 @@ async def test_a_bad_arm_file_and_a_missing_broker_table_are_told_together(
 
 
 async def test_an_effect_that_cannot_be_applied_stops_the_start(
-    alone: Workbench,
+    unconnected: Workbench,
 ) -> None:
     effect = (
         '[[effects]]\nkind = "empirical"\njoint = "J3"\ncovariate = "time_s"\n'
         "knots = [0.0, 60.0]\nvalues_rad = [0.0, 1e-5]\n"
     )
-    alone.change("arm.toml", "[probe]", f"{effect}[probe]")
-    with alone.daemon() as daemon:
+    unconnected.change("arm.toml", "[probe]", f"{effect}[probe]")
+    with unconnected.daemon() as daemon:
         assert await daemon.ended() == REFUSED
         assert "effects[0]" in daemon.log
         assert "J3.empirical.time_s" in daemon.log
@@ -85,38 +90,42 @@ async def test_an_effect_that_cannot_be_applied_stops_the_start(
     ("name", "status"), [("daemon.toml", REFUSED), ("arm.toml", UNREACHABLE)]
 )
 async def test_a_missing_file_is_refused(
-    alone: Workbench, name: str, status: int
+    unconnected: Workbench, name: str, status: int
 ) -> None:
     """That of an arm may be on a disk that is mounted later: the unit tries again."""
-    (alone.folder / name).unlink()
-    with alone.daemon() as daemon:
+    (unconnected.folder / name).unlink()
+    with unconnected.daemon() as daemon:
         assert await daemon.ended() == status
         assert name in daemon.log
         assert "Traceback" not in daemon.log
 
 
-async def test_a_clock_that_reads_no_joint_is_refused(alone: Workbench) -> None:
+async def test_a_clock_that_reads_no_joint_is_refused(unconnected: Workbench) -> None:
     handle = '[[device]]\nid = "handle"\ndriver = "latch-board"\nport = "/dev/null"\n'
-    alone.write_daemon(devices=f'{handle}[assembly]\nclock = "handle"\n')
-    with alone.daemon() as daemon:
+    unconnected.write_daemon(devices=f'{handle}[assembly]\nclock = "handle"\n')
+    with unconnected.daemon() as daemon:
         assert await daemon.ended() == REFUSED
         problem = "assembly.clock: 'handle' reads no joint; one of these does: base"
         assert problem in daemon.log
 
 
 async def test_an_arm_that_does_not_fit_the_board_is_refused(
-    alone: Workbench,
+    unconnected: Workbench,
 ) -> None:
-    with alone.simulator() as simulator:
+    with unconnected.simulator() as simulator:
         await simulator.says("ready base")
-        alone.change(
+        unconnected.change(
             "arm.toml", "counts_per_turn = 8388608", "counts_per_turn = 8388607"
         )
-        alone.change("arm.toml", '"base/6"', '"base/9"')
-        with alone.daemon() as daemon:
+        unconnected.change("arm.toml", '"base/6"', '"base/9"')
+        with unconnected.daemon() as daemon:
             assert await daemon.ended() == REFUSED
-            for said in ("8388607", "channel 9", f"{alone.host}:{alone.port}"):
-                assert said in daemon.log
+            for expected in (
+                "8388607",
+                "channel 9",
+                f"{unconnected.host}:{unconnected.port}",
+            ):
+                assert expected in daemon.log
         assert await simulator.stop() == 0
 
 
@@ -140,13 +149,13 @@ async def test_a_second_daemon_says_so_and_leaves_the_first_in_peace(
 
 
 async def test_a_signal_ends_it_while_it_waits_for_a_mute_board(
-    alone: Workbench,
+    unconnected: Workbench,
 ) -> None:
     board, line = os.openpty()
     try:
-        alone.pty.symlink_to(os.ttyname(line))
-        alone.write_daemon()
-        with alone.daemon() as daemon:
+        unconnected.pty.symlink_to(os.ttyname(line))
+        unconnected.write_daemon()
+        with unconnected.daemon() as daemon:
             await asyncio.to_thread(os.read, board, 1)  # it sends HELLO, unanswered
             daemon.process.send_signal(signal.SIGTERM)
             # Before it abandons the board: the devices may take eight seconds.
@@ -166,15 +175,15 @@ async def test_ctrl_c_ends_the_daemon_in_order(bench: Workbench) -> None:
         await until(lambda: not listener.statuses[-1].online, "its last status")
 
 
-async def test_the_daemon_brings_its_own_broker(alone: Workbench) -> None:
-    port = str(alone.port)
-    alone.port = 0
-    alone.write_daemon()
-    with alone.simulator() as simulator:
+async def test_the_daemon_brings_its_own_broker(unconnected: Workbench) -> None:
+    port = str(unconnected.port)
+    unconnected.port = 0
+    unconnected.write_daemon()
+    with unconnected.simulator() as simulator:
         await simulator.says("ready base")
-        with alone.daemon("--embedded-broker", "--embedded-port", port) as daemon:
+        with unconnected.daemon("--embedded-broker", "--embedded-port", port) as daemon:
             await daemon.says("model ")
-            async with listening(HOST, int(port), alone.arm) as listener:
+            async with listening(HOST, int(port), unconnected.arm) as listener:
                 await listener.ready()
             assert await daemon.stop() == 0
             assert "Traceback" not in daemon.log

@@ -186,11 +186,11 @@ def test_writing_and_reading_keep_every_number_bit_for_bit(tmp_path_factory, dat
     arm = Arm.model_validate(table)
     path = tmp_path_factory.mktemp("arm") / "arm.toml"
     write_arm(path, arm)
-    again = read_arm(path)
-    assert bits(values(again)) == bits(values(arm))
-    assert arm_digest(again) == arm_digest(arm)
+    repeated = read_arm(path)
+    assert bits(values(repeated)) == bits(values(arm))
+    assert arm_digest(repeated) == arm_digest(arm)
     first = path.read_bytes()
-    write_arm(path, again)
+    write_arm(path, repeated)
     assert path.read_bytes() == first
 
 
@@ -266,9 +266,9 @@ def test_values_are_frozen():
 
 def test_an_arm_with_effects_travels_to_another_process():
     arm = parse_arm(EVERYTHING)
-    again = pickle.loads(pickle.dumps(arm))
-    assert again == arm
-    assert arm_digest(again) == arm_digest(arm)
+    repeated = pickle.loads(pickle.dumps(arm))
+    assert repeated == arm
+    assert arm_digest(repeated) == arm_digest(arm)
 
 
 def test_effects_are_made_from_plain_tables_too():

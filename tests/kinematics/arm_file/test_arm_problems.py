@@ -242,15 +242,15 @@ def test_broken_toml_is_reported_with_line_and_column(text, where):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         ("x = " + "9" * 5000, "not TOML"),
         ("x = " + "[" * 50_000, "nested more than 32 deep"),
         ("x = " + "[" * 40 + "]" * 40, "nested more than 32 deep"),
     ],
 )
-def test_excessive_toml_is_refused_like_broken_toml(text, said):
-    assert said in problems_of(text)[""]
+def test_excessive_toml_is_refused_like_broken_toml(text, expected):
+    assert expected in problems_of(text)[""]
 
 
 def test_missing_and_unreadable_files_are_refused_with_the_reason(tmp_path):
@@ -323,7 +323,7 @@ def test_whatever_stands_in_a_file_it_is_read_or_refused_in_our_words(data):
     try:
         parse_arm(tomlkit.dumps(table))
     except FileError as error:
-        said = str(error)
+        message = str(error)
     else:
-        said = ""
-    assert not re.search(r"pydantic|http|Input should", said)
+        message = ""
+    assert not re.search(r"pydantic|http|Input should", message)

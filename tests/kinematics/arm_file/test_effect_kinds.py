@@ -85,12 +85,12 @@ def test_each_key_of_each_kind_is_required_and_typed(kind):
     optional = {"encoder_latency": "joint", "thermal_expansion": "joint"}
     for line in filter(None, lines):
         key = line.split(" = ")[0]
-        others = "\n".join(other for other in lines if other != line)
+        without_key = "\n".join(other for other in lines if other != line)
         if optional.get(kind) == key:
-            parse_with(kind, others)
+            parse_with(kind, without_key)
         else:
-            assert problems_of(kind, others) == [key]
-        [place] = problems_of(kind, f"{others}\n{key} = {{ wrong = 1 }}")
+            assert problems_of(kind, without_key) == [key]
+        [place] = problems_of(kind, f"{without_key}\n{key} = {{ wrong = 1 }}")
         assert place == key
 
 

@@ -68,23 +68,21 @@ def shifted(vector):
 
 
 class Rigid:
-    """The undeflected arm at corrected turns of one sample."""
-
     def __init__(self, geometry, turns):
         self.carried = [np.eye(4)]  # the motion of what carries joint k, k from 0
-        here = geometry.origin_mm
+        place = geometry.origin_mm
         self.origins, self.axes, self.links, self.ends = [], [], [], []
         for axis, link, turned in zip(
             geometry.axes, geometry.links_mm, turns, strict=True
         ):
             carrier = self.carried[-1]
-            self.origins.append((carrier @ [*here, 1])[:3])
+            self.origins.append((carrier @ [*place, 1])[:3])
             self.axes.append(carrier[:3, :3] @ axis)
-            self.carried.append(carrier @ about(here, turned * axis))
+            self.carried.append(carrier @ about(place, turned * axis))
             self.links.append(self.carried[-1][:3, :3] @ link)
-            here = here + link
+            place = place + link
         last = self.carried[-1]
-        self.ball = (last @ [*(here + geometry.probe_vector_mm), 1])[:3]
+        self.ball = (last @ [*(place + geometry.probe_vector_mm), 1])[:3]
         self.shank = last[:3, :3] @ geometry.probe_direction
 
     def moment_nm(self, arm, joint, gravity):

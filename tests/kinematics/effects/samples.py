@@ -81,7 +81,6 @@ CAMPAIGN = (EPOCH, EPOCH.replace(hour=10))
 
 
 def full_block(seed, n_samples):
-    """Samples with all covariates."""
     rng = np.random.default_rng(seed)
     shape = (n_samples, N_JOINTS)
     directions = rng.normal(size=(n_samples, 3))

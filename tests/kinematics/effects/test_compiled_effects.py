@@ -46,10 +46,10 @@ def bits(*arrays):
     return tuple(np.where(np.isnan(a), np.nan, a).tobytes() for a in arrays)
 
 
-@pytest.mark.parametrize("which", range(len(EVERY_KIND)))
-def test_each_effect_is_what_numpy_makes_of_it(which):
-    effects = effects_of(ARM, (EVERY_KIND[which],), CAMPAIGN)
-    block = full_block(seed=which, n_samples=70)
+@pytest.mark.parametrize("number", range(len(EVERY_KIND)))
+def test_each_effect_is_what_numpy_makes_of_it(number):
+    effects = effects_of(ARM, (EVERY_KIND[number],), CAMPAIGN)
+    block = full_block(seed=number, n_samples=70)
     for part in (block, replace(block, directions=None, joint_temperatures_c=None)):
         agree(effects, part)
 
@@ -89,24 +89,24 @@ def test_effects_many_times_as_large_are_what_numpy_makes_of_them(kind):
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_variants_and_blocks_leave_every_bit(variant):
     block = full_block(seed=44, n_samples=101)
-    whole = chain(variant).poses(block, GRAVITY)
-    assert bits(*whole) == bits(*chain(VARIANTS[0]).poses(block, GRAVITY))
+    undivided = chain(variant).poses(block, GRAVITY)
+    assert bits(*undivided) == bits(*chain(VARIANTS[0]).poses(block, GRAVITY))
     for first, n_samples in ((0, 1), (13, 2), (40, 8), (60, 33), (100, 1)):
         part = slice(first, first + n_samples)
         poses = chain(variant).poses(block.part(part), GRAVITY)
-        assert bits(*poses) == bits(*(array[part] for array in whole))
+        assert bits(*poses) == bits(*(array[part] for array in undivided))
 
 
 def test_what_is_no_number_spoils_its_sample_alone():
     block = full_block(seed=45, n_samples=50)
-    whole = chain(VARIANTS[-1]).poses(block, GRAVITY)
+    clean = chain(VARIANTS[-1]).poses(block, GRAVITY)
     for name in ("angles_rad", "speeds_rad_s", "approaches"):
         spoilt = getattr(block, name).copy()
         spoilt[17, 1] = np.nan
         poses = chain(VARIANTS[-1]).poses(replace(block, **{name: spoilt}), GRAVITY)
         assert np.isnan(poses[0][17]).all()
         rest = np.delete(np.arange(50), 17)
-        assert bits(*(a[rest] for a in poses)) == bits(*(a[rest] for a in whole))
+        assert bits(*(a[rest] for a in poses)) == bits(*(a[rest] for a in clean))
 
 
 def test_readings_of_many_turns_are_reduced_exactly():

@@ -1,5 +1,3 @@
-"""Blocks: bits that do not depend on how a stream is cut, refusals, bookkeeping."""
-
 from dataclasses import replace
 from itertools import pairwise
 
@@ -54,8 +52,10 @@ def test_cutting_a_stream_with_all_effects_keeps_every_bit(cuts):
 def test_each_sample_alone_has_the_bits_of_its_block():
     block = full_block(seed=4, n_samples=41)
     parts = [block.part(slice(n, n + 1)) for n in range(41)]
-    whole = corrected_pose(GEOMETRY, ALL, block)
-    assert joined([corrected_pose(GEOMETRY, ALL, p) for p in parts]) == joined([whole])
+    undivided = corrected_pose(GEOMETRY, ALL, block)
+    assert joined([corrected_pose(GEOMETRY, ALL, p) for p in parts]) == joined(
+        [undivided]
+    )
     moves = columns(GEOMETRY, ALL, block)
     one_by_one = [columns(GEOMETRY, ALL, p) for p in parts]
     assert np.concatenate(one_by_one).tobytes() == moves.tobytes()

@@ -72,8 +72,8 @@ def test_candidates_that_are_not_applied_get_the_columns_of_zero_amplitude():
     candidates = effects_of(ARM, EVERY_KIND, CAMPAIGN)
     applied = effects_of(ARM, EVERY_KIND[:2], CAMPAIGN)
     derivatives = columns(GEOMETRY, applied, BLOCK, candidates.corrections[9:12])
-    both = effects_of(ARM, (*EVERY_KIND[:2], *EVERY_KIND[9:12]), CAMPAIGN)
-    silent = both.with_values(np.append(applied.values, np.zeros(3)))
+    with_candidates = effects_of(ARM, (*EVERY_KIND[:2], *EVERY_KIND[9:12]), CAMPAIGN)
+    silent = with_candidates.with_values(np.append(applied.values, np.zeros(3)))
     np.testing.assert_array_equal(
         derivatives, columns(GEOMETRY, silent, BLOCK)[:, :, 4:]
     )

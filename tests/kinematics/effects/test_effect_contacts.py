@@ -1,5 +1,3 @@
-"""Effects of the contact: signs, azimuth, and what happens without a surface."""
-
 import numpy as np
 import pytest
 
@@ -70,9 +68,9 @@ def test_azimuth_is_right_handed_about_the_shank():
         effect("probe_lobing", amplitude_mm=1.0, phase_rad=0.7 + np.pi / 2),
         directions=np.array(turned),
     )
-    here, _ = shifts(effect("probe_lobing", amplitude_mm=1.0, phase_rad=0.7))
+    lobing_mm, _ = shifts(effect("probe_lobing", amplitude_mm=1.0, phase_rad=0.7))
     along = np.einsum("ij,ij->i", ahead, turned)
-    np.testing.assert_allclose(along, np.einsum("ij,ij->i", here, DIRECTIONS))
+    np.testing.assert_allclose(along, np.einsum("ij,ij->i", lobing_mm, DIRECTIONS))
 
 
 def test_stylus_yields_across_the_shank_away_from_the_material():

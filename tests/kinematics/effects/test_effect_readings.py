@@ -37,12 +37,12 @@ def check(correction, expected, joint=2, arm=ARM, **covariates):
     effects = effects_of(arm, (correction,))
     block = Block(READINGS, **covariates)
     corrections_rad = angle_corrections(GEOMETRY, effects, block)
-    wanted = np.zeros_like(READINGS)
-    wanted[:, joint] = [expected(n) for n in range(len(READINGS))]
-    assert np.abs(wanted).max() > 0.0
-    np.testing.assert_allclose(corrections_rad, wanted, rtol=1e-13, atol=1e-18)
+    errors_rad = np.zeros_like(READINGS)
+    errors_rad[:, joint] = [expected(n) for n in range(len(READINGS))]
+    assert np.abs(errors_rad).max() > 0.0
+    np.testing.assert_allclose(corrections_rad, errors_rad, rtol=1e-13, atol=1e-18)
     centres, shanks, _ = corrected_pose(GEOMETRY, effects, block)
-    true_centres, true_shanks = probe_pose(GEOMETRY, READINGS - wanted)
+    true_centres, true_shanks = probe_pose(GEOMETRY, READINGS - errors_rad)
     np.testing.assert_allclose(centres, true_centres, rtol=0, atol=1e-10)
     np.testing.assert_allclose(shanks, true_shanks, rtol=0, atol=1e-13)
 
@@ -229,7 +229,7 @@ def natural_cubic(knots, values):
 
 
 @pytest.mark.parametrize(
-    ("covariate", "given", "column"),
+    ("covariate", "covariates", "column"),
     [
         ("temperature_c", {"temperature_c": np.arange(7.0)}, np.arange(7.0)),
         ("time_s", {"campaign_s": np.arange(7.0)}, np.arange(7.0)),
@@ -240,7 +240,7 @@ def natural_cubic(knots, values):
         ("J2_rad", {}, READINGS[:, 1]),
     ],
 )
-def test_empirical_line_of_every_covariate(covariate, given, column):
+def test_empirical_line_of_every_covariate(covariate, covariates, column):
     correction = effect(
         "empirical",
         joint="J3",
@@ -248,7 +248,7 @@ def test_empirical_line_of_every_covariate(covariate, given, column):
         knots=[-20.0, 20.0],
         values_rad=[-2e-5, 2e-5],
     )
-    check(correction, lambda n: 1e-6 * column[n], **given)
+    check(correction, lambda n: 1e-6 * column[n], **covariates)
 
 
 def test_readings_are_corrected_as_they_are_whatever_their_order():

@@ -9,10 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.kinematics.uncertainty.test_joint_covariance import (
-    CONTACT_MM,
-    ENCODER_RAD,
-)
+from tests.kinematics.uncertainty.test_joint_covariance import CONTACT_MM, ENCODER_RAD
 from tests.kinematics.uncertainty.test_point_covariance import centres_mm
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.features.measured import Definition, Touches
@@ -39,7 +36,6 @@ def ring(n, radius_mm, heights_mm, phase=0.0):
 
 
 def drawn_part(rng, at_mm, turn) -> Part:
-    """Draw a part about a place, turned by a rotation matrix."""
     d = {
         "hole a": 20.0 + rng.uniform(-0.2, 0.2),
         "hole b": 12.0 + rng.uniform(-0.2, 0.2),
@@ -104,7 +100,7 @@ def shaft(diameter_mm):
         ring(5, diameter_mm / 2 + TIP_MM, np.full(5, height_mm), 0.4 * number)
         for number, height_mm in enumerate((5.0, 17.0, 30.0))
     ]
-    touched = np.concatenate([at for at, _ in rings])
+    touched = np.concatenate([points_mm for points_mm, _ in rings])
     return "shaft", touched, -np.concatenate([out for _, out in rings])
 
 

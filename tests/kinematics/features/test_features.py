@@ -14,11 +14,7 @@ from traverse.kinematics.features.figures import (
     distance,
     figures_of,
 )
-from traverse.kinematics.features.measured import (
-    Definition,
-    Touches,
-    measured_features,
-)
+from traverse.kinematics.features.measured import Definition, Touches, measured_features
 from traverse.kinematics.features.relations import related
 from traverse.kinematics.fits.elements import Element
 from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
@@ -36,7 +32,6 @@ def errors_of(points_mm, std_mm=STD_MM) -> JointCovariance:
 
 
 def element(kind, place, direction=(0, 0, 0), *, size=(0, 0), row=0) -> Element:
-    """An element whose place is a touch."""
     by_points = np.zeros((8, 2, 3))
     by_points[:3, row] = np.eye(3)
     values = np.array([*place, *direction, *size], dtype=float)
@@ -51,16 +46,16 @@ def test_relations_of_elements():
     plate = element("plane", (0, 0, 2), UP)
     wall = element("plane", (5, 0, 0), (1, 0, 0), row=1)
     pin = element("line", (1, 1, 9), UP, row=1)
-    here, there = element("point", (0, 0, 0)), element("point", (4, 2, 6), row=1)
+    first, second = element("point", (0, 0, 0)), element("point", (4, 2, 6), row=1)
     np.testing.assert_allclose(related("intersection", pin, plate).place_mm, [1, 1, 2])
     np.testing.assert_allclose(related("intersection", plate, pin).place_mm, [1, 1, 2])
     corner = related("intersection", plate, wall)
     assert corner.kind == "line"
     np.testing.assert_allclose(np.abs(corner.direction), [0, 1, 0])
     np.testing.assert_allclose(corner.place_mm[[0, 2]], [5, 2])
-    np.testing.assert_allclose(related("symmetry", here, there).place_mm, [2, 1, 3])
-    np.testing.assert_allclose(related("projection", there, plate).place_mm, [4, 2, 2])
-    np.testing.assert_allclose(related("projection", pin, there).place_mm, [1, 1, 6])
+    np.testing.assert_allclose(related("symmetry", first, second).place_mm, [2, 1, 3])
+    np.testing.assert_allclose(related("projection", second, plate).place_mm, [4, 2, 2])
+    np.testing.assert_allclose(related("projection", pin, second).place_mm, [1, 1, 6])
     sloped = element("line", (0, 0, 0), (0.6, 0, 0.8), row=1)
     beside = element("line", (0, 3, 0), (0, 0, 1))
     between = related("intersection", sloped, beside)
@@ -103,12 +98,12 @@ def test_distances_and_angles_with_their_uncertainty():
 
 def test_a_distance_of_zero_has_the_uncertainty_of_all_directions():
     """Of 20,000 draws of two places that are one, 95 % and more are within U."""
-    here, there = element("point", (0, 0, 0)), element("point", (0, 0, 0), row=1)
+    first, second = element("point", (0, 0, 0)), element("point", (0, 0, 0), row=1)
     rng = np.random.default_rng(1)
     draws = np.linalg.norm(np.sqrt(2) * STD_MM * rng.normal(size=(20_000, 3)), axis=1)
-    apart = distance(here, there, ERRORS)
+    apart = distance(first, second, ERRORS)
     assert np.mean(draws <= apart.expanded) > 0.954
-    far = distance(here, element("point", (50, 0, 0), row=1), ERRORS)
+    far = distance(first, element("point", (50, 0, 0), row=1), ERRORS)
     assert far.std == pytest.approx(np.sqrt(2) * STD_MM, rel=1e-6)
 
 
@@ -119,10 +114,7 @@ def test_the_uncertainty_of_an_angle_is_that_of_its_directions():
         ends = np.array([[0, 0, 0], [100, 0, 0]], dtype=float)
         other = 100 * np.array([[0, 0, 0], [np.cos(turn_rad), np.sin(turn_rad), 0]])
         points_mm = np.concatenate([ends, other + np.array([0, 0, 7])])
-        lines = [
-            Definition("a", "line", (0, 1)),
-            Definition("b", "line", (2, 3)),
-        ]
+        lines = [Definition("a", "line", (0, 1)), Definition("b", "line", (2, 3))]
         features = measured_features(lines, touches_of(points_mm))
         stated = angle(*features.elements.values(), features.errors)
         assert stated.value == pytest.approx(turn_rad)

@@ -1,5 +1,3 @@
-"""Forty parts of known truth: figures lie within their stated uncertainty."""
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -19,11 +17,7 @@ from tests.kinematics.uncertainty.test_point_covariance import (
     postures,
 )
 from traverse.kinematics.features.figures import angle, distance, figures_of
-from traverse.kinematics.features.measured import (
-    Features,
-    Touches,
-    measured_features,
-)
+from traverse.kinematics.features.measured import Features, Touches, measured_features
 from traverse.kinematics.features.relations import related
 from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
 
@@ -33,7 +27,6 @@ PARTS = 40
 
 
 def figures(features: Features):
-    """All figures of the part, by the names of its truth."""
     elements, errors = features.elements, features.errors
     named = {
         f"{name} {figure.name}": figure

@@ -63,12 +63,12 @@ def test_every_filter_is_in_the_table_and_tried_here():
 @given(xyz_mm=places | walks, data=st.data())
 def test_cutting_a_stream_into_blocks_changes_nothing(kind, xyz_mm, data):
     quality = data.draw(st.lists(st.integers(0, 3), min_size=40, max_size=40))
-    whole = block_of(xyz_mm, quality[: len(xyz_mm)])
+    undivided = block_of(xyz_mm, quality[: len(xyz_mm)])
     cuts = sorted(data.draw(st.lists(st.integers(0, len(xyz_mm)), max_size=6)))
     at_once, in_parts = MAKERS[kind](), MAKERS[kind]()
-    expected = at_once.apply(whole)
+    expected = at_once.apply(undivided)
     bounds = [0, *cuts, len(xyz_mm)]
-    parts = [in_parts.apply(whole.rows(slice(a, b))) for a, b in pairwise(bounds)]
+    parts = [in_parts.apply(undivided.rows(slice(a, b))) for a, b in pairwise(bounds)]
     got = PointBlock.joined(parts)
     for name in ("seq", "time_ns", "xyz_mm", "angles_rad", "counts", "quality"):
         np.testing.assert_array_equal(getattr(got, name), getattr(expected, name))
@@ -171,9 +171,9 @@ def test_a_probe_that_rests_on_a_plane_crosses_it_once():
     path = np.column_stack([heights, np.zeros(550), np.zeros(550)])
     assert len(Sections((1, 0, 0), 1.0).apply(block_of(path))) == 4
     back = np.column_stack([np.linspace(0, -0.5, 9), np.zeros(9), np.zeros(9)])
-    again = Sections((1, 0, 0), 1.0)
-    again.apply(block_of(path))
-    assert len(again.apply(block_of(np.vstack([back, back[::-1]])))) == 1
+    repeated = Sections((1, 0, 0), 1.0)
+    repeated.apply(block_of(path))
+    assert len(repeated.apply(block_of(np.vstack([back, back[::-1]])))) == 1
 
 
 def test_nothing_is_interpolated_across_a_gap():

@@ -57,8 +57,8 @@ def _derivatives(total, state):
     for i in range(n):
         second[i][i] = (plus[i] - 2 * middle + minus[i]) / STEP**2
         for j in range(i):
-            both = distances_at((i, 1), (j, 1)) - plus[i] - plus[j] + middle
-            second[i][j] = second[j][i] = both / STEP**2
+            mixed = distances_at((i, 1), (j, 1)) - plus[i] - plus[j] + middle
+            second[i][j] = second[j][i] = mixed / STEP**2
     return gradient, second
 
 
@@ -79,7 +79,6 @@ def _solved(matrix, right):
 
 
 def sphere(values: Numbers, point: Numbers) -> Numbers:
-    """Values: centre, radius."""
     squares = sum((p - c) ** 2 for p, c in zip(point, values[:3], strict=True))
     return [squares.sqrt() - values[3]]
 

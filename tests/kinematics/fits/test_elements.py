@@ -163,8 +163,8 @@ def test_derivatives_by_points_are_differences(kind):
             moved_mm[row, axis] -= 2 * step_mm
             down, _ = fitted(kind, moved_mm, plane_mm, 2.0)
             slope = across_axis(kind, element, (up.values - down.values) / 2 / step_mm)
-            wanted = across_axis(kind, element, element.by_points[:, row, axis])
-            np.testing.assert_allclose(wanted, slope, atol=2e-5)
+            expected = across_axis(kind, element, element.by_points[:, row, axis])
+            np.testing.assert_allclose(expected, slope, atol=2e-5)
     if by_plane_points is None:
         return
     for row in range(len(plane_mm)):
@@ -174,8 +174,8 @@ def test_derivatives_by_points_are_differences(kind):
         moved_mm[row, 2] -= 2 * step_mm
         down, _ = fitted(kind, points_mm, moved_mm, 2.0)
         slope = across_axis(kind, element, (up.values - down.values) / 2 / step_mm)
-        wanted = across_axis(kind, element, by_plane_points[:, row, 2])
-        np.testing.assert_allclose(wanted, slope, atol=2e-5)
+        expected = across_axis(kind, element, by_plane_points[:, row, 2])
+        np.testing.assert_allclose(expected, slope, atol=2e-5)
 
 
 def across_axis(kind, element, change):
@@ -198,13 +198,13 @@ def test_elements_move_with_their_points(seed, kind):
     rng = np.random.default_rng(seed)
     points_mm = exact_points(kind, rng) + 0.02 * rng.normal(size=(12, 3))
     turn, shift_mm = Rotation.random(random_state=seed), rng.uniform(-500, 500, 3)
-    here, _ = fitted(kind, points_mm, np.eye(3))
-    there, _ = fitted(kind, turn.apply(points_mm) + shift_mm, np.eye(3))
-    assert there.values[RADIUS] == pytest.approx(here.values[RADIUS], abs=1e-7)
-    assert there.values[ANGLE] == pytest.approx(here.values[ANGLE], abs=1e-9)
-    moved_mm = turn.apply(here.place_mm) + shift_mm
-    np.testing.assert_allclose(there.place_mm, moved_mm, atol=1e-6)
-    along = abs(float(turn.apply(here.direction) @ there.direction))
+    before, _ = fitted(kind, points_mm, np.eye(3))
+    after, _ = fitted(kind, turn.apply(points_mm) + shift_mm, np.eye(3))
+    assert after.values[RADIUS] == pytest.approx(before.values[RADIUS], abs=1e-7)
+    assert after.values[ANGLE] == pytest.approx(before.values[ANGLE], abs=1e-9)
+    moved_mm = turn.apply(before.place_mm) + shift_mm
+    np.testing.assert_allclose(after.place_mm, moved_mm, atol=1e-6)
+    along = abs(float(turn.apply(before.direction) @ after.direction))
     assert along == pytest.approx(1.0, abs=1e-12)
 
 

@@ -167,8 +167,8 @@ def by_trying_everything(points):
     best = np.inf
     for size in (2, 3, 4):
         for subset in combinations(points, size):
-            corner, *others = np.array(subset)
-            edges = np.array(others) - corner
+            corner, *corners = np.array(subset)
+            edges = np.array(corners) - corner
             gram = edges @ edges.T
             if np.linalg.matrix_rank(gram, tol=1e-9) < len(edges):
                 continue

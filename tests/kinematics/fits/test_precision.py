@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 from tests.kinematics.fits.test_shapes import tilted, tube
-from traverse.kinematics.fits import (
-    fit_plane,
-    fit_sphere,
-    fit_sphere_of_radius,
-)
+from traverse.kinematics.fits import fit_plane, fit_sphere, fit_sphere_of_radius
 
 N_DRAWS = 600
 STD_MM = 0.01

@@ -304,8 +304,8 @@ def test_what_is_seen_of_an_error_is_how_the_sum_of_squares_grows(rank):
     a, true = drawn(rng, 5), drawn_transformation(rng)
     b, c = true.places_mm(a), drawn_covariances(rng, 5)
     shared = rng.normal(0.0, 0.05, (5, 3, rank))
-    given = (with_shared(c, shared), c)
-    fitted = adjusted_helmert(a, b, *given, from_shared_mm=shared)
+    covariances = (with_shared(c, shared), c)
+    fitted = adjusted_helmert(a, b, *covariances, from_shared_mm=shared)
     seen = reliability_of(fitted)
     way = rng.normal(size=3)
     way /= np.linalg.norm(way)
@@ -313,7 +313,7 @@ def test_what_is_seen_of_an_error_is_how_the_sum_of_squares_grows(rank):
     wrong[2] += 1e-3 * way
     parts = seen.directions[2] @ way
     expected = 1e-6 * seen.seen_per_mm2[2] @ parts**2
-    moved = adjusted_helmert(a, wrong, *given, from_shared_mm=shared)
+    moved = adjusted_helmert(a, wrong, *covariances, from_shared_mm=shared)
     # As one point of all that was moved, its statistic is all there is.
     statistic = point_statistics(moved, reliability_of(moved))[2]
     assert statistic == pytest.approx(moved.sum_of_squares, rel=1e-3)
@@ -348,7 +348,7 @@ def test_a_gross_error_stands_out_at_its_point():
 
 
 @pytest.mark.parametrize(
-    ("points", "said"),
+    ("points", "expected"),
     [
         ([[1.0, 2, 3]], "1 common point"),
         ([[1.0, 2, 3]] * 4, "in one place: all three rotations"),
@@ -356,10 +356,10 @@ def test_a_gross_error_stands_out_at_its_point():
         ([[0.0, 0, 0], [1, 1, 0], [2, 2, 0], [9, 9, 0]], r"\(0.707, 0.707, 0.000\)"),
     ],
 )
-def test_what_is_not_determined_is_refused_by_name(points, said):
+def test_what_is_not_determined_is_refused_by_name(points, expected):
     a = np.array(points)
     c = np.tile(np.eye(3), (len(a), 1, 1))
-    with pytest.raises(HelmertError, match=said):
+    with pytest.raises(HelmertError, match=expected):
         adjusted_helmert(a, a, c, c)
     b = a + np.random.default_rng(0).normal(0, 0.01, a.shape)
     with pytest.raises(HelmertError):

@@ -106,10 +106,10 @@ def test_probe_transforms_are_the_product_of_the_matrices(table, seed):
 def test_a_table_read_off_an_arm_of_a_table_moves_the_same(table, seed):
     readings_rad = random_readings(seed, table.n_joints)
     geometry = geometry_from_dh(table, readings_rad[0])
-    again = nearest_table(geometry, 1e-9).table
+    repeated = nearest_table(geometry, 1e-9).table
     expected = np.array([multiplied_out(table, row) for row in readings_rad])
-    poses = np.array([multiplied_out(again, row) for row in readings_rad])
-    feet_mm = np.abs([again.a_mm, again.d_mm]).sum()
+    poses = np.array([multiplied_out(repeated, row) for row in readings_rad])
+    feet_mm = np.abs([repeated.a_mm, repeated.d_mm]).sum()
     # Nearly parallel hinges have far feet, whose rounding affects the probe.
     tolerance_mm = 1e-12 * (size_mm(geometry) + feet_mm)
     np.testing.assert_allclose(

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.kinematics.arms import seeds, size_mm
-from tests.kinematics.importers.matrices import rotation
+from tests.kinematics.importers.matrices import place, rotation
 from traverse.kinematics.importers.urdf import (
     Body,
     ChainJoint,
@@ -18,17 +18,6 @@ from traverse.kinematics.model.forward import joint_positions, probe_pose
 from traverse.kinematics.model.geometry import unit_vectors
 
 
-def placed(xyz_mm, rpy_rad):
-    """What the URDF specification says: R_z(yaw) R_y(pitch) R_x(roll)."""
-    matrix = (
-        rotation([0, 0, 1], rpy_rad[2])
-        @ rotation([0, 1, 0], rpy_rad[1])
-        @ rotation([1, 0, 0], rpy_rad[0])
-    )
-    matrix[:3, 3] = xyz_mm
-    return matrix
-
-
 def random_chain(seed, turning):
     """A chain with a fixed joint before, between and behind the turning ones."""
     rng = np.random.default_rng(seed)
@@ -36,7 +25,7 @@ def random_chain(seed, turning):
     return [
         ChainJoint(
             name=f"joint_{index}",
-            origin=placed(rng.uniform(-400, 400, 3), rng.uniform(-3, 3, 3)),
+            origin=place(rng.uniform(-400, 400, 3), rng.uniform(-3, 3, 3)),
             axis=rng.normal(size=3) if turns else None,
             bodies=tuple(
                 Body(rng.uniform(0.1, 3.0), rng.uniform(-200, 200, 3))
@@ -64,7 +53,7 @@ def frames(chain, readings_rad):
 def test_an_arm_of_a_chain_moves_as_its_frames_do(seed, turning):
     chain = random_chain(seed, turning)
     rng = np.random.default_rng(seed + 1)
-    tool = placed(rng.uniform(-200, 200, 3), rng.uniform(-3, 3, 3))
+    tool = place(rng.uniform(-200, 200, 3), rng.uniform(-3, 3, 3))
     readings_rad = rng.uniform(-7, 7, (4, turning))
     arm = arm_from_chain(chain, tool, readings_rad[0])
     centres_mm, shanks = probe_pose(arm.geometry, readings_rad)
@@ -105,24 +94,24 @@ def test_masses_stay_where_they_were(seed, turning):
 def test_roll_pitch_yaw_make_the_rotation_that_the_specification_says(rpy_rad):
     made = transform([1.0, 2.0, 3.0], rpy_rad)
     np.testing.assert_allclose(
-        made, placed([1.0, 2.0, 3.0], rpy_rad), rtol=0, atol=1e-14
+        made, place([1.0, 2.0, 3.0], rpy_rad), rtol=0, atol=1e-14
     )
-    again = transform(made[:3, 3], roll_pitch_yaw(made[:3, :3]))
-    np.testing.assert_allclose(again, made, rtol=0, atol=1e-11)
+    repeated = transform(made[:3, 3], roll_pitch_yaw(made[:3, :3]))
+    np.testing.assert_allclose(repeated, made, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("pitch_rad", [np.pi / 2, -np.pi / 2])
 def test_a_pitch_of_a_quarter_turn_still_gives_the_rotation_back(pitch_rad):
-    made = placed(np.zeros(3), [0.3, pitch_rad, -1.1])
-    again = transform(np.zeros(3), roll_pitch_yaw(made[:3, :3]))
-    np.testing.assert_allclose(again, made, rtol=0, atol=1e-11)
+    made = place(np.zeros(3), [0.3, pitch_rad, -1.1])
+    repeated = transform(np.zeros(3), roll_pitch_yaw(made[:3, :3]))
+    np.testing.assert_allclose(repeated, made, rtol=0, atol=1e-11)
 
 
 def test_a_joint_s_axis_and_place_are_those_of_its_frame():
     # Rolled by a quarter turn, the child's z axis is the parent's -y axis.
     chain = [
-        ChainJoint("a", placed([0, 0, 100], [np.pi / 2, 0, 0]), np.array([0, 0, 2.0])),
-        ChainJoint("flange", placed([0, 0, 50], [0, 0, 0]), None),
+        ChainJoint("a", place([0, 0, 100], [np.pi / 2, 0, 0]), np.array([0, 0, 2.0])),
+        ChainJoint("flange", place([0, 0, 50], [0, 0, 0]), None),
     ]
     geometry = arm_from_chain(chain, np.eye(4), np.zeros(1)).geometry
     np.testing.assert_allclose(geometry.axes, unit_vectors([[0, -1, 0]]), atol=1e-15)

@@ -15,10 +15,7 @@ from hypothesis import strategies as st
 from tests.kinematics.arms import ARM_TEXT, random_geometry, seeds, size_mm
 from tests.kinematics.importers.matrices import rotation
 from traverse.kinematics.arm_file.arm import parse_arm
-from traverse.kinematics.importers.arm_values import (
-    JointParts,
-    assemble_arm,
-)
+from traverse.kinematics.importers.arm_values import JointParts, assemble_arm
 from traverse.kinematics.importers.urdf import Body, Mimic, arm_from_chain
 from traverse.kinematics.importers.urdf_chain import chain_of
 from traverse.kinematics.importers.urdf_file import read_urdf
@@ -159,14 +156,14 @@ def test_what_a_description_cannot_hold_is_said_in_it():
     report, written = urdf_report(parse_arm(text), 10, 1)
     assert report["not_in_loss"] == ["base_drift"]
     assert report["loss_mm"]["max"] > 0.0
-    said = " ".join(report["not_in_urdf"])
-    for what in (
+    remarks = " ".join(report["not_in_urdf"])
+    for expected in (
         "J--1.encoder_eccentricity",
         "base_drift",
         "encoders",
         "inertias of 0",
     ):
-        assert what in said
+        assert expected in remarks
     comments = written.split('<link name="base"')[0]
     assert "J- -1.encoder_eccentricity, base_drift" in comments
     assert f"largest {report['loss_mm']['max']:.3g} mm" in comments

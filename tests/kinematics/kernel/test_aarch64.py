@@ -1,5 +1,3 @@
-"""The portable kernel built for aarch64 and run in an emulator: the same bits."""
-
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -46,13 +44,13 @@ def computed(program: Path, geometry, angles_rad) -> list[np.ndarray]:
     links_mm = geometry.links_mm.copy()
     links_mm[-1] += geometry.probe_vector_mm
     n_samples, n_joints = angles_rad.shape
-    given = np.array([n_joints, n_samples], dtype="<i8").tobytes()
+    stdin = np.array([n_joints, n_samples], dtype="<i8").tobytes()
     for values in (geometry.zeros_rad, geometry.axes, links_mm, geometry.origin_mm):
-        given += values.astype("<f8").tobytes()
-    given += geometry.probe_direction.astype("<f8").tobytes()
-    given += np.ascontiguousarray(angles_rad).astype("<f8").tobytes()
+        stdin += values.astype("<f8").tobytes()
+    stdin += geometry.probe_direction.astype("<f8").tobytes()
+    stdin += np.ascontiguousarray(angles_rad).astype("<f8").tobytes()
     run = subprocess.run(
-        [EMULATOR, str(program)], input=given, capture_output=True, check=True
+        [EMULATOR, str(program)], input=stdin, capture_output=True, check=True
     )
     shapes = [
         (n_samples, 3),
@@ -89,10 +87,10 @@ def test_aarch64_gives_the_bits_of_this_machine(program, n_joints):
     np.testing.assert_array_equal(centres, chain.centres(angles_rad))
     np.testing.assert_array_equal(directions, chain.poses(angles_rad)[1])
     expected = chain.derivatives(angles_rad)
-    for derivative, wanted in zip(
+    for derivative, of_this_machine in zip(
         (by_angles, by_axes, by_links), expected[1:], strict=True
     ):
-        np.testing.assert_array_equal(derivative, wanted)
+        np.testing.assert_array_equal(derivative, of_this_machine)
     np.testing.assert_array_equal(single, chain.pose(angles_rad[0].tolist()))
     # The links of this arm go without the probe vector, as the program takes them.
     links_mm = geometry.links_mm.copy()
@@ -100,5 +98,5 @@ def test_aarch64_gives_the_bits_of_this_machine(program, n_joints):
     bare = replace(geometry, links_mm=links_mm, probe_vector_mm=np.zeros(3))
     chain = compiled.DeflectedChain(bare, "portable", TERMS, links_mm)
     expected = chain.poses(Block(angles_rad), [0.5, 1.0, -9.5])
-    for derivative, wanted in zip(deflected, expected, strict=True):
-        np.testing.assert_array_equal(derivative, wanted)
+    for derivative, of_this_machine in zip(deflected, expected, strict=True):
+        np.testing.assert_array_equal(derivative, of_this_machine)

@@ -34,7 +34,7 @@ def readings(geometry: Geometry, seed: int, n_samples: int, largest: float = 8.0
 
 
 def bits(*arrays):
-    """What is compared: every bit, but for those that no number has."""
+    """Bits to be compared: all but those of NaN."""
     return tuple(np.where(np.isnan(a), np.nan, a).tobytes() for a in arrays)
 
 
@@ -167,9 +167,9 @@ def test_readings_that_are_no_numbers_spoil_their_sample_alone(variant):
     poses = chain.poses(spoilt)
     assert np.isnan(poses[0][rows]).all()
     assert np.isnan(poses[1][rows]).all()
-    whole = np.delete(np.arange(50), rows)
-    assert bits(poses[0][whole], poses[1][whole]) == bits(
-        centres[whole], directions[whole]
+    clean_rows = np.delete(np.arange(50), rows)
+    assert bits(poses[0][clean_rows], poses[1][clean_rows]) == bits(
+        centres[clean_rows], directions[clean_rows]
     )
     # Joints before the invalid one still have values.
     positions = chain.positions(spoilt)
@@ -284,10 +284,12 @@ def test_block_and_place_in_it_leave_every_bit_of_derivatives(variant):
     geometry = random_geometry(3, 7)
     angles = np.random.default_rng(2).uniform(-7, 7, (77, 7))
     chain = compiled.Chain(geometry, variant)
-    whole = chain.derivatives(angles)
+    undivided = chain.derivatives(angles)
     for first, n in product((0, 5, 40), (1, 7, 8, 31, 33)):
         part = slice(first, first + n)
-        for array, expected in zip(chain.derivatives(angles[part]), whole, strict=True):
+        for array, expected in zip(
+            chain.derivatives(angles[part]), undivided, strict=True
+        ):
             assert array.tobytes() == expected[part].tobytes()
 
 
@@ -298,8 +300,8 @@ def test_given_places_are_filled_and_returned():
     expected = chain.derivatives(angles)
     places = tuple(np.full_like(array, np.nan) for array in expected)
     assert chain.derivatives(np.asfortranarray(angles), out=places) is places
-    for returned, wanted in zip(places, expected, strict=True):
-        assert np.array_equal(returned, wanted)
+    for returned, own_place in zip(places, expected, strict=True):
+        assert np.array_equal(returned, own_place)
 
 
 GEOMETRY = random_geometry(1, 3)
@@ -313,8 +315,8 @@ ANGLES = np.zeros((5, 3))
 )
 def test_readings_of_another_shape_are_refused(of):
     for shape in [(3,), (2, 2), (2, 4), (1, 2, 3)]:
-        said = rf"angles_rad has shape .*expected \({shape[0]}, 3\)"
-        with pytest.raises(ValueError, match=said):
+        message = rf"angles_rad has shape .*expected \({shape[0]}, 3\)"
+        with pytest.raises(ValueError, match=message):
             of(np.zeros(shape))
 
 

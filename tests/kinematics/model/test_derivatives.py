@@ -10,11 +10,7 @@ from hypothesis import strategies as st
 from tests.kinematics.arms import geometries, random_geometry, seeds, size_mm
 from traverse.kinematics.model.derivatives import derivative_chunks, probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
-from traverse.kinematics.model.geometry import (
-    Coupling,
-    Geometry,
-    unit_vectors,
-)
+from traverse.kinematics.model.geometry import Coupling, Geometry, unit_vectors
 
 STEP = 1e-5
 RELATIVE = 1e-7
@@ -113,13 +109,13 @@ def test_an_axis_has_no_derivative_along_itself(geometry, seed):
 def test_chunks_give_the_same_as_one_block(chunk_samples, seed):
     geometry = random_geometry(7, 5)
     angles_rad = _angles(seed, geometry, 37)
-    whole = probe_derivatives(geometry, angles_rad)
+    undivided = probe_derivatives(geometry, angles_rad)
     seen = 0
     for part, chunk in derivative_chunks(geometry, angles_rad, chunk_samples):
         assert part.start == seen
         seen = part.stop
-        assert np.array_equal(chunk.by_axes, whole.by_axes[part])
-        assert np.array_equal(chunk.by_angles, whole.by_angles[part])
+        assert np.array_equal(chunk.by_axes, undivided.by_axes[part])
+        assert np.array_equal(chunk.by_angles, undivided.by_angles[part])
     assert seen == 37
 
 

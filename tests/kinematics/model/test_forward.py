@@ -13,11 +13,7 @@ from traverse.kinematics.model.backward_recursion import (
     BackwardRecursion,
     JointRotations,
 )
-from traverse.kinematics.model.forward import (
-    joint_positions,
-    probe_centre,
-    probe_pose,
-)
+from traverse.kinematics.model.forward import joint_positions, probe_centre, probe_pose
 from traverse.kinematics.model.geometry import Geometry, unit_vectors
 
 RELATIVE = 1e-12
@@ -139,11 +135,11 @@ def test_turns_of_a_joint_add_up(geometry, seed, data):
         probe_direction=unit_vectors(turned @ geometry.probe_direction),
     )
     angles = postures(geometry, seed)
-    both = angles.copy()
-    both[:, joint] += first
+    summed = angles.copy()
+    summed[:, joint] += first
     np.testing.assert_allclose(
         probe_centre(new, angles),
-        probe_centre(geometry, both),
+        probe_centre(geometry, summed),
         rtol=0,
         atol=4 * RELATIVE * size_mm(geometry),
     )

@@ -1,5 +1,3 @@
-"""Which kernel runs, and the way without one."""
-
 import os
 import subprocess
 import sys
@@ -113,11 +111,11 @@ def test_gil_is_free_while_a_block_is_computed(with_effects):
         compute = partial(
             deflected.poses, Block(angles), (0.0, 0.0, -9.8), centres, centres.copy()
         )
-    wanted, ran = threading.Lock(), []
-    wanted.acquire()
+    expected, ran = threading.Lock(), []
+    expected.acquire()
 
     def wait():
-        with wanted:
+        with expected:
             ran.append(True)
 
     thread = threading.Thread(target=wait)
@@ -125,7 +123,7 @@ def test_gil_is_free_while_a_block_is_computed(with_effects):
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1000.0)
     try:
-        wanted.release()
+        expected.release()
         for _ in range(2000):
             compute()
             if ran:
@@ -188,9 +186,9 @@ def test_readings_are_taken_however_they_lie(n_samples):
             if of is probe_derivatives:
                 computed, expected = computed.by_axes, expected.by_axes
             assert np.array_equal(computed, expected)
-    whole = np.round(angles)
-    computed = probe_centre(geometry, whole.astype(np.int64))
-    assert np.array_equal(computed, probe_centre(geometry, whole))
+    rounded = np.round(angles)
+    computed = probe_centre(geometry, rounded.astype(np.int64))
+    assert np.array_equal(computed, probe_centre(geometry, rounded))
 
 
 def test_arm_with_more_joints_than_the_kernel_takes_is_computed_by_numpy():

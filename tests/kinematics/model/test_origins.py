@@ -1,5 +1,3 @@
-"""Origins slid along hinges: nothing moves, and links say how far the arm reaches."""
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -161,7 +161,7 @@ def test_joints_without_encoder_are_named():
 
 
 @pytest.mark.parametrize(
-    ("counts_per_turn", "signs", "zeros_rad", "what"),
+    ("counts_per_turn", "signs", "zeros_rad", "expected"),
     [
         ([0], [1], [0.0], "counts_per_turn"),
         ([2**32 + 1], [1], [0.0], "counts_per_turn"),
@@ -171,8 +171,8 @@ def test_joints_without_encoder_are_named():
         ([8], [1], [np.nan], "zeros_rad"),
     ],
 )
-def test_impossible_encoders_are_refused(counts_per_turn, signs, zeros_rad, what):
-    with pytest.raises(ValueError, match=what):
+def test_impossible_encoders_are_refused(counts_per_turn, signs, zeros_rad, expected):
+    with pytest.raises(ValueError, match=expected):
         Encoders(np.array(counts_per_turn), np.array(signs), np.array(zeros_rad))
 
 

@@ -1,5 +1,3 @@
-"""From the ball's centre to the surface."""
-
 import numpy as np
 import pytest
 from hypothesis import given

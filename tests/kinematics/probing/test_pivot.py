@@ -1,5 +1,3 @@
-"""A probe vector found by pivoting in a cone."""
-
 import numpy as np
 import pytest
 
@@ -33,7 +31,7 @@ def moved(angles_rad, by_mm):
 
 
 def pivoted(angles_rad):
-    """What the fit says of postures, from a vector that is far off."""
+    """Fit postures, from a vector that is far off."""
     begun_mm = np.array([0.0, 0.0, 100.0])
     known = probe_derivatives(wrist(begun_mm), angles_rad)
     return fit_pivot(begun_mm, known.centres_mm, known.by_probe_vector)

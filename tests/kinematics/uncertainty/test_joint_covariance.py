@@ -20,9 +20,7 @@ from traverse.kinematics.uncertainty.arm_covariance import (
     ArmCovariance,
     parameter_columns,
 )
-from traverse.kinematics.uncertainty.joint_covariance import (
-    JointCovariance,
-)
+from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
 from traverse.kinematics.uncertainty.point_covariance import (
     PointNoise,
     point_uncertainties,

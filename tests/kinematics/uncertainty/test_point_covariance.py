@@ -110,13 +110,13 @@ def test_columns_are_the_differences_of_an_independent_arm(geometry, effects):
     derivatives, _ = parameter_columns(geometry, effects, Block(angles_rad))
     assert derivatives.shape == (4, 3, len(values))
     start, _, _ = corrected_pose(geometry, effects, Block(angles_rad))
-    here = np.tile(values, (4, 1))
+    nominal = np.tile(values, (4, 1))
     np.testing.assert_allclose(
-        centres_mm(geometry, effects, angles_rad, here), start, atol=1e-9
+        centres_mm(geometry, effects, angles_rad, nominal), start, atol=1e-9
     )
     for number in range(len(values)):
         step = 1e-5
-        up, down = here.copy(), here.copy()
+        up, down = nominal.copy(), nominal.copy()
         up[:, number] += step
         down[:, number] -= step
         slope = (

@@ -36,12 +36,12 @@ def test_elbow_at_a_right_angle():
 @given(st.floats(-3, 3), st.floats(-3, 3))
 def test_two_hinges_in_a_plane_follow_the_closed_form(a, b):
     centres, _ = probe_pose(planar_arm(400.0, 300.0), np.array([[a, b]]))
-    wanted = [
+    expected = [
         400 * np.cos(a) + 300 * np.cos(a + b),
         400 * np.sin(a) + 300 * np.sin(a + b),
         0.0,
     ]
-    np.testing.assert_allclose(centres[0], wanted, atol=1e-9)
+    np.testing.assert_allclose(centres[0], expected, atol=1e-9)
 
 
 @given(ANGLES)

@@ -16,13 +16,15 @@ def six_joint_arm() -> Arm:
     return arm.model_copy(update={"joints": arm.joints[:2] + arm.joints[3:]})
 
 
-def coupled(arm: Arm, **others: tuple[str, float]) -> Arm:
+def coupled(arm: Arm, **couplings: tuple[str, float]) -> Arm:
     """Couple joints to others: names and ratios."""
     joints = [
         joint.model_copy(
-            update=dict(zip(("coupled_to", "ratio"), others[joint.name], strict=True))
+            update=dict(
+                zip(("coupled_to", "ratio"), couplings[joint.name], strict=True)
+            )
         )
-        if joint.name in others
+        if joint.name in couplings
         else joint
         for joint in arm.joints
     ]

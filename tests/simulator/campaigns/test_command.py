@@ -35,10 +35,10 @@ def test_the_module_makes_a_campaign_and_says_what(spec_file, capsys, monkeypatc
     words = ["campaigns", str(spec_file), "--out", out, "--seed", "4"]
     monkeypatch.setattr("sys.argv", words)
     assert main() == 0
-    said = capsys.readouterr().out
-    assert "seed 4" in said
-    assert "poses 30" in said
-    assert "bar (ball_bar)" in said
+    output = capsys.readouterr().out
+    assert "seed 4" in output
+    assert "poses 30" in output
+    assert "bar (ball_bar)" in output
     lines = (spec_file.parent / "out" / "poses.csv").read_text().splitlines()
     assert len(lines) == 1 + 30
 
@@ -82,7 +82,7 @@ distance_mm = 250
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         (FILE + "n_pose = 3", "unknown key 'n_pose'; did you mean 'n_poses'?"),
         (FILE.replace("cones+bar", "cone"), "unknown mix 'cone'; known: bars, cones"),
@@ -98,10 +98,10 @@ distance_mm = 250
         (FILE.replace("arm.toml", "leg.toml"), "leg.toml"),
     ],
 )
-def test_a_mistake_in_the_file_is_reported(spec_file, capsys, text, said):
+def test_a_mistake_in_the_file_is_reported(spec_file, capsys, text, expected):
     spec_file.write_text(text)
     assert run(spec_file) == 2
-    assert said in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
 
 
 def test_the_reference_page_shows_a_file_that_is_valid_and_its_defaults():

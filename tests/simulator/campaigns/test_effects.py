@@ -1,5 +1,3 @@
-"""Campaigns of an arm with effects: what is drawn, refused and written."""
-
 import json
 
 import numpy as np
@@ -65,12 +63,14 @@ def test_a_standard_is_longer_than_its_certificate_says():
         example("artefact_length"),
         example("artefact_length", artefact="grid", error_ppm=-50.0),
     ]
-    said = tables(draw_noise(with_effects(rigid(), effects), 1, QUIET))
+    certified = tables(draw_noise(with_effects(rigid(), effects), 1, QUIET))
     true = tables(draw_noise(rigid(), 1, QUIET))
-    assert said["bar"]["distance_mm"] == pytest.approx(400.0 / (1.0 + 80e-6), abs=1e-12)
-    assert said["bar"]["radius_mm"] == 12.7
+    assert certified["bar"]["distance_mm"] == pytest.approx(
+        400.0 / (1.0 + 80e-6), abs=1e-12
+    )
+    assert certified["bar"]["radius_mm"] == 12.7
     for name, at_mm in true["grid"]["points_mm"].items():
-        shrunk_mm = np.array(said["grid"]["points_mm"][name]) * (1.0 - 50e-6)
+        shrunk_mm = np.array(certified["grid"]["points_mm"][name]) * (1.0 - 50e-6)
         np.testing.assert_allclose(shrunk_mm, at_mm, rtol=0, atol=1e-12)
 
 

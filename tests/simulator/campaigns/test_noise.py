@@ -124,9 +124,9 @@ def test_an_artefact_may_have_contact_noise_of_its_own():
 
 
 def test_draws_on_one_pose_set_differ_and_repeat(poses):
-    first, again, other = (draw_noise(poses, seed) for seed in (1, 1, 2))
+    first, repeated, other = (draw_noise(poses, seed) for seed in (1, 1, 2))
     readings_rad = first.campaign.readings_rad
-    np.testing.assert_array_equal(readings_rad, again.campaign.readings_rad)
+    np.testing.assert_array_equal(readings_rad, repeated.campaign.readings_rad)
     assert not np.any(readings_rad == other.campaign.readings_rad)
 
 

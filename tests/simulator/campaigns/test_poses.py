@@ -1,5 +1,3 @@
-"""Simulated dense scans: the ball stays where it should, effects are played."""
-
 import numpy as np
 import pytest
 
@@ -254,9 +252,9 @@ def test_speeds_have_the_sense_of_the_approach():
 
 def test_equal_seeds_give_equal_poses_and_others_other_ones():
     spec = CampaignSpec(mix="cones+bar", n_poses=60)
-    first, again, other = (make_poses(ARM, spec, seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first.turns_rad, again.turns_rad)
-    np.testing.assert_array_equal(first.truth.zeros_rad, again.truth.zeros_rad)
+    first, repeated, other = (make_poses(ARM, spec, seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first.turns_rad, repeated.turns_rad)
+    np.testing.assert_array_equal(first.truth.zeros_rad, repeated.truth.zeros_rad)
     assert not np.any(first.turns_rad == other.turns_rad)
 
 
@@ -314,7 +312,7 @@ n_poses = 2
 """
 
 
-def spec_file(**more):
+def spec_file(**changes):
     ball = {"id": "ball", "kind": "sphere", "radius_mm": 25.0, "n_poses": 2}
     return DenseFile.model_validate(
         {
@@ -324,7 +322,7 @@ def spec_file(**more):
             "noise": {"encoder_rad": 0.0, "contact_mm": 0.0},
             "scan": {"rate_hz": 100.0, "seconds": 2.0},
             "artefacts": ({"id": "seat", "kind": "cone", "n_poses": 1}, ball),
-            **more,
+            **changes,
         }
     )
 

@@ -24,10 +24,10 @@ def encoders(folder, *faults, n=2, **keys):
     device = SimulatedAmt21Line(table, mounting)
     with hosts_of(device, folder / "line") as (host,):
         device.live(0.0)
-        yield device, lambda request, at_s: asked(device, host, request, at_s)
+        yield device, lambda request, at_s: answer_of(device, host, request, at_s)
 
 
-def asked(device, host, request, at_s):
+def answer_of(device, host, request, at_s):
     os.write(host, bytes.fromhex(request))
     device.live(at_s)
     while (due_s := device.next_due_s(0.0)) < float("inf"):

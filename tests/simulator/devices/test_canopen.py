@@ -58,7 +58,6 @@ def bench(tmp_path):
     made = []
 
     def make(*faults, **keys):
-        """Two encoders that have booted."""
         made.append(Bench(tmp_path, *faults, nodes=(5, 9), **keys))
         made[-1].at(0.0)
         return made[-1]
@@ -313,8 +312,8 @@ class TestSlcan:
         assert self.talk(adapter, b"O\r", b"\r") == []
         assert self.talk(adapter, b"t0800\r", b"z\r") == [(0x080, b"")]
         assert self.talk(adapter, b"t6058400010", b"") == []
-        asked = (0x605, bytes.fromhex("4000100000000000"))
-        assert self.talk(adapter, b"0000000000\r", b"z\r") == [asked]
+        request = (0x605, bytes.fromhex("4000100000000000"))
+        assert self.talk(adapter, b"0000000000\r", b"z\r") == [request]
         adapter.send(0x185, b"\x40\xe2\x01\x00")
         assert self.talk(adapter, b"V\r", b"t185440E20100\rV1013\r") == []
         assert self.talk(adapter, b"C\r", b"\r") == []

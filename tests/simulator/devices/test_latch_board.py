@@ -1,5 +1,3 @@
-"""The board's side of the conversation, as tables of what is sent and answered."""
-
 import binascii
 import struct
 from dataclasses import dataclass, field
@@ -36,8 +34,6 @@ class Bench:
 
 
 class Talk:
-    """A board, spoken to in bodies."""
-
     def __init__(self, changes=(), first_ticks=0, ppm=0.0, warming_c_s=0.0):
         self.edges = []
         self.board = Board(
@@ -55,8 +51,8 @@ class Talk:
 
     def ask(self, body):
         body = bytes.fromhex(body)
-        whole = body + binascii.crc_hqx(body, 0xFFFF).to_bytes(2, "little")
-        parts = [bytes([len(p) + 1]) + p for p in whole.split(b"\0")]
+        checked = body + binascii.crc_hqx(body, 0xFFFF).to_bytes(2, "little")
+        parts = [bytes([len(p) + 1]) + p for p in checked.split(b"\0")]
         return self._read(self.board.receive(b"".join(parts) + b"\0"), "all")
 
     @staticmethod

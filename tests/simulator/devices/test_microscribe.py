@@ -33,10 +33,10 @@ def arm(folder, *faults, n=6, events=(), **keys):
     device = SimulatedMicroscribe(table, mounting)
     with hosts_of(device, folder / "line") as (host,):
         device.live(0.0)
-        yield device, host, lambda data, at_s=0.0: asked(device, host, data, at_s)
+        yield device, host, lambda data, at_s=0.0: answer_of(device, host, data, at_s)
 
 
-def asked(device, host, data, at_s):
+def answer_of(device, host, data, at_s):
     os.write(host, data)
     device.live(at_s)
     return heard(host)

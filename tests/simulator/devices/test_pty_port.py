@@ -1,5 +1,3 @@
-"""The simulator's ports after a host that ended without letting go."""
-
 import fcntl
 import os
 import struct

@@ -21,7 +21,7 @@ def encoders(folder, *faults, n=2, **keys):
         yield device, hosts
 
 
-def asked(device, host, request, at_s):
+def answer_of(device, host, request, at_s):
     os.write(host, request)
     device.live(at_s)
     return heard(host).hex(" ")
@@ -30,26 +30,26 @@ def asked(device, host, request, at_s):
 def test_every_request_has_its_answer(tmp_path):
     with encoders(tmp_path) as (device, (first, second)):
         # 1000 counts a second, channel 1 a second ahead: 4642 is 12 22, x4 + 3 is 48 8b
-        assert asked(device, first, b"1", 4.642) == "31 48 8b"
-        assert asked(device, second, b"1", 4.642) == "31 58 2b"
-        assert asked(device, first, b"3", 4.642) == "48 8b"
-        assert asked(device, first, b"d", 4.642) == "64 48 8b 00"
-        assert asked(device, first, b"t", 4.642) == "74 48 8b 01 2c"
-        assert asked(device, first, b"v", 4.642) == "76 30 30 30 37 30 30"
-        assert asked(device, second, b"i", 4.642) == "69 02"
-        assert asked(device, first, b"x", 4.642) == ""
+        assert answer_of(device, first, b"1", 4.642) == "31 48 8b"
+        assert answer_of(device, second, b"1", 4.642) == "31 58 2b"
+        assert answer_of(device, first, b"3", 4.642) == "48 8b"
+        assert answer_of(device, first, b"d", 4.642) == "64 48 8b 00"
+        assert answer_of(device, first, b"t", 4.642) == "74 48 8b 01 2c"
+        assert answer_of(device, first, b"v", 4.642) == "76 30 30 30 37 30 30"
+        assert answer_of(device, second, b"i", 4.642) == "69 02"
+        assert answer_of(device, first, b"x", 4.642) == ""
         assert device.totals()["rx_rejected"] == 1
 
 
 def test_more_bits_make_three_bytes(tmp_path):
     with encoders(tmp_path, bits=17) as (device, (first, _)):
-        assert asked(device, first, b"3", 70.0) == "88 b8 03"
+        assert answer_of(device, first, b"3", 70.0) == "88 b8 03"
 
 
 def test_turns_are_signed_and_stand_before_the_position(tmp_path):
     with encoders(tmp_path, encoder_turns=65536) as (device, (first, _)):
-        assert asked(device, first, b"1", 16.384 * 3) == "31 00 03 00 03"
-        assert asked(device, first, b"1", 16.384 * 65535) == "31 ff ff 00 03"
+        assert answer_of(device, first, b"1", 16.384 * 3) == "31 00 03 00 03"
+        assert answer_of(device, first, b"1", 16.384 * 65535) == "31 ff ff 00 03"
 
 
 def test_status_bits_are_0_when_they_apply(tmp_path):
@@ -59,10 +59,10 @@ def test_status_bits_are_0_when_they_apply(tmp_path):
     )
     with encoders(tmp_path, *faults) as (device, (first, second)):
         answers = [
-            asked(device, first, b"d", at_s)[-5:] for at_s in (0.0, 1.0, 2.0, 3.0)
+            answer_of(device, first, b"d", at_s)[-5:] for at_s in (0.0, 1.0, 2.0, 3.0)
         ]
         assert answers == ["03 00", "a1 40", "43 00", "e2 00"]
-        assert asked(device, second, b"d", 3.5).endswith("00")
+        assert answer_of(device, second, b"d", 3.5).endswith("00")
 
 
 KEY = bytes.fromhex("cd ef 89 ab")
@@ -73,7 +73,7 @@ def test_the_continuous_mode_is_set_up_started_and_stopped(tmp_path):
         at_s, echo = 0.0, ""
         for byte in KEY + bytes.fromhex("54 00 31 27 10") + KEY + b"S":
             at_s += 0.001
-            echo += asked(device, first, bytes((byte,)), at_s)
+            echo += answer_of(device, first, bytes((byte,)), at_s)
         assert bytes.fromhex(echo) == KEY + b"T\x001\x27\x10" + KEY + b"S"
         started_s = at_s
         assert device.streaming
@@ -87,14 +87,14 @@ def test_the_continuous_mode_is_set_up_started_and_stopped(tmp_path):
         at_s += 0.031
         for byte in KEY + b"P":
             at_s += 0.001
-            asked(device, first, bytes((byte,)), at_s)
+            answer_of(device, first, bytes((byte,)), at_s)
         assert not device.streaming
-        assert asked(device, first, b"1", at_s + 1.0).startswith("31")
+        assert answer_of(device, first, b"1", at_s + 1.0).startswith("31")
 
 
 def test_settings_sent_too_quickly_are_no_settings(tmp_path):
     with encoders(tmp_path) as (device, (first, _)):
-        asked(device, first, KEY + b"S", 1.0)
+        answer_of(device, first, KEY + b"S", 1.0)
         assert not device.streaming
         assert device.totals()["rx_rejected"] >= 1
 

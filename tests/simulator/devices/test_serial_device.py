@@ -100,13 +100,13 @@ def test_one_encoder_may_be_silent_late_or_lost(tmp_path):
         {"kind": "lost", "channel": 0, "at_s": 3.0, "probability": 1.0},
     )
     with teller(tmp_path, *faults) as (device, (host,)):
-        said = []
+        answers = []
         device.live(0.0)
         for now_s in (0.5, 1.5, 2.5, 3.5):
             os.write(host, b"0")
             device.live(now_s)
-            said.append(heard(host))
-        assert [len(data) for data in said] == [2, 0, 2, 0]
+            answers.append(heard(host))
+        assert [len(data) for data in answers] == [2, 0, 2, 0]
         os.write(host, b"1")
         device.live(4.0)
         assert heard(host) == b""
@@ -118,9 +118,9 @@ def test_one_encoder_may_be_silent_late_or_lost(tmp_path):
 
 
 def test_each_port_is_a_line_of_its_own_and_all_vanish_together(tmp_path):
-    gone = {"kind": "gone", "at_s": 1.0, "duration_s": 1.0}
+    fault = {"kind": "gone", "at_s": 1.0, "duration_s": 1.0}
     ports = ("run/a", "run/b")
-    with teller(tmp_path, gone, ports=ports) as (device, hosts):
+    with teller(tmp_path, fault, ports=ports) as (device, hosts):
         assert device.where == f"{tmp_path / 'run/a'} {tmp_path / 'run/b'}"
         device.live(0.0)
         os.write(hosts[1], b"0")

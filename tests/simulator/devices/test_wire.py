@@ -35,8 +35,8 @@ def test_hello():
 
 
 def test_reply():
-    wanted = "04 82 03 03 04 40 42 0F 03 14 58 00"
-    assert hexes(wire.reply(wire.START, 3, 0, 1_000_000)) == wanted
+    expected = "04 82 03 03 04 40 42 0F 03 14 58 00"
+    assert hexes(wire.reply(wire.START, 3, 0, 1_000_000)) == expected
 
 
 def test_sample():
@@ -56,13 +56,7 @@ def test_sample():
 
 def test_edge():
     data = wire.edge(
-        0,
-        1,
-        1,
-        seq=7,
-        ticks=10001,
-        counts=COUNTS,
-        status=np.zeros(2, dtype=np.uint8),
+        0, 1, 1, seq=7, ticks=10001, counts=COUNTS, status=np.zeros(2, dtype=np.uint8)
     )
     assert hexes(data) == (
         "02 84 04 01 01 07 01 01 03 11 27 01 04 01 02 03 04 FF FF 7F 01 01 03 33 3A 00"

@@ -1,5 +1,3 @@
-"""What a wrong clock shows, and when."""
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -24,7 +24,7 @@ SECOND = slice(1, 2)
 
 
 def errors_rad(fault: Fault, angles_rad: list[float]) -> list[float]:
-    """What the second encoder shows too much at angles; the first joint is at 0.5."""
+    """Errors of the second encoder at angles; the first joint is at 0.5."""
     poses = with_effects(RIGID, [], [fault])
     turns_rad = poses.turns_rad.copy()
     zeros_rad = poses.truth.zeros_rad

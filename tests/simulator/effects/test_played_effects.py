@@ -9,13 +9,7 @@ import numpy as np
 import pytest
 
 from tests.shared import shared
-from tests.simulator.effects.examples import (
-    START,
-    TABLES,
-    example,
-    heavy_arm,
-    spec_of,
-)
+from tests.simulator.effects.examples import START, TABLES, example, heavy_arm, spec_of
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
@@ -152,10 +146,10 @@ def test_effects_of_the_arm_are_played_from_the_start():
     effects = (example("joint_compliance"), example("encoder_eccentricity"))
     arm = ARM.model_copy(update={"effects": effects})
     poses = make_poses(arm, rigid().spec, seed=4)
-    again = with_effects(rigid(), effects)
-    np.testing.assert_array_equal(poses.turns_rad, again.turns_rad)
-    np.testing.assert_array_equal(poses.readings_rad, again.readings_rad)
-    assert poses.effects == again.effects == effects
+    repeated = with_effects(rigid(), effects)
+    np.testing.assert_array_equal(poses.turns_rad, repeated.turns_rad)
+    np.testing.assert_array_equal(poses.readings_rad, repeated.readings_rad)
+    assert poses.effects == repeated.effects == effects
 
 
 def test_without_effects_nothing_is_moved():

@@ -1,5 +1,3 @@
-"""The streaming simulator plays the effects of its arm file."""
-
 import json
 from collections.abc import Callable
 from datetime import timedelta
@@ -210,8 +208,8 @@ def test_speeds_and_senses_follow_the_course():
     senses = trajectory.senses(at_s)
     assert senses[:, 0].tolist() == [0.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0]
     assert not senses[:, 1].any()
-    again = Script(trajectory, (), repeat=True).senses(np.array([0.0, 4.0, 4.5]))
-    assert again[:, 0].tolist() == [0.0, -1.0, 1.0]
+    repeated = Script(trajectory, (), repeat=True).senses(np.array([0.0, 4.0, 4.5]))
+    assert repeated[:, 0].tolist() == [0.0, -1.0, 1.0]
 
 
 def test_the_climate_drifts_and_swings():

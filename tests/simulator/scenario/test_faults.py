@@ -27,8 +27,8 @@ def test_faults_strike_at_their_rate_and_are_counted(kind):
     struck = sum(data != FRAME for data in sent)
     assert struck == getattr(disturbed.counts, kind)
     assert abs(struck - 500) < 4 * np.sqrt(5000 * 0.1 * 0.9)
-    again = line(kind=kind, probability=0.1)
-    assert [again.disturb(FRAME, 0.0) for _ in range(5000)] == sent
+    repeated = line(kind=kind, probability=0.1)
+    assert [repeated.disturb(FRAME, 0.0) for _ in range(5000)] == sent
 
 
 def test_what_faults_do_to_a_frame():
@@ -131,10 +131,7 @@ def test_a_status_error_raises_and_clears_its_alarm():
     while (change := wired.peek_change()) is not None and len(alarms) < 5:
         alarms.append(change)
         wired.take_change()
-    assert alarms == [
-        AlarmChange(11.0, 1, 1, 1, 0),
-        AlarmChange(13.0, 1, 0, 1, 0),
-    ]
+    assert alarms == [AlarmChange(11.0, 1, 1, 1, 0), AlarmChange(13.0, 1, 0, 1, 0)]
 
 
 def test_before_the_script_begins_the_arm_rests_at_its_start():
@@ -145,7 +142,7 @@ def test_before_the_script_begins_the_arm_rests_at_its_start():
 
 
 def test_noise_does_not_depend_on_the_cutting_into_blocks():
-    whole, pieces = (
+    undivided, pieces = (
         EncoderSet(
             np.array([0, 1]), *(np.array([2**20, 2**20]),), np.array([1, 1]),
             np.array([2**20, 2**20]), noise_rad=1e-4,
@@ -153,7 +150,7 @@ def test_noise_does_not_depend_on_the_cutting_into_blocks():
         for _ in range(2)
     )  # fmt: skip
     readings = np.zeros((100, 2))
-    first = whole.counts(readings, np.random.default_rng(3))
+    first = undivided.counts(readings, np.random.default_rng(3))
     rng = np.random.default_rng(3)
     cut = [pieces.counts(readings[a:b], rng) for a, b in ((0, 7), (7, 8), (8, 100))]
     assert np.array_equal(first, np.concatenate(cut))

@@ -24,10 +24,7 @@ async def following() -> AsyncIterator[Listener]:
         while True:
             try:
                 async with MqttClient(
-                    "127.0.0.1",
-                    1883,
-                    username=OPERATOR,
-                    password=PASSWORDS[OPERATOR],
+                    "127.0.0.1", 1883, username=OPERATOR, password=PASSWORDS[OPERATOR]
                 ) as client:
                     await subscribe(client, ARM)
                     listener.client = client

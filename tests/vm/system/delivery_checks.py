@@ -45,9 +45,9 @@ class Delivery:
         status_text = unit.shown("StatusText")
         await asyncio.to_thread(unit.systemctl, "start", "mosquitto")
         await until(self._is_connected, "the broker again", SOON_S)
-        whole = await self._asked_for_all()
+        summary = await self._asked_for_all()
         assert self._by("button") >= n + N_POINTS
-        return f"{whole}; meanwhile: {status_text}"
+        return f"{summary}; meanwhile: {status_text}"
 
     async def lose_broker(self) -> str:
         """mosquitto forgets when it is killed; the outbox does not."""
@@ -60,10 +60,10 @@ class Delivery:
 
     async def lose_nothing(self) -> str:
         """Points that were acknowledged before the daemon was killed are delivered."""
-        whole = await self._asked_for_all()
+        summary = await self._asked_for_all()
         missing = self._acknowledged - {p.id for p in self._listener.points}
         assert not missing, f"{len(missing)} of {len(self._acknowledged)} missing"
-        return f"{whole}; {len(self._acknowledged)} acknowledged to us, all there"
+        return f"{summary}; {len(self._acknowledged)} acknowledged to us, all there"
 
     async def acknowledge(self) -> None:
         """Ask for points, so that something happens right after the answer."""

@@ -27,9 +27,9 @@ def be_nobody() -> str:
 
 def be_shut(name: str = unit.NAME) -> str:
     """The figure of `systemd-analyze security`."""
-    said = unit.run("systemd-analyze", "security", "--no-pager", name)
-    figure = re.search(r"exposure level for .*?: ([\d.]+)", said)
-    assert figure is not None, said
+    output = unit.run("systemd-analyze", "security", "--no-pager", name)
+    figure = re.search(r"exposure level for .*?: ([\d.]+)", output)
+    assert figure is not None, output
     assert float(figure[1]) <= MOST_EXPOSURE, figure[0]
     return f"{figure[1]} (at most {MOST_EXPOSURE})"
 

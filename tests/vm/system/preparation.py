@@ -81,7 +81,7 @@ def write_daemon() -> None:
 
 
 def write_drop_in() -> None:
-    """What `systemctl edit` would write: more patience."""
+    """Write the drop-in that `systemctl edit` would: more patience."""
     folder = Path(f"/etc/systemd/system/{NAME}.d")
     folder.mkdir()
     (folder / "slow.conf").write_text(_SLOW, "utf-8")

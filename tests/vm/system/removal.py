@@ -31,7 +31,7 @@ OTHERS = (
 
 
 def done(*words: str) -> str:
-    """What a program says; it must succeed."""
+    """Return a program's output; it must succeed."""
     ran = subprocess.run(words, capture_output=True, text=True, check=False)
     assert ran.returncode == 0, f"{words[0]}: {ran.returncode}, {ran.stderr}"
     return ran.stdout
@@ -57,8 +57,8 @@ def purge() -> str:
     after = set(done("find", "/", "-xdev", *prune, "-print").splitlines())
     left = sorted(p for p in after - before if not p.startswith(OTHERS))
     assert not left, f"{len(left)} files, such as {left[:5]}"
-    gone = sorted(p for p in before - after if not p.startswith(OTHERS))
-    assert not gone, f"{len(gone)} files are gone, such as {gone[:5]}"
+    lost = sorted(p for p in before - after if not p.startswith(OTHERS))
+    assert not lost, f"{len(lost)} files are gone, such as {lost[:5]}"
     for kind in ("passwd", "group"):
         answer = subprocess.run(["getent", kind, "traverse"], check=False)
         assert answer.returncode == 2, f"{kind} has traverse"

@@ -12,15 +12,15 @@ NAME = f"traverse@{ARM}.service"
 
 
 def systemctl(*words: str) -> str:
-    """What `systemctl` says; it must succeed."""
+    """Return systemctl's output; it must succeed."""
     return run("systemctl", *words)
 
 
 def run(*words: str) -> str:
-    """What a program says; it must succeed."""
+    """Return a program's output; it must succeed."""
     done = subprocess.run(words, capture_output=True, text=True, check=False)
-    said = f"{done.stdout}{done.stderr}".strip()
-    assert done.returncode == 0, f"{' '.join(words)}: {done.returncode}, {said}"
+    output = f"{done.stdout}{done.stderr}".strip()
+    assert done.returncode == 0, f"{' '.join(words)}: {done.returncode}, {output}"
     return done.stdout.strip()
 
 
@@ -49,13 +49,15 @@ def status_of(process: Path) -> dict[str, str]:
 
 
 def journal() -> str:
-    """What the daemon has logged, and systemd of it."""
+    """Log of the daemon, and systemd's entries about it."""
     return run("journalctl", "--no-pager", "--output=cat", "--unit", NAME)
 
 
-async def until(condition: Callable[[], object], what: str, timeout_s: float) -> None:
+async def until(
+    condition: Callable[[], object], awaited: str, timeout_s: float
+) -> None:
     """Look now and then, for what costs a program each time."""
     end_s = time.monotonic() + timeout_s
     while not await asyncio.to_thread(condition):
-        assert time.monotonic() < end_s, f"not within {timeout_s:g} s: {what}"
+        assert time.monotonic() < end_s, f"not within {timeout_s:g} s: {awaited}"
         await asyncio.sleep(LOOK_S)

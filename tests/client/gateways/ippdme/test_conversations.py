@@ -57,8 +57,7 @@ class Bench:
         self.happens("live 0 0 0")
 
     def happens(self, line: str) -> None:
-        """Let something happen at the arm."""
-        what, *rest = line.split()
+        happening, *rest = line.split()
         words = [word for word in rest if "=" not in word]
         options = dict(word.split("=") for word in rest if "=" in word)
         kinds: dict[str, Callable[..., None]] = {
@@ -78,7 +77,7 @@ class Bench:
             "press": self.session.press,
             "lost": lambda: self.session.take_loss(Lost("s", 3, 5, "cut")),
         }
-        kinds[what](*words, **options)
+        kinds[happening](*words, **options)
 
     def _wait(self, seconds: str) -> None:
         self.now_s += float(seconds)
@@ -135,15 +134,15 @@ def test_a_conversation(file: Path) -> None:
     expected: list[str] = []
     commands: list[str] = []
     for n, line in enumerate(file.read_text("ascii").splitlines(), 1):
-        what, text = line[:1], line[2:]
-        if what in (">", "*"):
+        sign, text = line[:1], line[2:]
+        if sign in (">", "*"):
             assert bench.replies == expected, f"before line {n} of {file.name}"
-        if what == ">":
+        if sign == ">":
             commands.append(text)
             bench.session.take_line(text.encode() + b"\r\n")
-        elif what == "*":
+        elif sign == "*":
             bench.happens(text)
-        elif what == "<":
+        elif sign == "<":
             expected.append(text)
     assert bench.replies == expected
     write(file.stem, commands, bench.replies)

@@ -39,7 +39,6 @@ class Serving:
             await asyncio.sleep(0.02)
 
     async def says(self, text: str) -> None:
-        """Wait until it has reported something."""
         await until(lambda: any(text in reports for reports in self.reports))
 
     async def touch(self, *, quality: Quality = GOOD) -> None:
@@ -69,7 +68,6 @@ async def serving(virtual: VirtualDaemon, broker: str) -> AsyncIterator[Serving]
 
 
 async def posed(client: IppClient) -> str:
-    """Begin a session, and wait for the first pose."""
     assert await client.ask("StartSession()") == []
     while True:
         (line,) = await client.ask("Get(X(),Y(),Z())")

@@ -11,7 +11,6 @@ FOLDER = Path(__file__).parents[4] / "build" / "ippdme"
 
 
 def write(name: str, commands: Iterable[str], replies: Iterable[str]) -> None:
-    """Write both files of a conversation."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     for kind, lines in (("cmd", commands), ("res", replies)):
         text = "".join(f"{line}\n" for line in lines)

@@ -1,17 +1,16 @@
-"""`python -m benchmarks.daily_check [YEARS]`: simulated years of daily checks.
+"""Simulated years of daily checks, by arms with errors of their own.
 
-Arms with errors of their own are checked each working day, the cone and the sphere in
-other postures each time. Arms without change show the rate of false warnings; arms that
-drift from day 51 on, or are knocked that day, show after how many checks it is found.
+The cone and the sphere are touched in other postures each time. An arm is as it was,
+drifts from day 51 on, or is knocked that day.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.tools.command_line import run_main
+from benchmarks.trials.lines import Line
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.model.forward import probe_centre
@@ -19,7 +18,7 @@ from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.cone import Cone
 from traverse.lab.artefacts.sphere import Sphere
-from traverse.lab.daily_check.control_chart import charted, rules
+from traverse.lab.daily_check.control_chart import charted
 from traverse.lab.daily_check.figures import (
     KINDS,
     DailyCheckFigures,
@@ -27,8 +26,7 @@ from traverse.lab.daily_check.figures import (
 )
 from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
 
-ARM = Path(__file__).parent.parent / "cli" / "demo_data" / "arm.toml"
-YEARS = 600
+ARM = Path(__file__).parent.parent.parent / "cli" / "demo_data" / "arm.toml"
 CHECKS = 250
 BEGINS = 50
 POOL, SPREAD_RAD = 600, 0.9
@@ -138,88 +136,38 @@ def _touched(places_mm: Floats) -> ArtefactTouches:
 
 
 @dataclass(frozen=True, slots=True)
-class Year:
-    """Alarms of a year.
+class Case:
+    """An arm before its year.
 
     Attributes:
-        alarms: By figure and rule, on which checks.
-        spat_2s_mm: On the first and the last day.
+        scenario: Key of `SCENARIOS`.
     """
 
-    alarms: dict[tuple[str, str], list[int]]
-    spat_2s_mm: tuple[float, float]
-
-    def warned(self) -> list[int]:
-        """Return checks with any alarm."""
-        return sorted({day for days in self.alarms.values() for day in days})
-
-    def beginnings(self) -> int:
-        """Return the number of warnings whose preceding check raised none."""
-        return _beginnings(self.warned())
+    scenario: str
+    arm: CheckedArm
 
 
-def _beginnings(days: list[int]) -> int:
-    return sum(day - 1 not in days for day in days)
+def drawn_case(scenario: str, seed: int) -> Case:
+    return Case(scenario, CheckedArm(seed))
 
 
-def year(seed: int, fault: Callable[[int], Fault]) -> Year:
-    arm = CheckedArm(seed)
-    checks = [arm.check(fault(day)) for day in range(CHECKS)]
-    alarms: dict[tuple[str, str], list[int]] = {}
+def year(case: Case) -> Line:
+    """Check an arm each working day of a year.
+
+    Returns:
+        `alarms`: days with an alarm, by figure and then by rule; `spat_2s_mm`: means of
+        the first and of the last days.
+    """
+    fault_on = SCENARIOS[case.scenario]
+    checks = [case.arm.check(fault_on(day)) for day in range(CHECKS)]
+    alarms: dict[str, dict[str, list[int]]] = {kind.key: {} for kind in KINDS}
     for kind in KINDS:
         values = [float(getattr(check, kind.key)) for check in checks]
         for day, point in enumerate(charted(values, positive=kind.positive)):
             for name in point.alarms:
-                alarms.setdefault((kind.key, name), []).append(day)
+                alarms[kind.key].setdefault(name, []).append(day)
     means = [
         float(np.mean([check.spat_2s_mm for check in part]))
         for part in (checks[:BEGINS], checks[-BEGINS:])
     ]
-    return Year(alarms, (means[0], means[1]))
-
-
-def lines(years: int) -> Iterator[str]:
-    """Results of all scenarios."""
-    for place, (name, fault) in enumerate(SCENARIOS.items()):
-        n = years if place == 0 else max(1, years // 3)
-        all_years = [year(1000 * place + seed, fault) for seed in range(n)]
-        first, last = np.mean([a_year.spat_2s_mm for a_year in all_years], axis=0)
-        yield f"{name} ({n} years; 2 s {1e3 * first:.1f} to {1e3 * last:.1f} um)"
-        yield from _false(all_years) if place == 0 else _found(all_years)
-
-
-def _false(years: list[Year]) -> Iterator[str]:
-    """Yield false alarms: checks with any, and by rule beside the computed rate."""
-    yield f"  {np.mean([a_year.beginnings() for a_year in years]):.2f} warnings a year"
-    for kind in KINDS:
-        for rule in rules("above" if kind.positive else "both"):
-            key = kind.key, rule.name
-            days = sum(_beginnings(a_year.alarms.get(key, [])) for a_year in years)
-            rate = days / (CHECKS * len(years))
-            yield (
-                f"  {kind.key}, {rule.name}: {rate:.3%} of checks, computed "
-                f"{rule.rate:.3%}"
-            )
-
-
-def _found(years: list[Year]) -> Iterator[str]:
-    """Yield after how many checks a fault is found, and by which figure."""
-    after = [
-        next((day - BEGINS + 1 for day in a_year.warned() if day >= BEGINS), CHECKS)
-        for a_year in years
-    ]
-    low, middle, high = np.percentile(after, [10, 50, 90])
-    seen = sum(count <= CHECKS - BEGINS for count in after)
-    yield (
-        f"  found in {seen} of {len(years)} years, after {middle:.0f} checks (median; "
-        f"{low:.0f} to {high:.0f} in eight of ten)"
-    )
-
-
-def main(years: int = YEARS) -> None:
-    for line in lines(years):
-        print(line, flush=True)
-
-
-if __name__ == "__main__":
-    run_main(main)
+    return {"alarms": alarms, "spat_2s_mm": means}

@@ -1,4 +1,4 @@
-"""What a driver has delivered, and waiting for more of it."""
+"""Deliveries of a driver, and waiting for more."""
 
 import asyncio
 from collections.abc import Callable
@@ -6,16 +6,15 @@ from typing import TypeVar
 
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import CountSamples, Delivery
-from traverse.testing.waiting import until
 
-__all__ = ["Taken", "until"]
+__all__ = ["Deliveries"]
 
 LIMIT_S = 20.0
 
 Kind = TypeVar("Kind")
 
 
-class Taken:
+class Deliveries:
     """Deliveries of one delivery_queue, in order."""
 
     def __init__(self, delivery_queue: DeliveryQueue) -> None:
@@ -29,12 +28,12 @@ class Taken:
         blocks = [block for block in self.all if isinstance(block, CountSamples)]
         return [int(seq) for block in blocks for seq in block.seq]
 
-    async def until(self, condition: Callable[[], object], what: str) -> None:
+    async def until(self, condition: Callable[[], object], awaited: str) -> None:
         try:
             async with asyncio.timeout(LIMIT_S):
                 while not condition():
                     self.all += await self._delivery_queue.take()
         except TimeoutError:
             raise AssertionError(
-                f"not delivered within {LIMIT_S} s: {what}; there came {self.all}"
+                f"not delivered within {LIMIT_S} s: {awaited}; there came {self.all}"
             ) from None

@@ -1,0 +1,1 @@
+"""How often the daily check warns, rightly and wrongly."""
