@@ -31,7 +31,7 @@ from traverse.lab.collection.collection import CollectedTouch, Collection, touch
 from traverse.lab.collection.figures import implausible_mm, same_place
 from traverse.lab.collection.plan import Target
 from traverse.plurals import counted
-from traverse.protocol.messages import Live, Point
+from traverse.protocol.messages import Event, Live, Point
 from traverse.strict_toml.reader import read_strict
 
 APPROACH_BAND_RAD = 5e-4  # hands that rest tremble less
@@ -118,13 +118,15 @@ class _Session:
             try:
                 async with ConfiguredClient(broker) as client:
                     self.reached = True
-                    await subscribe(client, arm, ("point", "live"))
+                    await subscribe(client, arm, ("point", "live", "event"))
                     self._say(f"following {arm} on {broker}")
                     async for item in received(client):
                         if isinstance(item.message, Live):
                             self._follow(item.message)
                         elif isinstance(item.message, Point):
                             self._take(item.message)
+                        elif isinstance(item.message, Event):
+                            self._doubt(item.message)
                         else:
                             self._say(f"{item.kind}: {item.error}")
                         if self._ended.is_set():
@@ -207,6 +209,17 @@ class _Session:
             f"count. Was it the right place? {ANSWERS}"
         )
         self._say(self._question)
+
+    def _doubt(self, event: Event) -> None:
+        """Leave out points that an event puts in doubt after they were taken."""
+        for point_id in str(event.data.get("points", "")).split():
+            if self._suspect is not None and self._suspect.id == point_id:
+                self._suspect = None
+            elif not self._collection.retract(point_id):
+                continue
+            number = point_id.rpartition("-")[2]
+            self._say(f"point {number} is left out again: {event.text}")
+            self._go_on()
 
     def _believe(self, suspect: CollectedTouch, *, without_others: bool) -> None:
         """Count the suspect; with `without_others`, retract the others of its place."""

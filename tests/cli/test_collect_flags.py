@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from tests.lab.collection.test_collection import CAMPAIGN
-from tests.protocol.message_examples import POINT
+from tests.protocol.message_examples import EVENT, POINT
 from traverse.cli.collect.session import _Session
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.collection.collection import Collection
@@ -39,6 +39,17 @@ def test_what_concerns_geometry_or_utc_alone_disqualifies_no_point(session):
     assert take(session, 0, "geometry_unknown") == 1
     assert take(session, 1, "utc_uncertain", "empirical") == 2
     assert session.flagged.lines() == []
+
+
+def test_points_that_an_event_puts_in_doubt_afterwards_are_left_out(session, capsys):
+    assert take(session, 0) == 1
+    assert take(session, 1) == 2
+    session._doubt(EVENT.model_copy(update={"data": {"constant_s": 0.6}}))
+    assert len(session._collection.touches) == 2
+    ids = {"points": f"{POINT.session}-1 {POINT.session}-7"}
+    session._doubt(EVENT.model_copy(update={"data": ids, "text": "it froze"}))
+    assert [touch.seq for touch in session._collection.touches.values()] == [0]
+    assert "point 1 is left out again: it froze" in capsys.readouterr().out
 
 
 def test_flagged_points_are_counted_with_the_reason_and_the_remedy(session, capsys):
