@@ -14,6 +14,7 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.lab.adjustment.adjusted import Adjustment
+from traverse.lab.adjustment.arm_values import ArmValues
 from traverse.lab.adjustment.mirrored_balls import (
     MOST_TRIALS,
     with_balls_on_the_right_side,
@@ -24,7 +25,6 @@ from traverse.lab.adjustment.noise import (
     better_noise,
     variance_model,
 )
-from traverse.lab.adjustment.parameters import ArmValues
 from traverse.lab.adjustment.pose_statistics import PoseStatistics
 from traverse.lab.adjustment.prepare import Options
 from traverse.lab.adjustment.problem import Network

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from traverse.lab.adjustment.adjusted import Adjustment
-from traverse.lab.adjustment.parameters import ArmValues
+from traverse.lab.adjustment.arm_values import ArmValues
 from traverse.lab.adjustment.problem import State
 from traverse.lab.adjustment.solve import adjust
 

@@ -26,8 +26,10 @@ from itertools import combinations
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
+from traverse.lab.adjustment.arm_values import ArmValues
 from traverse.lab.adjustment.noise import Noise
-from traverse.lab.adjustment.parameters import ArmValues, Parameters, masked
+from traverse.lab.adjustment.parameter_list import masked
+from traverse.lab.adjustment.parameters import Parameters
 from traverse.lab.adjustment.prepare import Options, Problem
 from traverse.lab.adjustment.problem import Network, State
 from traverse.lab.adjustment.solve import adjust

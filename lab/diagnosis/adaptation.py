@@ -14,15 +14,12 @@ from traverse.lab.diagnosis.model.fit import Fit, fitted, has_epoch
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
-    without_serial_noise,
 )
 from traverse.lab.diagnosis.model.result import DiagnosisOptions, HoldoutComparison
-from traverse.lab.diagnosis.search.decision import (
-    Decision,
-    NamedTerm,
-    of_single_joints,
-)
+from traverse.lab.diagnosis.model.serial_noise import without_serial_noise
+from traverse.lab.diagnosis.search.decision import Decision
 from traverse.lab.diagnosis.search.forward_search import SearchState, refitted
+from traverse.lab.diagnosis.search.naming import NamedTerm, of_single_joints
 
 # Compares a fit with the one without terms, on the poses kept aside.
 Compared = Callable[[Fit], HoldoutComparison]

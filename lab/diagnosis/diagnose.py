@@ -23,15 +23,13 @@ from traverse.lab.diagnosis.model.fit import (
     fitted,
     with_tools_begun,
 )
-from traverse.lab.diagnosis.model.observation_equations import (
-    SerialCorrelation,
-)
 from traverse.lab.diagnosis.model.result import (
     Diagnosis,
     DiagnosisOptions,
     HoldoutComparison,
     NoiseEstimate,
 )
+from traverse.lab.diagnosis.model.serial_noise import SerialCorrelation
 from traverse.lab.diagnosis.search.decision import Decision, decide
 from traverse.lab.diagnosis.search.forward_search import (
     Progress,

@@ -13,13 +13,13 @@ from traverse.lab.diagnosis.model.covariates import outlier_cluster
 from traverse.lab.diagnosis.model.fit import estimates_of, has_epoch
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
-from traverse.lab.diagnosis.search.decision import (
-    Decision,
+from traverse.lab.diagnosis.search.decision import Decision
+from traverse.lab.diagnosis.search.forward_search import DECIDED, ScoredCandidate
+from traverse.lab.diagnosis.search.naming import (
     NamedTerm,
     correlation,
     of_single_joints,
 )
-from traverse.lab.diagnosis.search.forward_search import DECIDED, ScoredCandidate
 from traverse.lab.outcomes.candidate import BankName, Candidate
 from traverse.lab.outcomes.diagnosis import (
     Alternative,

@@ -29,7 +29,7 @@ from traverse.lab.diagnosis.advice.minimal_detectable import (
 from traverse.lab.diagnosis.advice.optimal_poses import Experiment, experiment
 from traverse.lab.diagnosis.candidates.scoring import ALIAS
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-from traverse.lab.diagnosis.search.decision import NamedTerm
+from traverse.lab.diagnosis.search.naming import NamedTerm
 from traverse.lab.outcomes.candidate import Candidate
 from traverse.lab.outcomes.diagnosis import Alternative
 from traverse.lab.report.templates import Words

@@ -30,8 +30,8 @@ from traverse.lab.diagnosis.model.fit import rows_without
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
-    rows_by_pose,
 )
+from traverse.lab.diagnosis.model.serial_noise import rows_by_pose
 from traverse.lab.outcomes.candidate import BankName, Candidate
 
 

@@ -20,9 +20,9 @@ from traverse.lab.diagnosis.model.fit import (
     rows_without,
     with_effects,
 )
-from traverse.lab.diagnosis.model.observation_equations import (
+from traverse.lab.diagnosis.model.observation_equations import equations_of
+from traverse.lab.diagnosis.model.serial_noise import (
     SerialCorrelation,
-    equations_of,
     without_serial_noise,
 )
 from traverse.lab.outcomes.candidate import BankName

@@ -7,7 +7,7 @@ from tests.lab.diagnosis.report.test_words import candidate
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.candidates.candidate_scores import score_candidates
 from traverse.lab.diagnosis.model.observation_equations import equations_of
-from traverse.lab.diagnosis.search.decision import leaves_a_curve
+from traverse.lab.diagnosis.search.naming import leaves_a_curve
 
 KNOTS = [-2.0, -1.0, 0.0, 1.0, 2.0]
 

@@ -11,7 +11,7 @@ from tests.lab.diagnosis.fitted_rows import measured, measured_rows
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import project
 from traverse.lab.diagnosis.candidates.steps import scan_steps
-from traverse.lab.diagnosis.model.observation_equations import (
+from traverse.lab.diagnosis.model.serial_noise import (
     SerialCorrelation,
     is_serially_correlated,
     likeliest_serial_noise,
@@ -19,7 +19,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     serial_evidence,
     without_serial_noise,
 )
-from traverse.lab.diagnosis.search.forward_search import log_p_threshold, noise_draws
+from traverse.lab.diagnosis.search.thresholds import log_p_threshold, noise_draws
 
 
 def correlated_errors(rows, share, phi, n_draws, seed):
