@@ -112,14 +112,16 @@ class Judge:
         self._last_std_mm = LEAST_STD_MM
         self._offsets_ns: list[int] = []
         self._pardoned_s = np.inf, np.inf
+        self._is_named = True
         self._unnamed: dict[str, Lie] = {}
 
-    def pardon(self, from_s: float, until_s: float) -> None:
+    def pardon(self, from_s: float, until_s: float, *, is_named: bool = True) -> None:
         """Judge no number of a time in which nothing can show yet that it is wrong.
 
-        A point of that time has to be named by an event once it shows.
+        With ``is_named`` a point of that time has to be named by an event once it
+        shows; else nobody measures then.
         """
-        self._pardoned_s = from_s, until_s
+        self._pardoned_s, self._is_named = (from_s, until_s), is_named
 
     def take_names(self, ids: str) -> None:
         """Note that an event names points, which it puts in doubt afterwards."""
@@ -137,7 +139,8 @@ class Judge:
         std_mm = self._std_mm(point.covariance_mm2)
         kind = "mean" if point.samples > 1 else point.trigger
         for lie in self._judge(Claims.of(kind, point), std_mm, utc_offset_ns):
-            self._unnamed[point.id] = lie
+            if self._is_named:
+                self._unnamed[point.id] = lie
 
     def live(self, live: Live, utc_offset_ns: int) -> None:
         std_mm = self._std_mm(live.covariance_mm2)

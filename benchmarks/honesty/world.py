@@ -507,7 +507,8 @@ class World:
         begun_s = self.hub.now_s
         await daemon.points.change_probe(ProbeArgs(name=name))
         self.truth.put_on(name, self.hub.now_s)
-        self.judge.pardon(begun_s - CHANGE_S, self.hub.now_s + CHANGE_S)
+        until_s = self.hub.now_s + CHANGE_S
+        self.judge.pardon(begun_s - CHANGE_S, until_s, is_named=False)
 
     def _may_confirm(self) -> bool:
         """Return whether the arm's positions are right, which the operator checks."""
