@@ -60,6 +60,7 @@ class ConditionMonitor:
         self._sample_rows: list[tuple[str, int]] = []
         self._sample_bits = 0
         self._marked_ns: dict[Key, int] = {}
+        self._marked_bits: dict[str, int] = {}
         self._open: frozenset[Key] = frozenset()
         self.changed: Callable[[], None] = lambda: None
         self.bits = 0
@@ -155,6 +156,10 @@ class ConditionMonitor:
             return
         for name, bits in self._sample_rows:
             if marked := flags & bits:
+                # All that it was flagged with since it held: no event for each change.
+                if (name, ARM) in self._open:
+                    marked |= self._marked_bits.get(name, 0)
+                self._marked_bits[name] = marked
                 self.mark(name, ARM, meanings(marked))
             elif (name, ARM) in self._open:
                 self.settle(name, ARM)
