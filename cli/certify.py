@@ -53,10 +53,10 @@ def certify(
     """
     check_inputs(results, laboratory, campaign, arm, key, certificate)
     with refusals():
+        from traverse.lab.acceptance.laboratory import Laboratory
         from traverse.lab.certificates.certificate import certify as made
         from traverse.lab.certificates.certificate import issue_date
         from traverse.lab.certificates.evidence import add_data
-        from traverse.lab.certificates.laboratory import Laboratory
         from traverse.lab.certificates.signature import read_signing_key
         from traverse.strict_toml.reader import read_strict
 

@@ -132,7 +132,7 @@ def _by(module: str, name: str) -> Callable[[Path], object]:
 
 _read_probes = _by("daemon.pose.probe_library", "read_probes")
 _read_limits = _by("lab.acceptance.limits", "Limits")
-_read_laboratory = _by("lab.certificates.laboratory", "Laboratory")
+_read_laboratory = _by("lab.acceptance.laboratory", "Laboratory")
 _read_nominal = _by("lab.alignment.nominal", "read_nominal")
 _read_plan = _by("lab.collection.plan", "PlanFile")
 

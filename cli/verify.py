@@ -25,7 +25,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class _Inputs:
-    """Files of a verification; the last two are what it is compared with."""
+    """Files of a verification.
+
+    Attributes:
+        as_found: What it is compared with, as is `previous`.
+    """
 
     data: Path
     standard: str
@@ -33,6 +37,7 @@ class _Inputs:
     limits: Path | None
     as_found: Path | None
     previous: Path | None
+    laboratory: Path | None
 
     @property
     def previous_file(self) -> Path | None:
@@ -50,6 +55,7 @@ def verify(
     limits: Path | None = None,
     as_found: Path | None = None,
     previous: Path | None = None,
+    laboratory: Path | None = None,
     out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     plan: str | None = None,
     bidirectional: bool = False,
@@ -72,6 +78,8 @@ def verify(
         as_found: The arm file before it was adjusted; the same touches are computed
             with it, too.
         previous: certificate.json of the arm's previous certificate, or its folder.
+        laboratory: Who certifies, for whom and under which number, TOML; as of
+            `traverse certify`.
         out: Folder for the certificate.
         plan: Write what to touch for a standard into --out instead.
         bidirectional: With --plan iso10360-12: E_BI too.
@@ -79,7 +87,8 @@ def verify(
         trust: With --check: X.509 certificate of a signer, or of who vouches for it,
             PEM. Repeatable; else the signer is shown, not judged.
     """
-    check_inputs(data, arm, limits, as_found, previous, check, schemas, *(trust or ()))
+    others = limits, as_found, previous, laboratory
+    check_inputs(data, arm, *others, check, schemas, *(trust or ()))
     with refusals():
         if check is not None:
             _checked(check, trust or [], schemas, as_json=as_json)
@@ -99,7 +108,7 @@ def verify(
         if data is None or standard is None:
             refuse(f"{', '.join(missing)} missing; or give --plan STANDARD, or --check")
         known = _known(standard, "--standard")
-        inputs = _Inputs(data, known, arm, limits, as_found, previous)
+        inputs = _Inputs(data, known, arm, *others)
         certificate = _certificate(inputs, operator)
         values = certificate.values
         if out is not None:
@@ -126,13 +135,14 @@ def _known(standard: str, option: str) -> str:
 
 def _certificate(inputs: _Inputs, computed_by: str | None) -> "SealedCertificate":
     from traverse.lab.acceptance.administration import administration_of
-    from traverse.lab.acceptance.certificate.check import ARM, LIMITS
+    from traverse.lab.acceptance.certificate.check import ARM, LABORATORY, LIMITS
     from traverse.lab.acceptance.certificate.comparison import (
         AS_FOUND,
         PREVIOUS,
         read_before,
     )
     from traverse.lab.acceptance.certificate.values import SealedCertificate
+    from traverse.lab.acceptance.laboratory import Laboratory
     from traverse.lab.acceptance.limits import NO_LIMITS, Limits
     from traverse.lab.acceptance.standards import verified
     from traverse.lab.measured_points.reading import files_read, read_by_tool
@@ -144,6 +154,9 @@ def _certificate(inputs: _Inputs, computed_by: str | None) -> "SealedCertificate
     permitted = NO_LIMITS
     if inputs.limits is not None:
         permitted = read_strict(inputs.limits, Limits)
+    certifying = None
+    if inputs.laboratory is not None:
+        certifying = read_strict(inputs.laboratory, Laboratory)
     _ask_before(data, standard, arm, permitted)
     covariance = _covariance_beside(arm, arm_file)
     measured = read_by_tool(data, arm, None if covariance is None else arm_file)
@@ -160,7 +173,8 @@ def _certificate(inputs: _Inputs, computed_by: str | None) -> "SealedCertificate
     before = read_before(
         data, standard, permitted, arm, as_found=earlier[0], previous=earlier[1]
     )
-    kept = zip((LIMITS, AS_FOUND, PREVIOUS), (inputs.limits, *earlier), strict=True)
+    named = {LIMITS: inputs.limits, AS_FOUND: earlier[0], PREVIOUS: earlier[1]}
+    kept = (named | {LABORATORY: inputs.laboratory}).items()
     files |= {name: bytes_of(path) for name, path in kept if path is not None}
     return SealedCertificate(
         verified(measured, standard, permitted),
@@ -170,6 +184,7 @@ def _certificate(inputs: _Inputs, computed_by: str | None) -> "SealedCertificate
         administration_of(measured, arm, permitted),
         sources.report_provenance(source, computed_by),
         before,
+        certifying,
     )
 
 

@@ -30,6 +30,7 @@ from traverse.simulator.campaigns.acceptance.poses import (
 
 CHECKOUT = Path(__file__).parent.parent.parent
 TUTORIAL = CHECKOUT / "docs" / "tutorial" / "identify-an-arm.md"
+SIGNING = CHECKOUT / "docs" / "how-to" / "sign-a-certificate.md"
 STATED = """\
 operator = "M. Example"
 place = "Measuring room 2"
@@ -101,14 +102,18 @@ def certificates(out: Path) -> None:
     file.write_text(text, "utf-8")
     statements = "measuring_range_mm = 2400.0\nnext_date = 2027-11-20"
     Path("limits.toml").write_text(LIMITS.format(statements=statements), "utf-8")
-    verified("certificate", out / "certificate.png")
+    laboratory = re.search(r"```toml\n(.*?)```", SIGNING.read_text("utf-8"), re.DOTALL)
+    Path("laboratory.toml").write_text(laboratory[1] if laboratory else "", "utf-8")
+    more = ("--laboratory", "laboratory.toml")
+    verified("certificate", out / "certificate.png", *more)
 
 
-def verified(folder: str, picture: Path) -> None:
+def verified(folder: str, picture: Path, *more: str) -> None:
     """Verify, and draw the first page."""
     traverse(
         *("verify", "acceptance", "--standard", "iso10360-12", "--arm", "arm.toml"),
         *("--limits", "limits.toml", "--out", folder),
+        *more,
     )
     with pypdfium2.PdfDocument(f"{folder}/certificate.pdf") as document:
         small(document[0].render(scale=1.4).to_pil(), picture)

@@ -11,14 +11,14 @@ from pathlib import Path
 from cryptography.x509 import Certificate
 from lxml import etree
 
-from traverse.lab.acceptance.certificate.check import DATA
+from traverse.lab.acceptance.certificate.check import DATA, LABORATORY
+from traverse.lab.acceptance.laboratory import Laboratory
 from traverse.lab.certificates.evidence import (
-    LABORATORY,
     evidence_files,
     evidence_problems,
     evidence_text,
+    laboratory_on_page,
 )
-from traverse.lab.certificates.laboratory import Laboratory
 from traverse.lab.certificates.signature import (
     SIGNATURE,
     Checked,
@@ -59,8 +59,13 @@ def certify(
     if problems:
         raise FileError(folder, problems)
     stated = read_strict(laboratory, Laboratory)
-    text = bytes_of(laboratory).decode("utf-8")
-    write_atomically(folder / DATA / LABORATORY, text)
+    on_page = laboratory_on_page(folder)
+    if on_page is None:
+        text = bytes_of(laboratory).decode("utf-8")
+        write_atomically(folder / DATA / LABORATORY, text)
+    elif on_page != stated.plain_values:
+        message = "was made for another laboratory, customer or number"
+        raise FileError(folder, f"{message}; give its own {DATA}/{LABORATORY}")
     root = _document(folder, stated, issue_date(stated))
     problems = list(schema_problems(root, schemas))
     if problems:

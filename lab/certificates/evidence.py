@@ -24,10 +24,10 @@ from traverse.lab.acceptance.certificate.check import (
     PAGES,
     certificate_problems,
 )
+from traverse.lab.acceptance.laboratory import Laboratory
 from traverse.lab.acceptance.limits import NO_LIMITS
 from traverse.lab.adjustment import IdentificationError
 from traverse.lab.campaign.campaign import Campaign, read_campaign
-from traverse.lab.certificates.laboratory import Laboratory
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.results.files import (
     IDENTIFICATION,
@@ -45,7 +45,6 @@ from traverse.lab.report.templates import Filters, MissingValueError, page
 from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import FileError
 
-LABORATORY = "laboratory.toml"
 _DESIGN = "design.toml"
 _ARM = "arm.toml"
 # Neither figures nor data: when, by whom and how it was computed, and advice.
@@ -199,6 +198,12 @@ def evidence_text(folder: Path, laboratory: Laboratory, issued: date) -> str:
         raise FileError(folder, message) from error
     except ValueError as error:
         raise FileError(folder, str(error)) from error
+
+
+def laboratory_on_page(folder: Path) -> dict[str, Any] | None:
+    """Return what a verification states of its laboratory, if anything."""
+    path = folder / CERTIFICATE
+    return _values(path).get("laboratory") if path.is_file() else None
 
 
 def _values(path: Path) -> dict[str, Any]:

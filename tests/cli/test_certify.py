@@ -130,3 +130,30 @@ def test_a_key_with_a_password(at_desk: Path, monkeypatch: pytest.MonkeyPatch) -
     assert "TRAVERSE_KEY_PASSWORD" in run(line, 2).output
     monkeypatch.setenv("TRAVERSE_KEY_PASSWORD", "k")
     assert "signed" in run(line).output
+
+
+def test_the_laboratory_is_on_the_page_and_certifies_its_own_numbers(
+    at_desk: Path,
+) -> None:
+    run(
+        "verify acceptance --standard vdi2617-9 --arm design.toml --limits limits.toml "
+        "--laboratory laboratory.toml --out numbered"
+    )
+    page = (at_desk / "numbered" / "certificate.html").read_text("utf-8")
+    for text in (
+        "Certificate of verification 2026-0417",
+        "Messweg 1, Braunschweig, DE, accreditation D-K-00000-01-00",
+        "Example Works, Lyon, FR",
+        "demo-7, own make Demo 7",
+        "C. Gauss, head of the laboratory",
+    ):
+        assert text in page
+    assert "figures follow from the data" in run("verify --check numbered").output
+    other = (at_desk / "laboratory.toml").read_text().replace("2026-0417", "2026-0418")
+    (at_desk / "other.toml").write_text(other)
+    refused = run("certify numbered --laboratory other.toml", 2).output
+    assert "another laboratory, customer or number" in " ".join(refused.split())
+    assert "dcc.xml" in run("certify numbered --laboratory laboratory.toml").output
+    data = at_desk / "numbered" / "data" / "laboratory.toml"
+    data.write_text(other)
+    assert "laboratory.toml was altered" in run("verify --check numbered", 1).output

@@ -19,6 +19,7 @@ from traverse.lab.acceptance.certificate.values import (
     SealedCertificate,
     result_values,
 )
+from traverse.lab.acceptance.laboratory import Laboratory
 from traverse.lab.acceptance.limits import NO_LIMITS, Limits
 from traverse.lab.acceptance.standards import STANDARDS, verified
 from traverse.lab.measured_points.reading import files_read, read_by_tool
@@ -36,7 +37,7 @@ from traverse.strict_toml.reader import read_strict
 _NOT_COMPARED = ("date_utc", "provenance")
 CERTIFICATE = "certificate.json"
 PAGES = (CERTIFICATE, "certificate.html", "certificate.pdf")
-ARM, LIMITS = "arm.toml", "limits.toml"
+ARM, LIMITS, LABORATORY = "arm.toml", "limits.toml", "laboratory.toml"
 DATA = "data"
 
 
@@ -86,6 +87,9 @@ def _figure_problems(values: Mapping[str, Any], folder: Path) -> Iterator[str]:
         return
     file = folder / LIMITS
     limits = read_strict(file, Limits) if file.is_file() else NO_LIMITS
+    laboratory = None
+    if "laboratory" in values:
+        laboratory = read_strict(folder / LABORATORY, Laboratory)
     recordings = sorted(folder.glob("*.mcap"))
     has_campaign = (folder / "campaign.toml").is_file()
     data = folder if has_campaign or not recordings else recordings[0]
@@ -107,6 +111,7 @@ def _figure_problems(values: Mapping[str, Any], folder: Path) -> Iterator[str]:
             as_found=_there(folder / AS_FOUND),
             previous=_there(folder / PREVIOUS),
         ),
+        laboratory,
     )
     computed = json.loads(json.dumps(result_values(again)))
     stated = dict(values)

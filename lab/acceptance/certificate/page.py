@@ -14,6 +14,13 @@ from traverse.lab.report.templates import Words, page
 WIDTH_MM = 165.0
 WORDS = Words("acceptance/certificate/words.jinja")
 NOT_STATED = "not stated"
+_PLACES = {
+    "laboratory": "the laboratory",
+    "customer": "the customer",
+    "laboratoryBranch": "a branch of the laboratory",
+    "customerBranch": "a branch of the customer",
+    "other": "another place",
+}
 _MOST_PLACES = 2
 
 
@@ -128,7 +135,8 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
     times = " to ".join(_time(entry) for entry in dict.fromkeys(measured))
     versions = ", ".join(f"{name} {text}" for name, text in source["versions"].items())
     return [
-        ("Arm", administration["arm_name"]),
+        *_laboratory_rows(values),
+        ("Arm", _described_arm(values)),
         ("Serial number of the arm", administration["arm_serial_number"] or NOT_STATED),
         *_known("Arm calibrated", _date(administration["arm_calibration_date"])),
         ("Probe", _joined(administration, "{probe:s}", *_BALL)),
@@ -155,6 +163,49 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("SHA-256 of the campaign", source["campaign"]["sha256"]),
         ("SHA-256 of the arm", values["arm"]["digest"]),
     ]
+
+
+def _laboratory_rows(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Say who certifies, for whom, and under which number."""
+    stated = values.get("laboratory")
+    if stated is None:
+        return
+    replaced = stated.get("replaces")
+    replaces = f", in place of {replaced}" if replaced else ""
+    yield "Certificate", f"{stated['number']}{replaces}"
+    yield "Issued", stated.get("issued") or values["date_utc"][:10]
+    yield "Laboratory", _address(stated["laboratory"])
+    yield "Customer", _address(stated["customer"])
+    yield "Measured at", _PLACES[stated["performed_at"]]
+    yield (
+        "Answers for it",
+        "; ".join(
+            ", ".join(filter(None, (person["name"], person.get("role"))))
+            for person in stated["persons"]
+        ),
+    )
+
+
+def _address(contact: Mapping[str, str]) -> str:
+    """Write a name with its address, and the accreditation of a laboratory."""
+    town = f"{contact.get('post_code', '')} {contact['city']}".strip()
+    code = contact.get("code")
+    parts = (
+        contact["name"],
+        contact.get("street"),
+        town,
+        contact["country"],
+        code and f"accreditation {code}",
+    )
+    return ", ".join(filter(None, parts))
+
+
+def _described_arm(values: Mapping[str, Any]) -> str:
+    """Write the arm's name, with maker and model where they are stated."""
+    item = values.get("laboratory", {}).get("arm", {})
+    made = " ".join(item[key] for key in ("manufacturer", "model") if key in item)
+    name: str = values["administration"]["arm_name"]
+    return f"{name}, {made}" if made else name
 
 
 def _known(label: str, text: str | None) -> Iterator[tuple[str, str]]:

@@ -21,6 +21,7 @@ from traverse.lab.acceptance.conformity import (
     PredictedLengths,
     Verification,
 )
+from traverse.lab.acceptance.laboratory import Laboratory
 from traverse.lab.acceptance.limits import Limits
 from traverse.lab.acceptance.monte_carlo import propagated
 from traverse.lab.acceptance.statements import absent_statements, required_statements
@@ -42,6 +43,7 @@ class SealedCertificate:
 
     Attributes:
         limits: As read, or none.
+        laboratory: Who certifies, for whom, if anybody says so.
         files: Contents of the files, by the names that they get in the folder `data`.
         before: What it is compared with.
     """
@@ -53,6 +55,7 @@ class SealedCertificate:
     administration: Administration
     provenance: ReportProvenance
     before: Before = NOTHING_BEFORE
+    laboratory: Laboratory | None = None
 
     @property
     def values(self) -> dict[str, Any]:
@@ -92,6 +95,7 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         "date_utc": certificate.provenance.date_utc,
         "provenance": certificate.provenance.values,
         "administration": plain_values(stated),
+        **_stated_by(certificate.laboratory),
         "statements": {
             "required": [entry.code for entry in required_statements(standard)],
             "absent": plain_values(absent),
@@ -114,6 +118,10 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         **predicted,
         "remarks": list(verification.remarks),
     }
+
+
+def _stated_by(laboratory: Laboratory | None) -> dict[str, Any]:
+    return {} if laboratory is None else {"laboratory": laboratory.plain_values}
 
 
 def _decided(figure: Figure) -> DecidedFigure:

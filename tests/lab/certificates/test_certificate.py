@@ -14,6 +14,7 @@ from tests.results import ARM
 from tests.running import invoke
 from tests.simulator.effects.examples import spec_of
 from traverse.kinematics.arm_file.arm import read_arm
+from traverse.lab.acceptance.laboratory import Laboratory
 from traverse.lab.certificates.certificate import (
     certify,
     checked_certificate,
@@ -24,7 +25,6 @@ from traverse.lab.certificates.evidence import (
     certificate_text,
     quantity,
 )
-from traverse.lab.certificates.laboratory import Laboratory
 from traverse.lab.certificates.signature import SigningKey
 from traverse.lab.certificates.xml import indented, read_xml, schema_problems
 from traverse.lab.outcomes.acceptance import (

@@ -1,7 +1,7 @@
 """The TOML file of a laboratory: who certifies, for whom, under which number."""
 
 from datetime import date
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -66,3 +66,8 @@ class Laboratory(StrictModel):
     customer: Contact
     persons: tuple[Person, ...] = Field(min_length=1)
     arm: Item = Item()
+
+    @property
+    def plain_values(self) -> dict[str, Any]:
+        """What is stated, for JSON."""
+        return self.model_dump(mode="json", exclude_none=True, exclude={"schema_"})
