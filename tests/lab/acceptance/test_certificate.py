@@ -204,9 +204,10 @@ def test_the_page_says_who_measured_when_with_which_standards(made, written):
     page = (written / "certificate.html").read_text()
     for said in ("M. Curie", "Laboratory 2", "KB 0815", "2026-05-04", "D7-0042"):
         assert f"<td>{said}</td>" in page
-    assert (
-        page.index("Accepted") < page.index("Measurement") < page.index("Definitions")
-    )
+    heads = [page.index(f"<h2>{head}") for head in ("Measurement", "Definitions")]
+    assert page.index("Accepted") < heads[0] < heads[1]
+    # Nobody says who certifies, and under which number.
+    assert "Record of a verification" in page
 
 
 def change(path, old, new):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.docs.pages import CHECKOUT
 from tests.lab.measurements import (
     SURE_MM,
     TIP_MM,
@@ -13,12 +14,16 @@ from tests.lab.measurements import (
     on_a_ball,
     touches,
 )
+from traverse.kinematics.arm_file.arm import read_arm
+from traverse.lab.acceptance.administration import administration_of
 from traverse.lab.acceptance.conformity import Figure, Missing, Scatter
 from traverse.lab.acceptance.procedures.scanning import (
     narrowest_mm,
     representatives,
     scanning,
 )
+from traverse.lab.acceptance.standards import STANDARDS
+from traverse.lab.acceptance.statements import absent_statements
 from traverse.simulator.campaigns.acceptance.layout import PATTERN_25, spiral
 
 CENTRE = np.array([300.0, -200.0, 100.0])
@@ -180,6 +185,26 @@ def test_a_flat_by_hand():
     assert figure.value_mm == pytest.approx(0.006, abs=5e-4)
     assert dict(figure.parts)["all points"] == pytest.approx(0.016, abs=5e-4)
     assert figure.budget.standard_mm == pytest.approx(np.hypot(5e-4, 3e-4))
+
+
+def test_a_verdict_on_scanning_rests_on_an_agreement_and_on_the_flat():
+    arm = read_arm(CHECKOUT / "cli" / "demo_data" / "arm.toml")
+    data = flat(np.zeros(300), form_mm=0.001, serial_number="E 1")
+    agreed = limits().model_copy(update={"agreement": "contract 4"})
+    for permitted, is_agreed in ((limits(), False), (agreed, True)):
+        stated = administration_of([data], arm, permitted)
+        absent = {
+            standard: {each.code: each for each in absent_statements(standard, stated)}
+            for standard in STANDARDS
+        }
+        assert ("agreement" in absent["iso10360-8"]) is not is_agreed
+        assert "agreement" not in absent["iso10360-12"]
+        # What the flat's certificate lacks is asked for, but no expansion.
+        assert absent["iso10360-8"]["certificate_number"].names == ("plane E 1",)
+        assert "expansion" not in absent["iso10360-8"]
+        assert "measuring_range" not in absent["iso10360-8"]
+    unknown = flat(np.zeros(300))
+    assert administration_of([unknown], arm, limits()).standards == ()
 
 
 def test_a_flat_without_a_certified_form_decides_nothing():

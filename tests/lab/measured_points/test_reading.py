@@ -45,6 +45,19 @@ def test_a_touch_of_a_recording_is_the_mean_of_its_samples(tmp_path):
     assert measured.of("bar").tip_mm.tolist() == [3.0, 3.0]
 
 
+def test_of_a_scan_each_sample_is_a_point(tmp_path):
+    arm = parse_arm(ARM)
+    folder = folder_of(tmp_path, [at(0, "scan-seat"), *TOUCHING[1:]])
+    file = folder / "campaign.toml"
+    file.write_text(file.read_text().replace('"seat"', '"scan-seat"'))
+    measured = read_measured(folder, arm)
+    poses = read_campaign(folder, JOINTS).poses
+    places = probe_centre(geometry_from_arm(arm), poses.angles_rad[poses.lines <= 100])
+    np.testing.assert_allclose(measured.of("scan-seat").places_mm, places, atol=1e-9)
+    assert len(places) > 90
+    assert measured.of("bar").features == ("2", "1")
+
+
 def test_a_recording_may_hold_its_campaign(tmp_path):
     path, arm = tmp_path / "alone.mcap", parse_arm(ARM)
     counts = (np.round(TURNS) + np.array([4000, 300])) % PER_TURN
