@@ -32,7 +32,7 @@ ARITHMETIC = {
 def counted(name: str, folder: Path) -> tuple[Counter[str], str, int]:
     """Return instructions a pose by kind, the printed sums, and vectorised loops."""
     prefix, emulator = TARGETS[name]
-    made = folder / f"rows-{name}"
+    program = folder / f"rows-{name}"
     sources = (str(KERNEL / "variants.c"), str(ROOT / "benchmarks/tools/kernel_rows.c"))
     built = subprocess.run(
         [
@@ -42,7 +42,7 @@ def counted(name: str, folder: Path) -> tuple[Counter[str], str, int]:
             *sources,
             "-lm",
             "-o",
-            made,
+            program,
         ],
         check=True,
         capture_output=True,
@@ -50,7 +50,7 @@ def counted(name: str, folder: Path) -> tuple[Counter[str], str, int]:
     )
     loops = set(re.findall(r"(\S+:\d+):\d+: optimized: loop vectorized", built.stderr))
     listing = subprocess.run(
-        [f"{prefix}objdump", "-d", "--no-show-raw-insn", made],
+        [f"{prefix}objdump", "-d", "--no-show-raw-insn", program],
         check=True,
         capture_output=True,
         text=True,
@@ -61,7 +61,7 @@ def counted(name: str, folder: Path) -> tuple[Counter[str], str, int]:
     for n in SIZES:
         log = folder / f"log-{name}"
         traced = ("-singlestep", "-d", "nochain,exec", "-D", str(log))
-        words = [*emulator, *traced, str(made), str(n)]
+        words = [*emulator, *traced, str(program), str(n)]
         run = subprocess.run(words, check=True, capture_output=True, text=True)
         with log.open() as lines:
             places = (int(line.split("/")[1], 16) for line in lines if "/" in line)

@@ -36,7 +36,6 @@ COMPILED = KERNELS[1:]
 
 
 def arm(n_joints: int = 7) -> Geometry:
-    """An arm without any symmetry."""
     rng = np.random.default_rng(1)
     return Geometry(
         origin_mm=rng.uniform(-100, 100, 3),
@@ -166,7 +165,6 @@ def tables(
 
 
 def main(path: Path | None = None) -> None:
-    """Print the tables; write them to a file if one is named."""
     if not COMPILED:
         sys.exit("the kernel in C is not built, so there is nothing to compare")
     report(tables(), path)

@@ -111,7 +111,7 @@ def _options(
 
 def command_line(names: Iterable[str]) -> CommandGroup:
     """Make the command line of some commands."""
-    made = CommandGroup(
+    group = CommandGroup(
         "traverse",
         cls=Commands,
         help="Measurement daemon of an articulated-arm coordinate measuring machine.",
@@ -121,16 +121,16 @@ def command_line(names: Iterable[str]) -> CommandGroup:
         rich_markup_mode=None,  # brackets are units here
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    made.callback()(_options)
+    group.callback()(_options)
     for name in names:
         command = _command(name.replace("-", "_"))
         if isinstance(command, CommandGroup):
-            made.add_typer(command, cls=Commands)
+            group.add_typer(command, cls=Commands)
         elif name == "run":
-            made.command(cls=ConfigCommand)(command)
+            group.command(cls=ConfigCommand)(command)
         else:
-            made.command("help" if name == "help" else None)(command)
-    return made
+            group.command("help" if name == "help" else None)(command)
+    return group
 
 
 def _command(name: str) -> Any:  # noqa: ANN401 - a function, or a group

@@ -76,33 +76,33 @@ def from_table(
         names = [joint.name for joint in model.joints]
         rows = foreign_table.read_foreign_table(table, len(names))
         with refusals(foreign_columns.UnclearError):
-            meant = foreign_columns.understood(
+            mapping = foreign_columns.understood(
                 rows,
                 geometry_from_arm(model),
                 names,
                 foreign_columns.ColumnOptions(**column_options),
             )
-        lines = list(from_table.understood_lines(meant, names))
+        lines = list(from_table.understood_lines(mapping, names))
         if not yes:
             typer.echo("\n".join([f"{table}: {rows.n_rows} rows", *lines]), err=True)
             if not sys.stdin.isatty():
                 refuse("nobody can be asked; give --yes if this is right")
             if not typer.confirm("Is this right?", err=True):
                 raise typer.Exit(FAILED)
-        sentence = from_table.write_campaign_of(out, table, rows, meant, names)
+        sentence = from_table.write_campaign_of(out, table, rows, mapping, names)
     report = {
         "campaign": str(out),
         "rows": rows.n_rows,
-        "joints": dict(zip(names, meant.joints, strict=True)),
-        "position": list(meant.position),
-        "orientation": list(meant.orientation),
-        "time": meant.time,
-        "temperature": meant.temperature,
-        "names": meant.label,
-        "left_out": list(meant.left_out),
-        "angles": meant.angle_unit,
-        "lengths": meant.length_unit,
-        "rms_mm": meant.rms_mm,
+        "joints": dict(zip(names, mapping.joints, strict=True)),
+        "position": list(mapping.position),
+        "orientation": list(mapping.orientation),
+        "time": mapping.time,
+        "temperature": mapping.temperature,
+        "names": mapping.label,
+        "left_out": list(mapping.left_out),
+        "angles": mapping.angle_unit,
+        "lengths": mapping.length_unit,
+        "rms_mm": mapping.rms_mm,
     }
     if yes:
         lines.append(sentence)

@@ -125,8 +125,8 @@ def session(
     Args:
         note: Text that is stored with the session.
     """
-    begun = send_command(arm, broker, lambda client: client.new_session(note))
-    _show({"session": begun}, begun, as_json=as_json)
+    name = send_command(arm, broker, lambda client: client.new_session(note))
+    _show({"session": name}, name, as_json=as_json)
 
 
 def use_probe(

@@ -209,7 +209,7 @@ async def _follow(
             ReferenceArgs(action="confirm"),
             ScanArgs(action="start", rate_hz=rate_hz),
         )
-        begun = is_ready = False
+        has_begun = is_ready = False
         async for item in received(client):
             message = item.message
             if isinstance(message, Point):
@@ -223,8 +223,8 @@ async def _follow(
             elif isinstance(message, Event):
                 if message.severity != "info" or message.code == "reference.confirmed":
                     typer.echo(line(item.arm, message))
-            elif isinstance(message, Status) and not begun:
-                begun = True
+            elif isinstance(message, Status) and not has_begun:
+                has_begun = True
                 typer.echo("the operator confirms device and reference of the arm")
                 for act in first_acts:
                     command = Command.carrying(act, request=f"demo-{act.command}")

@@ -58,8 +58,8 @@ async def _record(
 
     async with Arm(arm, broker) as client:
         start = RecordArgs(action="start", name=name, note=note or None)
-        begun = await client.execute(start)
-        typer.echo(f"recording {begun['file']}", err=quiet)
+        started = await client.execute(start)
+        typer.echo(f"recording {started['file']}", err=quiet)
         ended = asyncio.Event()
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):

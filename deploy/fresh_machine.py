@@ -145,8 +145,8 @@ def made_tree(suite: str, python: str) -> Path:
     command = ["mmdebstrap", "--quiet", "--mode=root", "--variant=minbase"]
     package_sources = sources(suite)
     command += [*apt_settings(), f"--include={include}", suite, str(part), "-"]
-    made = subprocess.run(command, input=package_sources, text=True, check=False)
-    if made.returncode:
+    result = subprocess.run(command, input=package_sources, text=True, check=False)
+    if result.returncode:
         raise NotHereError(f"mmdebstrap cannot make Debian {suite}; see above")
     part.rename(archive)
     return archive

@@ -55,18 +55,20 @@ class FileSchema(GenerateJsonSchema):
         if members is not None:
             key, default, kinds = members
             return self._any_of(key, default, kinds)
-        made = super().model_schema(schema)
+        json_schema = super().model_schema(schema)
         about, *sections = re.split(r"\n\n(?=Attributes:\n)", inspect.getdoc(cls) or "")
-        made["description"] = " ".join(about.split())
+        json_schema["description"] = " ".join(about.split())
         for name, text in _ENTRY.findall("".join(sections)):
             field = cls.model_fields.get(name)
-            described = made["properties"].get((field and field.alias) or name)
+            described = json_schema["properties"].get((field and field.alias) or name)
             if described is not None and "$ref" not in described:
                 described["description"] = " ".join(text.split())
         if cls is CampaignFile:
             kinds = ((kind, table) for kind, table in ARTEFACT_KINDS.items())
-            made["properties"]["artefacts"]["items"] = self._any_of("kind", None, kinds)
-        return made
+            json_schema["properties"]["artefacts"]["items"] = self._any_of(
+                "kind", None, kinds
+            )
+        return json_schema
 
     def _any_of(
         self,

@@ -96,12 +96,12 @@ def overview_values(
         values["concerns"] = [concern.text for concern in concerns]
         arms_values.append(values)
     arms_values.sort(key=lambda of_arm: (-_RANKS.index(of_arm["need"]), of_arm["arm"]))
-    heard = [of_arm["heard_utc"] for of_arm in arms_values if of_arm["heard_utc"]]
+    heard_utc = [of_arm["heard_utc"] for of_arm in arms_values if of_arm["heard_utc"]]
     values = {
         "schema": SCHEMA,
         "time_utc": _utc(now_ns),
         "database": database.name,
-        "heard_utc": max(heard, default=None),
+        "heard_utc": max(heard_utc, default=None),
         "arms": arms_values,
     }
     return values, reports

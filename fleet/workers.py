@@ -93,8 +93,8 @@ class Workers:
                     if any(_is_broken(future) for future in ended):
                         break
                     for future in ended:
-                        made = _result(future, pool.deaths)
-                        yield going.pop(future)[0], made
+                        result = _result(future, pool.deaths)
+                        yield going.pop(future)[0], result
             for future, (item, deaths) in going.items():
                 if not _is_broken(future):
                     yield item, future.result()
@@ -215,10 +215,10 @@ def _cluster(address: str) -> Iterator[_Pool]:
             return max(sum(map(int, threads.values())), 1)
 
         try:
-            theirs = set(client.run(_versions).values())
+            their_versions = set(client.run(_versions).values())
         except ImportError as error:
             raise WorkersError(f"{address}: workers lack Traverse: {error}") from error
-        for versions in theirs - {_versions()}:
+        for versions in their_versions - {_versions()}:
             raise WorkersError(
                 f"{address}: a worker has {versions}; here it is {_versions()}: "
                 "results would differ"

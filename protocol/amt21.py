@@ -100,18 +100,20 @@ class Reply:
         return self.missing == 0
 
 
-def echo_heard(request: bytes, heard: bytes) -> bool | None:
+def echo_heard(request: bytes, received: bytes) -> bool | None:
     """Return whether an adapter echoes, by all bytes after a request.
 
     None if that is unknown: nothing arrived, or noise.
     """
-    if heard == request:
+    if received == request:
         return True  # and no answer
-    if heard.startswith(request) and len(heard) == len(request) + REPLY_BYTES:
+    if received.startswith(request) and len(received) == len(request) + REPLY_BYTES:
         return (
-            True if is_sound(int.from_bytes(heard[-REPLY_BYTES:], "little")) else None
+            True
+            if is_sound(int.from_bytes(received[-REPLY_BYTES:], "little"))
+            else None
         )
-    if len(heard) == REPLY_BYTES and is_sound(int.from_bytes(heard, "little")):
+    if len(received) == REPLY_BYTES and is_sound(int.from_bytes(received, "little")):
         return False
     return None
 

@@ -117,8 +117,8 @@ def is_response_topic(topic: str, arm: str, filters: Iterable[str] = ()) -> bool
         return False
     if levels[0] == ROOT:
         below = levels[3:]
-        mine = levels[1:3] == [arm, "reply"]
-        return mine and 1 <= len(below) <= MAX_RESPONSE_LEVELS and all(below)
+        is_reply_topic = levels[1:3] == [arm, "reply"]
+        return is_reply_topic and 1 <= len(below) <= MAX_RESPONSE_LEVELS and all(below)
     return any(_matches(levels, pattern.split("/")) for pattern in filters)
 
 

@@ -67,14 +67,14 @@ def _device_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
     """Find duplicate names, and faults of unknown devices."""
     devices = tables_in(raw.get("device"))
     for keys in (("id",), ("port", "ports")):
-        seen: set[str] = set()
+        used_names: set[str] = set()
         for number, key in ((n, k) for n in range(len(devices)) for k in keys):
             entries = devices[number].get(key, [])
             for name in map(str, entries if isinstance(entries, list) else [entries]):
-                if name in seen:
+                if name in used_names:
                     message = f"'{name}' is used twice; each needs its own"
                     yield Problem(f"device[{number}].{key}", message)
-                seen.add(name)
+                used_names.add(name)
     ids = {str(device.get("id")) for device in devices}
     for number, fault in enumerate(tables_in(raw.get("fault"))):
         named = fault.get("device")

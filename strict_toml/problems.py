@@ -174,8 +174,8 @@ def unknown_name_message(kind: str, name: str, known: Collection[str]) -> str:
     by_lower_case = {entry.lower(): entry for entry in sorted(known)}
     nearest = difflib.get_close_matches(name.lower(), by_lower_case, n=1)
     if nearest:
-        meant = by_lower_case[nearest[0]]
-        return f"unknown {kind} '{name}'; did you mean '{meant}'?"
+        suggestion = by_lower_case[nearest[0]]
+        return f"unknown {kind} '{name}'; did you mean '{suggestion}'?"
     return f"unknown {kind} '{name}'; known here: {', '.join(sorted(known))}"
 
 

@@ -122,9 +122,11 @@ def _undecodable(path: Path, error: UnicodeError) -> Problem:
                     line.decode("utf-8")
                 except UnicodeDecodeError as refusal:
                     byte = line[refusal.start : refusal.start + 1]
-                    meant = byte.decode("cp1252", "ignore")
+                    character = byte.decode("cp1252", "ignore")
                     as_windows = (
-                        f" (in Windows-1252 {character_name(meant)})" if meant else ""
+                        f" (in Windows-1252 {character_name(character)})"
+                        if character
+                        else ""
                     )
                     where = f"line {number}, column {refusal.start + 1}"
                     problem = f"byte 0x{byte[0]:02x}{as_windows} is not UTF-8; {remedy}"

@@ -103,13 +103,13 @@ def drawn_arm(seed: int) -> Case:
     rng = np.random.default_rng([seed, 0xACC])
     scale = rng.uniform(0.5, 1.5)
     deviations = Deviations(links_mm=scale * LINKS_MM, axes_rad=scale * AXES_RAD)
-    mine = touched_by(poses, true_arm(arm, deviations, seed))
+    touched = touched_by(poses, true_arm(arm, deviations, seed))
     warm_c = WARM_C + TEMPERATURE_STD_C * float(rng.standard_normal())
     scatter = np.sqrt(rng.chisquare(TEMPERATURE_DEGREES) / TEMPERATURE_DEGREES)
     std_c = float(TEMPERATURE_STD_C * scatter)
     off_per_c = float(rng.uniform(-EXPANSION_LIMIT_PER_C, EXPANSION_LIMIT_PER_C))
-    drawn = drawn_acceptance(mine, seed)
-    return Case(seed, mine, drawn, warm_c, std_c, EXPANSION_PER_C + off_per_c, rng)
+    drawn = drawn_acceptance(touched, seed)
+    return Case(seed, touched, drawn, warm_c, std_c, EXPANSION_PER_C + off_per_c, rng)
 
 
 def tested(case: Case) -> Line:

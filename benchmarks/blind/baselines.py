@@ -97,8 +97,8 @@ def sparse_regression(rows: ObservationEquations, bank: Bank) -> BaselineResult:
     """
     columns = rows.project(bank.columns)
     lengths = np.linalg.norm(columns, axis=0)
-    seen = lengths > _LEAST
-    unit = columns[:, seen] / lengths[seen]
+    is_visible = lengths > _LEAST
+    unit = columns[:, is_visible] / lengths[is_visible]
     n_columns = unit.shape[1]
     sigma = np.sqrt(rows.sum_of_squares / rows.redundancy)
     penalty = sigma * np.sqrt(2.0 * np.log(max(n_columns, 2)))
@@ -118,7 +118,7 @@ def sparse_regression(rows: ObservationEquations, bank: Bank) -> BaselineResult:
         if largest < 1e-3 * sigma:
             break
     full_amplitudes = np.zeros(len(lengths))
-    full_amplitudes[seen] = amplitudes
+    full_amplitudes[is_visible] = amplitudes
     sizes = np.array([np.linalg.norm(full_amplitudes[part]) for part in bank.slices])
     order = [int(column) for column in np.argsort(-sizes) if sizes[column] > 0.0]
     return BaselineResult(
@@ -147,6 +147,6 @@ def _spanned(columns: Floats) -> Floats:
     """Find an orthonormal basis of a few columns, (n_rows, rank)."""
     squares, turns = np.linalg.eigh(columns.T @ columns)
     largest = max(float(squares[-1]), 1e-300)
-    seen = squares > max(_INVISIBLE * largest, _LEAST**2)
-    spanned: Floats = columns @ (turns[:, seen] / np.sqrt(squares[seen]))
+    is_visible = squares > max(_INVISIBLE * largest, _LEAST**2)
+    spanned: Floats = columns @ (turns[:, is_visible] / np.sqrt(squares[is_visible]))
     return spanned

@@ -38,10 +38,10 @@ class Row:
     @property
     def text(self) -> str:
         low, high = self.interval
-        theirs = " | ".join("" if r is None else f"{r:.0%}" for r in self.baselines)
+        rates = " | ".join("" if r is None else f"{r:.0%}" for r in self.baselines)
         return (
             f"| {self.label} | {self.figure} | {self.n} | {self.share:.1%} | "
-            f"{low:.1%} to {high:.1%} | {'yes' if self.holds else 'NO'} | {theirs} |"
+            f"{low:.1%} to {high:.1%} | {'yes' if self.holds else 'NO'} | {rates} |"
         )
 
 
@@ -128,11 +128,11 @@ def rows(lines: Sequence[Line]) -> Iterator[Row]:
         answers = runs.answers(names, question)
         if not answers:
             return
-        theirs = tuple(
+        baselines = tuple(
             share(runs.answers(names, _of_rival(rival_name, rival)))
             for rival_name in BASELINES
         )
-        yield binomial_row(label, answers, at_least, at_most, theirs)
+        yield binomial_row(label, answers, at_least, at_most, baselines)
 
     for name, most in zip(
         ("noise known", "noise 1.4 x stated", "noise serial"),

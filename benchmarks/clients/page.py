@@ -93,7 +93,7 @@ async def latency(page: Page, port: int, n: int) -> None:
 def blocks(n: int, scan: str) -> list[bytes]:
     """A scan over a wavy surface as messages."""
     rng = np.random.default_rng(1)
-    made = []
+    payloads = []
     for first in range(0, n, BLOCK):
         s = np.arange(first, first + BLOCK) / n
         x, y = 400 * np.cos(400 * s) * s, 400 * np.sin(400 * s) * s
@@ -122,8 +122,8 @@ def blocks(n: int, scan: str) -> list[bytes]:
             last=False,
             total=None,
         )
-        made.append(encode(message, "msgpack"))
-    return made
+        payloads.append(encode(message, "msgpack"))
+    return payloads
 
 
 async def million(page: Page, port: int) -> None:
@@ -168,9 +168,9 @@ async def stream(page: Page, port: int, minutes: float) -> None:
         while (elapsed_s := time.monotonic() - begun_s) < 60 * minutes:
             await asyncio.sleep(min(SETTLED_S, 60 * minutes - elapsed_s))
             elapsed_s = time.monotonic() - begun_s
-            seen = await page.locator(".arm-scene-note").text_content()
+            note = await page.locator(".arm-scene-note").text_content()
             mb = await heap_mb(page)
-            print(f"{elapsed_s / 60:5.1f} min  {mb:7.1f} MB  {seen}", flush=True)
+            print(f"{elapsed_s / 60:5.1f} min  {mb:7.1f} MB  {note}", flush=True)
         await arm.stop_scan()
 
 

@@ -74,7 +74,6 @@ class Taker:
         self._over = over
 
     def put(self, delivery: Delivery, *, wakes: bool = True) -> bool:
-        """Keep a delivery until the motion is over."""
         if self._over.is_set():
             return True
         self.all.append(delivery)
@@ -167,7 +166,6 @@ def measured_virtually(
 
 
 def judged(stage: Stage, deliveries: list[Delivery], origin_ns: int) -> Measured:
-    """Result of the deliveries of one driver."""
     model = read_model(stage.folder / "arm.toml", {stage.make.name: None})
     balls_mm = points_of(model, stage, deliveries, origin_ns)
     centres_mm = _centres_mm(balls_mm, stage.touched_mm)
@@ -214,8 +212,10 @@ def points_of(
                 assembly.set_rate(device, delivery.rate_hz)
             case CountSamples():
                 assembly.record(delivery)
-        while len(joints) < len(edges) and (made := assembly.at(*edges[len(joints)])):
-            joints.append(made)
+        while len(joints) < len(edges) and (
+            joint_samples := assembly.at(*edges[len(joints)])
+        ):
+            joints.append(joint_samples)
     n_whole = sum(not (counts.status & STATUS_MISSING).any() for counts in joints)
     if n_whole < len(stage.presses_s):
         raise RuntimeError(

@@ -190,7 +190,6 @@ class Begun:
         self._ended.set()
 
     def is_over(self) -> bool:
-        """Return whether the devices are to end, or the parent process is gone."""
         return self._ended.is_set() or os.getppid() == 1
 
     def begin(self, time_s: float) -> None:

@@ -59,7 +59,6 @@ class Edge:
 
 
 def apart(value: int, other: int, modulus: int) -> int:
-    """Distance of two values on a circle."""
     difference = (value - other) % modulus
     return min(difference, modulus - difference)
 

@@ -116,8 +116,6 @@ class LibraryReader:
         self.network.connect()
 
     def taker(self, number: int) -> Callable[[Any], None]:
-        """Return a callback that keeps the position of a node."""
-
         def take(pdo: Any) -> None:  # noqa: ANN401 - the library's map of a PDO
             self.latest[number] = pdo[0].raw
             self.n_frames += 1
@@ -151,7 +149,7 @@ async def measure(seconds: float, sync: Literal["host", "external"]) -> list[str
             deliveries += await delivery_queue.take()
         library = LibraryReader()
         ours, theirs = thread_named("driver-arm"), thread_named("Notifier")
-        begun = busy_s(ours), busy_s(theirs), time.monotonic()
+        start = busy_s(ours), busy_s(theirs), time.monotonic()
         driver.request_stream(RATE_HZ)
         master = Master(nodes)
         while not any(isinstance(d, StreamStarted) for d in deliveries):
@@ -159,10 +157,10 @@ async def measure(seconds: float, sync: Literal["host", "external"]) -> list[str
         await asyncio.sleep(0.1)
         if sync == "external":
             master.start()
-        while time.monotonic() - begun[2] < seconds:
+        while time.monotonic() - start[2] < seconds:
             deliveries += await delivery_queue.take()
-        elapsed_s = time.monotonic() - begun[2]
-        ours_s, theirs_s = busy_s(ours) - begun[0], busy_s(theirs) - begun[1]
+        elapsed_s = time.monotonic() - start[2]
+        ours_s, theirs_s = busy_s(ours) - start[0], busy_s(theirs) - start[1]
         master.stopped = True
         await asyncio.sleep(0.2)
         driver.request_stream(0.0)

@@ -25,12 +25,10 @@ Delays = Callable[[np.random.Generator, int], Floats]
 
 
 def even(most_ms: float) -> Delays:
-    """Return evenly distributed delays."""
     return lambda rng, n: rng.uniform(0.0, most_ms * 1e6, n)
 
 
 def tailed(mean_ms: float) -> Delays:
-    """Return exponential delays."""
     return lambda rng, n: rng.exponential(mean_ms * 1e6, n)
 
 

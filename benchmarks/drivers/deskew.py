@@ -93,15 +93,15 @@ def errors(arm: Moving, deliveries: list[Delivery], first_ns: int) -> Errors:
             case CountSamples():
                 judge("as read", replace(delivery, skew_ns=None))
                 assembly.add(delivery, delivery.received_ns)
-                for made, bounds in assembly.resampled(delivery.received_ns):
-                    poses = judge("interpolated", made)
+                for block, bounds in assembly.resampled(delivery.received_ns):
+                    poses = judge("interpolated", block)
                     skew.flag_block(arm.model, poses, bounds)
-                    made_s = np.float64(1e-9) * (made.sample_time_ns - first_ns)
+                    made_s = np.float64(1e-9) * (block.sample_time_ns - first_ns)
                     readings_rad = arm.course.readings_rad(made_s)
                     noise = np.random.default_rng(0)
                     counts = arm.mounting.encoders.counts(readings_rad, noise)
                     latched = replace(
-                        made, counts=counts.astype(np.uint32), fractions=None
+                        block, counts=counts.astype(np.uint32), fractions=None
                     )
                     judge("latched", latched)
     all_mm = {name: np.concatenate(off_mm[name]) for name in WAYS}

@@ -85,7 +85,6 @@ def moving(
     seconds: float,
     faults: Sequence[Mapping[str, object]] = (),
 ) -> Moving:
-    """An arm that moves from time 0 of the simulation on."""
     text = ARM.read_text("utf-8").replace("8388608", "16384")
     (folder / "arm.toml").write_text(text.replace("4194304", "16384"))
     table = Amt21Table(

@@ -85,7 +85,6 @@ class Followed:
             self.xyz_mm.append(message.xyz_mm)
 
     def reaches(self) -> bool:
-        """Return whether the stream has reached the time of the last message."""
         return bool(self.times_ns) and self.times_ns[-1][-1] > self.came_ns[-1]
 
 
@@ -138,7 +137,6 @@ def interpolated_mm(
 
 
 def figures(folder: Path, followed_messages: Followed) -> Iterator[str]:
-    """Errors of the three ways."""
     model = read_model(folder / "arm.toml", {"base": None})
     lines = (folder / "truth.jsonl").read_text("utf-8").splitlines()
     edges = [line for line in map(json.loads, lines) if line["event"] == "edge"]

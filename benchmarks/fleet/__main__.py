@@ -33,7 +33,6 @@ def _is_ready(log: Path) -> bool:
 
 @contextlib.contextmanager
 def group(folder: Path, port: int) -> Iterator[Group]:
-    """Three consumers in one group; their figures are there when the block ends."""
     with contextlib.ExitStack() as stack:
         processes, files = [], []
         for k in range(CONSUMERS):

@@ -30,14 +30,12 @@ class Board(EdgeBoard):
         return self._port
 
     def due_ns(self) -> int:
-        """Return when it has something to send."""
         request, period_ns, begun_ns = self._stream
         if not request:
             return self._beat_ns
         return min(self._beat_ns, begun_ns + self._sample_seq * period_ns)
 
     def serve(self, now_ns: int) -> None:
-        """Send due data; late samples are sent together."""
         request, period_ns, begun_ns = self._stream
         if request:
             n = (now_ns - begun_ns) // period_ns + 1 - self._sample_seq
@@ -48,7 +46,6 @@ class Board(EdgeBoard):
             self._send_heartbeat()
 
     def serve_requests(self) -> None:
-        """Execute the daemon's request."""
         self._receive(os.read(self._port, 4096))
 
     def _send_samples(self, request: int, n: int) -> None:
@@ -70,7 +67,6 @@ class Board(EdgeBoard):
 
 
 def main(folder: Path, n: int) -> None:
-    """Serve until the program is ended."""
     boards = {}
     for k in range(n):
         board = Board(folder / str(k) / "board.pty")

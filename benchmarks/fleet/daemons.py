@@ -33,7 +33,6 @@ MakeGroup = Callable[[Path, int], AbstractContextManager[Group]]
 
 
 def write_arm(folder: Path, number: int, port: int) -> Path:
-    """Write configuration and arm file of one daemon; return its folder."""
     place = folder / str(number)
     place.mkdir()
     arm = rig.ARM.read_text("utf-8").replace('"demo-7"', f'"{name_of(number)}"')
@@ -55,7 +54,6 @@ def own_mb(process: Process) -> float:
 
 
 async def order(port: int, n: int, args: ScanArgs) -> None:
-    """Send a command to all arms."""
     async with aiomqtt.Client("127.0.0.1", port) as client:
         for k in range(n):
             command = Command.carrying(args, f"{args.action}-{k}")

@@ -123,7 +123,6 @@ def poses_of(seed: int, n_poses: int, deviations: Deviations) -> PoseSet:
 
 
 def drawn_member(seed: int) -> Campaign:
-    """Measure an arm of the family."""
     poses = poses_of(seed, WHOLE_CAMPAIGN, SPREAD)
     return campaign_from_simulation(draw_noise(poses, seed).campaign)
 
@@ -138,7 +137,6 @@ def identified(campaign: Campaign) -> Line:
 
 
 def prior_of(workers: Workers) -> Prior:
-    """Learn the family from forty arms."""
     members = Series("members", drawn_member, identified)
     batches = executed(workers, [(members, range(N_ARMS))])
     rows = sorted((line for lines in batches for line in lines), key=_seed)
@@ -214,7 +212,6 @@ def _judged(campaign: Campaign, case: Case) -> Line:
 
 
 def smallest_sizes(prior: Prior, n_poses: int) -> dict[str, float]:
-    """Compare the smallest detectable sizes alone with those with the family."""
     poses = poses_of(_FIRST_SEED, n_poses, SPREAD)
     campaign = campaign_from_simulation(draw_noise(poses, _FIRST_SEED).campaign)
     without_family, together = (
@@ -250,7 +247,6 @@ N_TRIALS = 30
 
 
 def series(arguments: argparse.Namespace) -> list[Series[Case]]:
-    """Learn the family, and make trials of every kind of arm."""
     prior = prior_of(Workers(arguments.processes, arguments.scheduler))
     print("| poses | effects seen alone | with the family | times smaller, median |")
     print("|---|---|---|---|")
@@ -275,7 +271,6 @@ def series(arguments: argparse.Namespace) -> list[Series[Case]]:
 
 
 def judge(lines: Sequence[Line]) -> Verdict:
-    """Make the table; it promises nothing."""
     text = [
         "\n| poses | arms | n | found: alone, family | named | wrongly named | left |",
         "|---|---|---|---|---|---|---|",

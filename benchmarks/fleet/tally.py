@@ -21,7 +21,6 @@ class Group:
     files: list[Path]
 
     def end(self) -> None:
-        """Let them write their summaries."""
         for process in self.processes:
             process.send_signal(signal.SIGTERM)
         for process in self.processes:
@@ -37,7 +36,6 @@ class Cost:
 
     @classmethod
     def of(cls, broker: Process, consumers: Sequence[Process]) -> "Cost":
-        """Read the present cost."""
         return cls(
             rig.cpu_s(broker), sum(rig.cpu_s(consumer) for consumer in consumers)
         )
@@ -54,7 +52,6 @@ class Shares:
 def cost_of(
     before: Cost, broker: Process, consumers: Sequence[Process], taken_s: float
 ) -> Shares:
-    """The shares since ``before``."""
     now = Cost.of(broker, consumers)
     return Shares(
         (now.broker_s - before.broker_s) / taken_s,
@@ -155,14 +152,14 @@ def tally(
             had[arm, kind, series].append((first, n))
         line_lost += sum(sum(counts) for counts in received["losses"].values())
     missing = doubled = numbers = 0
-    seen: dict[tuple[str, str], int] = defaultdict(int)
+    n_reached: dict[tuple[str, str], int] = defaultdict(int)
     for (arm, kind, _), blocks in had.items():
         reached, gaps, repeated = gaps_of(blocks)
         missing, doubled = missing + gaps, doubled + repeated
-        seen[arm, kind] += reached
+        n_reached[arm, kind] += reached
         numbers += sum(n for _, n in blocks)
     for key, expected in sent.expected.items():
-        missing += max(0, expected - seen[key])
+        missing += max(0, expected - n_reached[key])
     return Fleet(
         run.subject,
         run.arms,

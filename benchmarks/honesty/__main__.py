@@ -21,7 +21,6 @@ FOLDERS = ("benchmarks", "daemon", "drivers", "kinematics", "protocol", "simulat
 
 
 def series(_asked: argparse.Namespace | None = None) -> list[Series[int]]:
-    """Make the worlds of every family."""
     return [
         Series(name, partial(world_number, index), world_line, WORLDS // len(FAMILIES))
         for index, name in enumerate(FAMILIES)

@@ -88,7 +88,6 @@ class Cable:
 
     @property
     def is_there(self) -> bool:
-        """A host finds the port."""
         return self.plugged and self.attached
 
     def device_due_s(self) -> float:
@@ -100,13 +99,11 @@ class Cable:
         return self.to_host[0][0] if self.to_host else NEVER_S
 
     def unplug(self) -> None:
-        """Remove the host's end, and bytes under way."""
         self.plugged = self.held = False
         self.generation += 1
         self.clear()
 
     def plug(self) -> None:
-        """Restore the host's end."""
         self.plugged = True
 
     def clear(self) -> None:
@@ -145,7 +142,6 @@ class DeviceEnd:
         return changed
 
     def read(self) -> bytes:
-        """Return bytes of the host that have arrived."""
         cable, now_s = self._cable, self._cable.hub.now_s
         parts = []
         while cable.to_device and cable.to_device[0][0] <= now_s:
@@ -216,7 +212,6 @@ class HostEnd:
         return -1
 
     def wait(self, seconds: float) -> bool:
-        """Wait for bytes; False after a time or a wake-up without any."""
         return self._cable.hub.wait(seconds, lambda: self.ready)
 
     def read(self) -> bytes:

@@ -226,7 +226,6 @@ class DaemonRun:
                 task.result()
 
     async def end(self) -> None:
-        """Kill it; its files stay on the disk."""
         for reader in self._readers:
             self._hub.kill(reader)
         for task in self._tasks:

@@ -37,7 +37,6 @@ class Reader:
         driver._wake = self.wake  # type: ignore[method-assign]  # no pipe, no thread
 
     def wake(self) -> None:
-        """End its wait."""
         self.woken = True
 
     def can_run(self, now_s: float) -> bool:
@@ -65,7 +64,6 @@ class Housed:
         return next_s
 
     def live(self, now_s: float) -> None:
-        """Let it do what is due."""
         self.device.live(now_s)
         for cable in self.cables:
             cable.touched = False
@@ -118,7 +116,6 @@ class Hub:
     # -- readers -----------------------------------------------------------------
 
     def start(self, driver: Driver) -> Reader:
-        """Let a driver run, as its `start` would."""
         reader = Reader(self, driver)
         self.readers.append(reader)
         return reader
@@ -170,7 +167,6 @@ class Hub:
         heapq.heappush(self._actions, (true_s, next(self._numbers), action))
 
     def run(self, seconds: float | None) -> None:
-        """Let time pass until the event loop is woken, at most for a time."""
         end_s = NEVER_S
         if seconds is not None:
             end_s = max(self.now_s, self.host.true(self.loop_s + seconds))

@@ -147,7 +147,6 @@ class Judge:
         self._judge(Claims.of("live", live), std_mm, utc_offset_ns)
 
     def scan(self, scan: Scan, utc_offset_ns: int) -> None:
-        """Judge all samples of a block."""
         if not len(scan.dtime_ns):
             return
         bits = scan.quality.astype(np.int64)

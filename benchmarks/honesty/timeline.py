@@ -84,7 +84,6 @@ class Timeline:
         return _along(self._shown, self._true, shown_s)
 
     def true_array(self, shown_s: Floats) -> Floats:
-        """`true` of times (n,)."""
         true_s: Floats = np.interp(shown_s, self._knots[1], self._knots[0])
         return true_s
 

@@ -42,7 +42,6 @@ REPEATS = sized(3, 1)  # of the small ones; the best counts
 
 
 def measured(method: str, campaign: Campaign) -> dict[str, Any]:
-    """Time one method."""
     arm = demo_arm()
     start_problem = problem(campaign, arm)
     before_kb = _peak_kb()

@@ -78,7 +78,6 @@ def tables(
 
 
 def main(path: Path | None = None) -> None:
-    """Print the tables; write them to a file if one is named."""
     report(tables(), path)
 
 

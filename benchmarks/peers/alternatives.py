@@ -133,7 +133,6 @@ FastPoint: Any = msgspec.defstruct(
 
 
 def entries(payload: bytes) -> Iterator[NewMessage]:
-    """Yield points of one session, without end."""
     begun_ns, seq = time.time_ns(), 0
     while True:
         yield NewMessage(
@@ -162,7 +161,6 @@ def transactions_s(add: Add, source: Iterator[NewMessage], size: int) -> list[An
 
 
 def stores(folder: Path) -> None:
-    """Print what a transaction takes in both stores."""
     payload = encode(POINT, "msgpack")
     with (
         contextlib.closing(MessageDatabase(folder / "outbox.db")) as sqlite,

@@ -50,7 +50,6 @@ class Client:
         self.is_complete = asyncio.Event()
 
     def received(self) -> None:
-        """Count a message; call it on the event loop."""
         self.n_received += 1
         if self.n_received == N_RECEIVED:
             self.is_complete.set()
@@ -58,7 +57,6 @@ class Client:
 
 @asynccontextmanager
 async def ours(port: int) -> AsyncIterator[Client]:
-    """Connect our own."""
     async with MqttClient("127.0.0.1", port) as link:
         client = Client(lambda: link.publish(OUT, PAYLOAD, 1))
         await link.subscribe((IN, 1))
@@ -111,7 +109,6 @@ async def paho(port: int) -> AsyncIterator[Client]:
 
 @asynccontextmanager
 async def gmqtt(port: int) -> AsyncIterator[Client]:
-    """Connect gmqtt."""
     library = importlib.import_module("gmqtt")
     link = library.Client("peers-gmqtt")
     client: Client
@@ -184,7 +181,6 @@ def n_lines(name: str) -> int:
 
 
 def main(path: Path | None = None) -> None:
-    """Print a table, and keep it in a file where one is named."""
     print(load())
     names = [name for name in CLIENTS if _is_there(name)]
     values_of: dict[str, list[tuple[float, float]]] = {name: [] for name in names}

@@ -58,7 +58,6 @@ def _condition(travel: str) -> str:
 
 
 def judge(lines: Sequence[Line]) -> Verdict:
-    """Make the three tables, of what there is."""
     campaigns = {
         (mix, share): [Outcome(**each) for each in outcomes(lines, _name(mix, share))]
         for mix in MIXES

@@ -98,11 +98,11 @@ def distance_errors(
         slopes = slopes - slopes.mean(axis=0)
     spread = slopes @ adjustment.split.inverse
     left, sizes, _ = np.linalg.svd(spread, full_matrices=False)
-    seen = sizes > _LEAST_SIZE * np.max(sizes, initial=0.0)
-    white = (left.T @ errors_mm)[seen] / sizes[seen]
+    is_determined = sizes > _LEAST_SIZE * np.max(sizes, initial=0.0)
+    white = (left.T @ errors_mm)[is_determined] / sizes[is_determined]
     foreseen = np.nan
     if steps is not None:
-        expected = (left.T @ (slopes @ steps))[seen] / sizes[seen]
+        expected = (left.T @ (slopes @ steps))[is_determined] / sizes[is_determined]
         foreseen = float(expected @ expected)
     return DistanceErrors(errors_mm, float(white @ white), len(white), foreseen)
 
@@ -166,9 +166,11 @@ class PlantedNoise:
         sizes = np.linalg.norm(columns, axis=0)
         sizes = np.where(sizes > 0.0, sizes, 1.0)
         left, values, right = np.linalg.svd(columns / sizes, full_matrices=False)
-        seen = values > _RANK * values[0]
-        self._explained = left[:, seen]
-        self._to_steps = (right[seen].T / values[seen] / sizes[:, np.newaxis])[width:]
+        is_determined = values > _RANK * values[0]
+        self._explained = left[:, is_determined]
+        self._to_steps = (
+            right[is_determined].T / values[is_determined] / sizes[:, np.newaxis]
+        )[width:]
         self.redundancy = int(np.subtract(*self._explained.shape))
 
     def foreseen(self, drawn: SimulatedCampaign) -> Foreseen:

@@ -109,13 +109,11 @@ async def follow(
 
 
 def drops(truth: Path) -> list[dict[str, Any]]:
-    """Each time that the board dropped samples."""
     lines = map(json.loads, truth.read_text("utf-8").splitlines())
     return [line for line in lines if line["event"] == "dropped"]
 
 
 def faults(sizes: list[Size], followed: Followed) -> list[str]:
-    """Return violations."""
     end = sizes[-1]
     early = next(
         size for size in sizes if size.after_s >= min(EARLY_S, end.after_s / 2)
@@ -137,7 +135,6 @@ def faults(sizes: list[Size], followed: Followed) -> list[str]:
 
 
 def main(minutes: float = MINUTES, path: Path | None = None) -> int:
-    """Run it; the exit status."""
     print(load())
     with tempfile.TemporaryDirectory() as name:
         folder, port = Path(name), rig.free_port()

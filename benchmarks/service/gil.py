@@ -128,7 +128,6 @@ def loads() -> dict[str, Callable[[], object]]:
 
 
 def follow(model: ArmModel) -> Callable[[], object]:
-    """Return the event loop's work on 200 samples each 20 ms."""
     timing, decoder = Timing(), Decoder()
     reads = cut(line_bytes(100_000, model), LIKE_A_LINE.read_bytes)
     timed = [
@@ -159,7 +158,6 @@ def _turns(model: ArmModel, blocks: list[list[CountSamples]]) -> Iterator[None]:
 
 
 def paced(turn: Callable[[], object]) -> None:
-    """Once in 20 ms."""
     begun_s = time.monotonic()
     turn()
     time.sleep(max(0.0, BLOCK_S - (time.monotonic() - begun_s)))
@@ -179,9 +177,9 @@ def main(path: Path | None = None) -> None:
     for _ in range(ROUNDS):
         for name, turn in loads().items():
             delays_by_turn.setdefault(name, []).append(delays(turn, SECONDS))
-    for name, seen in delays_by_turn.items():
+    for name, rounds in delays_by_turn.items():
         ranges = [
-            sorted(round_of_turn[key] for round_of_turn in seen) for key in seen[0]
+            sorted(round_of_turn[key] for round_of_turn in rounds) for key in rounds[0]
         ]
         print(
             f"{name:40} p50 {ranges[0][1]:6.0f} us, p99 {ranges[1][1]:6.0f} us, "

@@ -72,7 +72,6 @@ def by_command_ms(port: int, name: str, n: int = POINTS) -> list[float]:
 
 @contextlib.contextmanager
 def flood(port: int) -> Iterator[list[int]]:
-    """Send commands without a pause; return how many were sent."""
     sent, ended = [0], threading.Event()
     payload = encode(Command.carrying(PointArgs(), "flood"), "msgpack")
     burst = packet(PUBLISH, 0, text(TOPIC) + payload) * 100
@@ -119,7 +118,6 @@ def figures_line(name: str, values_ms: list[float]) -> str:
 
 
 def main() -> None:
-    """Print the figures."""
     print(load())
     port = rig.free_port()
     with (

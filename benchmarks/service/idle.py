@@ -63,7 +63,6 @@ def switches(pid: int) -> list[int]:
 
 
 def idle(folder: Path, seconds: float, *, moves: bool) -> Idle:
-    """Watch an idle daemon."""
     port = rig.free_port()
     with rig.mosquitto(folder, port), ExitStack() as stack:
         if moves:

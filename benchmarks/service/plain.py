@@ -55,7 +55,6 @@ PLAIN, TRAVERSE = "plain script", "Traverse"
 
 @contextlib.contextmanager
 def plain_script(folder: Path, port: int) -> Iterator["subprocess.Popen[bytes]"]:
-    """Run the script on the board in a folder."""
     database = folder / "plain.db"
     for path in folder.glob("plain.db*"):
         path.unlink()
@@ -123,7 +122,7 @@ def turn(name: str, folder: Path, port: int, idle: float) -> Iterator[Turn]:
     firsts = np.cumsum([WARM_UP[1], *(n for _, n in PHASES)]).tolist()
     ends = {first - 1 for first in firsts}
     arrivals_ns: dict[int, int] = {}
-    begun: list[Spent] = []  # of each phase, at its first point
+    spent_at_start: list[Spent] = []  # of each phase, at its first point
     ended: dict[int, Spent] = {}  # at its last point, or at the next that came
     phases = [f"{rate_hz}x{n}" for rate_hz, n in (WARM_UP, *PHASES)]
     with (
@@ -136,11 +135,11 @@ def turn(name: str, folder: Path, port: int, idle: float) -> Iterator[Turn]:
             arrivals_ns.setdefault(press, now_ns)
             if press in ends:
                 ended[press] = Spent.by(process.pid)
-            if press >= firsts[len(begun)]:
-                begun.append(Spent.by(process.pid))
+            if press >= firsts[len(spent_at_start)]:
+                spent_at_start.append(Spent.by(process.pid))
             if press == firsts[-1] - 1:
                 break
-        begun.append(Spent.by(process.pid))
+        spent_at_start.append(Spent.by(process.pid))
     client.close()
     pressed_ns = [int(line) for line in log.read_text("ascii").split()]
     for number, ((rate_hz, n), first) in enumerate(
@@ -150,21 +149,23 @@ def turn(name: str, folder: Path, port: int, idle: float) -> Iterator[Turn]:
             (p, arrivals_ns[p]) for p in range(first, first + n) if p in arrivals_ns
         ]
         latencies_ns = [arrival_ns - pressed_ns[press] for press, arrival_ns in at_ns]
-        spent = ended.get(first + n - 1, begun[number + 1]).since(begun[number])
-        came = len(at_ns)
-        all_cpu_us = sum(spent.cpu_ns) / (came - 1) * 1e-3
+        spent = ended.get(first + n - 1, spent_at_start[number + 1]).since(
+            spent_at_start[number]
+        )
+        n_points = len(at_ns)
+        all_cpu_us = sum(spent.cpu_ns) / (n_points - 1) * 1e-3
         elapsed_us = (at_ns[-1][1] - at_ns[0][1]) * 1e-3
         yield Turn(
             name,
             rate_hz,
             n,
-            came,
+            n_points,
             figures(latencies_ns),
-            float(np.median(latencies_ns[-max(1, came // 10) :])) * 1e-3,
-            all_cpu_us - idle * elapsed_us / (came - 1),
+            float(np.median(latencies_ns[-max(1, n_points // 10) :])) * 1e-3,
+            all_cpu_us - idle * elapsed_us / (n_points - 1),
             all_cpu_us,
-            tuple(ns / (came - 1) * 1e-3 for ns in spent.cpu_ns),
-            spent.switches / (came - 1),
+            tuple(ns / (n_points - 1) * 1e-3 for ns in spent.cpu_ns),
+            spent.switches / (n_points - 1),
         )
 
 
@@ -175,7 +176,6 @@ def spread(values: list[float], digits: int = 0) -> str:
 
 
 def lines(turns: list[Turn], rate_hz: float) -> Iterator[str]:
-    """The table of one rate, for people."""
     of = {
         name: [t for t in turns if t.program == name and t.rate_hz == rate_hz]
         for name in PROGRAMS
@@ -189,7 +189,7 @@ def lines(turns: list[Turn], rate_hz: float) -> Iterator[str]:
     yield f"{rate_hz:.0f} presses a second, {len(of[PLAIN])} rounds"
     for title, value in columns.items():
         plain, ours = ([value(t) for t in of[name]] for name in (PLAIN, TRAVERSE))
-        ratios = [mine / its for mine, its in zip(ours, plain, strict=True)]
+        ratios = [figure / its for figure, its in zip(ours, plain, strict=True)]
         yield (
             f"  {title:17} {PLAIN} {spread(plain)}; {TRAVERSE} {spread(ours)}; "
             f"ratio {spread(ratios, 2)}"
@@ -209,7 +209,6 @@ def lines(turns: list[Turn], rate_hz: float) -> Iterator[str]:
 
 
 def main(path: Path | None = None) -> None:
-    """Print the table, and keep it in a file where one is named."""
     before = load()
     print(before)
     turns: list[Turn] = []

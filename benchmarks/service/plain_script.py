@@ -24,21 +24,16 @@ from benchmarks.tools.command_line import run_main
 
 
 def frame(body: bytes) -> bytes:
-    """Encode a frame of the board's protocol."""
     return cobs.encode(body + crc_hqx(body, 0xFFFF).to_bytes(2, "little")) + b"\0"
 
 
 def turned(axis: np.ndarray, angle: float) -> np.ndarray:
-    """Make the rotation about an axis."""
     x, y, z = axis
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
 
 
-def main(  # noqa: PLR0915 - one script, as it would be written
-    port_path: str, arm_path: str, database_path: str, broker_port: str
-) -> None:
-    """Make points until the program is ended."""
+def main(port_path: str, arm_path: str, database_path: str, broker_port: str) -> None:
     arm = tomllib.loads(Path(arm_path).read_text())
     joints, probe = arm["joints"], arm["probe"]
     axes = np.array([joint["axis"] for joint in joints])
@@ -76,7 +71,7 @@ def main(  # noqa: PLR0915 - one script, as it would be written
     board.write(frame(b"\x01\x01\x01\x01"))  # HELLO; forget older edges
     board.write(frame(b"\x02\x02\xff" + (500).to_bytes(2, "little") + bytes(6)))
     board.write(frame(b"\x03\x03" + (1000).to_bytes(4, "little")))  # START, 1 Hz
-    rest, seen, seq = b"", -1, 0
+    rest, last_edge, seq = b"", -1, 0
     while True:
         *segments, rest = (rest + board.read(board.in_waiting or 1)).split(b"\0")
         for segment in filter(None, segments):
@@ -86,7 +81,7 @@ def main(  # noqa: PLR0915 - one script, as it would be written
             if body[0] != 0x84:  # no EDGE
                 continue
             edge = int.from_bytes(body[4:8], "little")
-            if body[2] and edge > seen:  # a press; releases are only acknowledged
+            if body[2] and edge > last_edge:  # a press; releases are only acknowledged
                 counts = np.frombuffer(body, "<u4", n, 12)
                 angles = counts * scale
                 place, turns = base.copy(), np.eye(3)
@@ -111,7 +106,7 @@ def main(  # noqa: PLR0915 - one script, as it would be written
                 database.execute("COMMIT")  # synced; only now may the board drop it
                 waiting[client.publish(topic, payload, 1).mid] = inserted.lastrowid or 0
                 seq += 1
-            seen = max(seen, edge)
+            last_edge = max(last_edge, edge)
             board.write(frame(b"\x06" + edge.to_bytes(4, "little")))
 
 

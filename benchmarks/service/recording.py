@@ -82,7 +82,6 @@ class Meter:
                 self.dropped = item.message.recording.dropped
 
     async def record(self, args: RecordArgs) -> dict[str, Any]:
-        """Send the command; return its result."""
         command = Command.carrying(args, str(time.monotonic_ns()))
         topic = command_topic(ARM, "record")
         await self._client.publish(topic, encode(command, "msgpack"), qos=1)
@@ -94,7 +93,6 @@ class Meter:
                 return dict(reply.result or {})
 
     async def share(self, seconds: float) -> float:
-        """Measure the daemon's share of a core over a time."""
         await asyncio.sleep(SETTLE_S)
         begun_s, begun_cpu_s = time.monotonic(), rig.cpu_s(self._process)
         await asyncio.sleep(seconds)
@@ -128,7 +126,6 @@ async def measured(
 
 
 def cost(seconds: float) -> Cost:
-    """Measure all of it."""
     with tempfile.TemporaryDirectory() as name:
         folder, port = Path(name), rig.free_port()
         off = "[recording]\nflight = false\nmin_free_mb = 10\n"
@@ -172,8 +169,6 @@ def cost(seconds: float) -> Cost:
 
 
 def replayed(file: Path, block: int | None) -> tuple[float, ReplayResult]:
-    """Return samples a second, and the result."""
-
     async def replay() -> ReplayResult:
         with RunReader(file) as reader:
             return Replay(reader, block).run()

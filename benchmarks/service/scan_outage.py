@@ -53,7 +53,6 @@ class Outage:
     after_s: float
 
     def line(self) -> str:
-        """For people."""
         order = "in order" if self.blocks_in_order else "NOT in order"
         return (
             f"{self.delivery:8}: {self.arrived} of {self.total} points, {order}, "
@@ -65,7 +64,6 @@ class Outage:
 
 
 async def outage(folder: Path, delivery: str, seconds: float) -> Outage:
-    """Run one scan with an outage of the broker."""
     program = programs.find("mosquitto")
     if program is None:
         raise SystemExit("benchmarks.service.scan_outage: mosquitto is not installed")

@@ -57,7 +57,6 @@ class Kept:
         return self._process.pid
 
     def start(self) -> None:
-        """Begin a life."""
         self.starts += 1
         with (self._folder / f"{self.name}.log").open("ab") as log:
             self._process = subprocess.Popen(
@@ -205,7 +204,6 @@ class Bench:
         self.witness = Kept("witness", folder, self._witness_command)
 
     def programs(self) -> Iterator[Kept]:
-        """Yield all, in the order of their start."""
         yield from (self.broker, self.board, self.tap, self.daemon)
         yield from (self.consumer, self.witness, self.operator)
 

@@ -78,7 +78,6 @@ class Store:
 
 
 async def main(arm_name: str, broker: str, path: Path) -> None:
-    """Follow the arm until stopped."""
     ended = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
     with contextlib.closing(Store(path)) as store:
@@ -88,7 +87,6 @@ async def main(arm_name: str, broker: str, path: Path) -> None:
 async def follow(
     arm_name: str, broker: str, store: Store, ended: asyncio.Event
 ) -> None:
-    """Store arriving points until the end."""
     arm = Arm(arm_name, broker, since=store.place(), connect_timeout_s=3600.0)
     async with arm:
         reader = arm.points_and_losses()

@@ -35,7 +35,6 @@ def small_disk(folder: Path) -> Iterator[bool]:
 
 @contextlib.asynccontextmanager
 async def full(folder: Path) -> AsyncIterator[None]:
-    """Fill the disk within the block."""
     filler = folder / "filler"
     with contextlib.suppress(OSError), filler.open("wb", buffering=0) as file:
         while True:

@@ -53,7 +53,6 @@ class Work:
 
     @property
     def share(self) -> float:
-        """Share of the time in which it was measuring, 0 to 1."""
         return self.measuring_s / self.seconds if self.seconds > 0.0 else 0.0
 
     def faults(self) -> list[str]:

@@ -33,7 +33,6 @@ class Outages:
         self.counts: Counter[str] = Counter()
 
     async def happen(self, n: int, report: Callable[[str], None]) -> None:
-        """Cause a number of outages; they may overlap."""
         while (done := sum(self.counts.values())) < n:
             await asyncio.sleep(self._chance.uniform(*self._pause_s))
             kind = self._chance.choices(KINDS, WEIGHTS)[0]

@@ -52,7 +52,6 @@ class Edges:
         self._from_host = FrameSplitter()
 
     def sent(self, data: bytes) -> None:
-        """Take bytes of the board."""
         for message in self._from_board.feed(data):
             if isinstance(message, Hello):
                 self._is_forgetting = False
@@ -63,7 +62,6 @@ class Edges:
                 self._waiting.setdefault(message.seq, round(time.time(), 3))
 
     def answered(self, data: bytes) -> None:
-        """Take bytes of the daemon."""
         for body in self._from_host.feed(data):
             if body[0] == HELLO and body[3] & FORGET_EDGES:
                 # A new daemon: earlier edges are dropped, also those in transit.
@@ -102,7 +100,6 @@ class Mark:
 
 
 def read(line: int) -> bytes:
-    """Return available bytes; none if the other side was just closed."""
     try:
         return os.read(line, READ_BYTES)
     except BlockingIOError:
@@ -131,12 +128,10 @@ def pass_on(board: int, host: int, edges: Edges, is_board: Callable[[], bool]) -
 
 
 def tell(text: str) -> None:
-    """Write a line of the tap's own log."""
     print(f"{time.time():.3f} {text}", flush=True)
 
 
 def main(board_link: Path, host_link: Path, log_path: Path) -> None:
-    """Follow every life of the board."""
     with log_path.open("a", encoding="utf-8") as log:
         while True:
             mark = Mark.of(board_link)

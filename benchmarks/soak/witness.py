@@ -186,7 +186,6 @@ def faults(store: Path, outbox: Path) -> tuple[dict[str, int], list[str]]:
 
 
 def main(arm: str, host: str, port: int, store: Path, quiet: str = "") -> None:
-    """Consume until ended; does not connect anew where quiet."""
     Witness(arm, store).run(host, port, is_quiet=bool(quiet))
 
 

@@ -20,7 +20,6 @@ KINDS = {"table": table, "choices": choices, "subsets": subsets}
 
 
 def series(arguments: argparse.Namespace) -> list[Series[Any]]:
-    """Make the trials of a kind, of every set in the folder."""
     sets = list(read_sets(arguments.folder))
     if arguments.kind == "table":
         return table.series(sets, arguments.pybotics, diagnose=arguments.diagnose)
@@ -28,7 +27,6 @@ def series(arguments: argparse.Namespace) -> list[Series[Any]]:
 
 
 def judge(lines: Sequence[Line]) -> Verdict:
-    """Make the tables of the kinds that there are."""
     text, holds = [], True
     for name, kind in KINDS.items():
         of_kind = [

@@ -64,7 +64,6 @@ class Measured:
         return [float(cell) for cell in cells]
 
     def write(self, folder: Path, rows: Booleans) -> Path:
-        """Write some of its poses as a campaign; where it is."""
         folder.mkdir(parents=True)
         n_joints = self.angles_rad.shape[1]
         lines = ['schema = "traverse/campaign/1"', 'poses = "poses.csv"']
@@ -123,9 +122,9 @@ def make_arm(measured: Measured, folder: Path) -> Path:
         table, *words = words
         (folder / "dh.csv").write_text(table, "utf-8")
         words = [str(folder / "dh.csv"), *words]
-    made = CliRunner().invoke(app, ["arm", command, *words, "-o", str(arm)])
-    if made.exit_code:
-        raise ValueError(made.output)
+    result = CliRunner().invoke(app, ["arm", command, *words, "-o", str(arm)])
+    if result.exit_code:
+        raise ValueError(result.output)
     text = arm.read_text("utf-8")
     for number, name in enumerate(_joint_names(text), start=1):
         text = text.replace(f'name = "{name}"', f'name = "J{number}"')

@@ -31,7 +31,6 @@ Case = tuple[Campaign, Arm]
 
 
 def series(sets: Sequence[Measured]) -> list[Series[Case]]:
-    """Make the subsets of every set, and the simulated arms."""
     draws: dict[str, Callable[[int], Case]] = {
         measured.name: partial(drawn_subset, measured) for measured in sets
     }
@@ -43,7 +42,6 @@ def series(sets: Sequence[Measured]) -> list[Series[Case]]:
 
 
 def drawn_subset(measured: Measured, seed: int) -> Case:
-    """Draw poses of a set."""
     rng = np.random.default_rng([SEED, seed])
     n_poses = int(rng.integers(FEWEST, MOST + 1))
     everything = len(measured.angles_rad)
@@ -82,7 +80,6 @@ def outcome_of(case: Case) -> Line:
 
 
 def report(lines: Sequence[Line]) -> list[str]:
-    """List every subset that did not converge, and count."""
     counts: dict[str, Counter[str]] = {}
     text = []
     for line in lines:

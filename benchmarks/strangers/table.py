@@ -147,5 +147,4 @@ def distances_mm(measured: Measured, arm: Arm) -> Floats:
 
 
 def figures(distances: Floats) -> str:
-    """Mean and largest."""
     return f"{np.mean(distances):.3f}, {np.max(distances):.2f}"

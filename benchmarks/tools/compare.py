@@ -110,12 +110,14 @@ def _of_streams(path: Path) -> Iterator[tuple[str, Figure]]:
     values = json.loads(path.read_text("utf-8"))
     streams = values["streams"]
     for rate_hz in sorted({stream["rate_hz"] for stream in streams}):
-        mine = [stream for stream in streams if stream["rate_hz"] == rate_hz]
-        ratios = [stream["daemon_share"] / stream["simulator_share"] for stream in mine]
+        chosen = [stream for stream in streams if stream["rate_hz"] == rate_hz]
+        ratios = [
+            stream["daemon_share"] / stream["simulator_share"] for stream in chosen
+        ]
         yield f"{rate_hz:.0f} Hz: times the CPU", _figure(ratios, "the simulator")
     for moves in (False, True):
-        mine = [run for run in values["idle"] if run["moves"] is moves]
-        ratios = [run["daemon_share"] / run["board_share"] for run in mine]
+        chosen = [run for run in values["idle"] if run["moves"] is moves]
+        ratios = [run["daemon_share"] / run["board_share"] for run in chosen]
         label = f"idle, the arm {'moves' if moves else 'rests'}: times the CPU"
         yield label, _figure(ratios, "the simulator" if moves else "the board")
     ready = [stream["ready_s"] / values["bare_start_s"] for stream in streams]

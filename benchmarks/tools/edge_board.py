@@ -183,7 +183,6 @@ def pauses_ns(rates: Sequence[str]) -> Iterator[int]:
 
 
 def main(path: Path, *rates: str) -> None:
-    """Press until ended."""
     EdgeBoard(path, rates).run()
 
 

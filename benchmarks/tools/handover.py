@@ -31,9 +31,11 @@ def campaign_from_simulation(drawn: SimulatedColumns) -> Campaign:
     indices = np.array([ids[str(name)] for name in drawn.artefact], dtype=np.int64)
     features = np.zeros(drawn.n_poses, dtype=np.int64)
     for index, listed in enumerate(names):
-        mine = indices == index
+        of_artefact = indices == index
         numbers = {name: number for number, name in enumerate(listed)}
-        features[mine] = [numbers[str(name)] for name in drawn.feature[mine]]
+        features[of_artefact] = [
+            numbers[str(name)] for name in drawn.feature[of_artefact]
+        ]
     start = drawn.start_utc
     approaches = drawn.approach
     return Campaign(

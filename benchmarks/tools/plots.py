@@ -128,7 +128,6 @@ def press(stages_of: dict[str, list[dict[str, float]]], path: Path) -> None:
 
 
 def main(folder: Path) -> None:
-    """Draw all that there is."""
     key = "blue: Traverse; ochre: others; lines: 10 to 90 %"
     poses, samples = tables(folder / "kinematics.json"), tables(folder / "path.json")
     stacked(poses, folder / "performance-kernel.png", 9.5, "pose", key)

@@ -66,7 +66,6 @@ class Spent:
 
 
 def figures(values_ns: Sequence[int]) -> dict[str, float]:
-    """Median, 99th percentile and largest in microseconds."""
     p50, p99, largest = np.percentile(values_ns, [50, 99, 100]) * 1e-3
     return {"p50_us": p50, "p99_us": p99, "largest_us": largest}
 

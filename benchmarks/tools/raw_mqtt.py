@@ -45,11 +45,9 @@ class RawClient:
         next(self._packets())
 
     def close(self) -> None:
-        """Leave."""
         self._socket.close()
 
     def subscribe(self, topic: str) -> None:
-        """Ask for a topic at quality of service 1."""
         content = struct.pack(">H", 1) + text(topic) + b"\x01"
         self._socket.sendall(packet(SUBSCRIBE, 2, content))
         for kind, _ in self._packets():
@@ -62,7 +60,6 @@ class RawClient:
         self._socket.sendall(packet(PUBLISH, AT_LEAST_ONCE, content))
 
     def eat(self) -> None:
-        """Read replies that have arrived."""
         self._socket.setblocking(False)
         try:
             self._socket.recv(READ_BYTES)
@@ -110,7 +107,6 @@ class RawClient:
 
 
 def main(port: int, topic: str, rate_hz: float, n: int) -> None:
-    """Publish, and print when."""
     client = RawClient(port, "raw-sender")
     sent_ns = []
     due_s = time.monotonic()

@@ -79,7 +79,6 @@ def listens(port: int) -> bool:
 
 @contextlib.contextmanager
 def program(log: Path, *arguments: str) -> Iterator["subprocess.Popen[bytes]"]:
-    """Run a program; it ends with the block."""
     with log.open("ab") as output:
         process = subprocess.Popen(
             arguments, stdin=subprocess.DEVNULL, stdout=output, stderr=output
@@ -91,7 +90,6 @@ def program(log: Path, *arguments: str) -> Iterator["subprocess.Popen[bytes]"]:
 
 
 def stop(process: "subprocess.Popen[bytes]", number: int = signal.SIGTERM) -> None:
-    """End a program and wait for it."""
     if process.poll() is None:
         process.send_signal(number)
         try:
@@ -164,7 +162,6 @@ def daemon(
 
 
 def cpu_s(process: "subprocess.Popen[bytes]") -> float:
-    """CPU time that a running program has used."""
     fields = Path(f"/proc/{process.pid}/stat").read_text("ascii").rsplit(")", 1)[1]
     user, system = fields.split()[11:13]
     return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
@@ -178,6 +175,5 @@ def own_mb(process: "subprocess.Popen[bytes]") -> float:
 
 
 def rss_mb(process: "subprocess.Popen[bytes]") -> float:
-    """Resident memory of a running program."""
     pages = int(Path(f"/proc/{process.pid}/statm").read_text("ascii").split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

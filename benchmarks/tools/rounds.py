@@ -72,7 +72,6 @@ class Table:
         return float(middle), float(low), float(high)
 
     def lines(self, unit: str = "ns", scale: float = 1e9) -> list[str]:
-        """The table for people."""
         lines = [self.title]
         for name, taken_s in self.times_s.items():
             low, middle, high = np.percentile(taken_s, (10, 50, 90)) * scale
@@ -127,7 +126,6 @@ def load() -> str:
 
 
 def write_json(path: Path | None, values: object) -> None:
-    """Keep figures in a file, where one is named."""
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(values, indent=1) + "\n", "utf-8")

@@ -64,7 +64,6 @@ def note(noted: Noted, stage: str) -> None:
 
 
 def main(path: Path, *arguments: str) -> None:
-    """Run until the daemon ends, then write."""
     noted: Noted = []
     for stage in STAGES:
         note(noted, stage)

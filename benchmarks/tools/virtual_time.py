@@ -125,24 +125,20 @@ class HostEnd:
         return -1
 
     def wait(self, seconds: float) -> bool:
-        """Wait for bytes."""
         return self._cable.time.go_on(seconds, lambda: self.ready)
 
     def read(self) -> bytes:
-        """Return the received bytes."""
         self._check()
         data, self._cable.to_host = self._cable.to_host, b""
         return data
 
     def write(self, data: bytes) -> None:
-        """Send."""
         self._check()
         self._cable.to_device += data
         for device in self._cable.time.devices:
             device.live(self._cable.time.now_s)
 
     def close(self) -> None:
-        """Let go."""
         self._cable.held = False
 
     def _check(self) -> None:
@@ -168,7 +164,6 @@ class DeviceEnd:
         return data
 
     def write(self, frames: Sequence[OutgoingFrame]) -> int:
-        """Send."""
         self._cable.to_host += b"".join(frame.data for frame in frames)
         return 0
 
@@ -206,7 +201,6 @@ class Straight:
         self._over = over
 
     def put(self, delivery: Delivery, *, wakes: bool = True) -> bool:
-        """Keep it, unless the time is over."""
         if not self._over.is_set():
             self.all.append(delivery)
         return True

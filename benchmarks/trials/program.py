@@ -68,9 +68,9 @@ class Program:
                 f"{options.out}: {n_other} trials were made by other code and do not "
                 "count; --any-code takes them"
             )
-        made = {(line["scenario"], line["seed"]) for line in lines}
+        done = {(line["scenario"], line["seed"]) for line in lines}
         missing = [
-            (series, [seed for seed in seeds if (series.scenario, seed) not in made])
+            (series, [seed for seed in seeds if (series.scenario, seed) not in done])
             for series, seeds in counts
         ]
         n_missing = sum(len(seeds) for _, seeds in missing)

@@ -65,7 +65,6 @@ class Case:
 
 
 def judge(path: Path, tally: Tally, rng: np.random.Generator) -> None:
-    """Judge all chains of a file."""
     try:
         every = walk.read(path)
     except ValueError as error:
@@ -91,23 +90,23 @@ def _judge_refusal(path: Path, tally: Tally, reason: str) -> None:
 def _outcome(case: Case, tally: Tally) -> str:
     reasons = set(_reasons(case.chain))
     try:
-        made, holds = case.imported(Holds()), Holds()
+        imported, holds = case.imported(Holds()), Holds()
     except FileError as error:
         if not reasons:
             tally.complaints.append(f"{case.name}: refused: {error.line[:300]}")
             return "refused wrongly"
         holds = _holds(case.chain, case.rng)
         try:
-            made = case.imported(holds)
+            imported = case.imported(holds)
         except FileError as held_error:
             if reasons & {"floating", "planar"} or _without_hinge(case.chain, holds):
                 return "refused clearly"
             tally.complaints.append(f"{case.name}: refused: {held_error.line[:300]}")
             return "refused wrongly"
-        return _compared(case, made, holds, tally)
+        return _compared(case, imported, holds, tally)
     if reasons:
         tally.complaints.append(f"{case.name}: read in spite of {', '.join(reasons)}")
-    return _compared(case, made, holds, tally)
+    return _compared(case, imported, holds, tally)
 
 
 def _reasons(chain: list[walk.Joint]) -> Iterator[str]:
@@ -147,14 +146,16 @@ def _without_hinge(chain: list[walk.Joint], holds: Holds) -> bool:
     )
 
 
-def _compared(case: Case, made: MadeArm, holds: Holds, tally: Tally) -> str:
+def _compared(case: Case, imported: MadeArm, holds: Holds, tally: Tally) -> str:
     """Compare the ball with the end of the walk at random readings."""
-    geometry = geometry_from_arm(made.arm)
+    geometry = geometry_from_arm(imported.arm)
     held = {name: 1e-3 * mm for name, mm in holds.mm.items()} | dict(holds.rad)
-    old = {made.renamed.get(joint.name, joint.name): joint.name for joint in case.chain}
+    old = {
+        imported.renamed.get(joint.name, joint.name): joint.name for joint in case.chain
+    }
     for _ in range(POSTURES):
         values, readings = dict[str, float](), list[float]()
-        for joint in made.arm.joints:
+        for joint in imported.arm.joints:
             reading = joint.zero_rad
             if joint.coupled_to is None:
                 reading = values[old[joint.name]] = float(case.rng.uniform(-3, 3))
@@ -170,7 +171,6 @@ def _compared(case: Case, made: MadeArm, holds: Holds, tally: Tally) -> str:
 
 
 def main(folder: Path | None = None) -> int:
-    """Judge a folder, and print the result."""
     folder = folder or Path(sysconfig.get_path("purelib"), PACKAGE)
     files = sorted(folder.rglob("*.urdf"))
     if not files:

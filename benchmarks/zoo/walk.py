@@ -39,12 +39,10 @@ class Description:
     links: tuple[str, ...]
 
     def ends(self) -> Iterator[str]:
-        """Yield the links that carry nothing."""
         parents = {joint.parent for joint in self.joints.values()}
         yield from (link for link in self.links if link not in parents)
 
     def chain(self, tip: str) -> list[Joint]:
-        """Return the joints from the root to a link."""
         joints: list[Joint] = []
         while tip in self.joints and len(joints) <= len(self.joints):
             joints.append(self.joints[tip])

@@ -101,7 +101,7 @@ def from_dh(
     check_target(out, force=force)
     units = Units(lengths, angles)
     with refusals():
-        made = arm_from_dh_file(
+        imported = arm_from_dh_file(
             table,
             units,
             options,
@@ -109,7 +109,7 @@ def from_dh(
             base_xyz_mm=base_xyz_mm,
             base_rpy_rad=base_rpy_rad,
         )
-        _write(out, made, as_json=as_json)
+        _write(out, imported, as_json=as_json)
 
 
 @arm.command("from-urdf")
@@ -142,8 +142,8 @@ def from_urdf(
     check_target(out, force=force)
     with refusals():
         holds = holds_of(hold_mm or (), hold_rad or ())
-        made = arm_from_urdf_file(file, root, tip, holds, options)
-        _write(out, made, as_json=as_json)
+        imported = arm_from_urdf_file(file, root, tip, holds, options)
+        _write(out, imported, as_json=as_json)
 
 
 @arm.command("to-dh")
@@ -258,14 +258,14 @@ def _print_converted(
         print_report(report, lines, as_json=as_json)
 
 
-def _write(file: Path, made: "MadeArm", *, as_json: bool) -> None:
+def _write(file: Path, imported: "MadeArm", *, as_json: bool) -> None:
     from traverse.kinematics.arm_file.arm import write_arm
 
-    written = made.arm
+    written = imported.arm
     if _lacks_absolute(written) and sys.stdin.isatty():
         written = _with_absolute(written, typer.confirm(IS_ABSOLUTE, err=True))
     write_arm(file, written)
-    for remark in made.remarks:
+    for remark in imported.remarks:
         typer.echo(remark, err=True)
     if _lacks_absolute(written):
         typer.echo(
@@ -278,8 +278,8 @@ def _write(file: Path, made: "MadeArm", *, as_json: bool) -> None:
         "file": str(file),
         "arm": written.name,
         "joints": [joint.name for joint in written.joints],
-        "renamed": made.renamed,
-        "remarks": list(made.remarks),
+        "renamed": imported.renamed,
+        "remarks": list(imported.remarks),
     }
     print_report(report, [_made(file, written)], as_json=as_json)
 
@@ -289,7 +289,7 @@ def _lacks_absolute(arm: "Arm") -> bool:
     return any(encoder.absolute is None for encoder in encoders)
 
 
-def _with_absolute(made: "Arm", absolute: bool) -> "Arm":
+def _with_absolute(arm: "Arm", absolute: bool) -> "Arm":
     """Return the arm with encoders marked absolute or not, where that was unknown."""
     joints = [
         joint
@@ -297,10 +297,10 @@ def _with_absolute(made: "Arm", absolute: bool) -> "Arm":
         else joint.model_copy(
             update={"encoder": joint.encoder.model_copy(update={"absolute": absolute})}
         )
-        for joint in made.joints
+        for joint in arm.joints
     ]
-    return made.model_copy(update={"joints": type(made.joints)(joints)})
+    return arm.model_copy(update={"joints": type(arm.joints)(joints)})
 
 
-def _made(file: Path | None, made: "Arm") -> str:
-    return f"{file}: arm {made.name} with {counted(len(made.joints), 'joint')}"
+def _made(file: Path | None, arm: "Arm") -> str:
+    return f"{file}: arm {arm.name} with {counted(len(arm.joints), 'joint')}"

@@ -206,15 +206,17 @@ def holds_of(mm: Iterable[str], rad: Iterable[str]) -> Holds:
     return Holds(values["--hold-mm"], values["--hold-rad"])
 
 
-def _convention(path: Path, file: DHFile, wished: str | None) -> Convention:
+def _convention(path: Path, file: DHFile, requested: str | None) -> Convention:
     in_file = file.convention
-    if in_file is None and wished is None:
+    if in_file is None and requested is None:
         problem = "is not given; use --convention classic or --convention modified"
         raise FileError(path, [Problem("convention", problem)])
-    if in_file is not None and wished is not None and in_file != wished:
-        problem = f"is {in_file} in the file, but --convention says {wished}; drop one"
+    if in_file is not None and requested is not None and in_file != requested:
+        problem = (
+            f"is {in_file} in the file, but --convention says {requested}; drop one"
+        )
         raise FileError(path, [Problem("convention", problem)])
-    return "modified" if (in_file or wished) == "modified" else "classic"
+    return "modified" if (in_file or requested) == "modified" else "classic"
 
 
 def _placed(

@@ -102,12 +102,16 @@ def _opened(bus: BusOptions) -> Iterator["Commissioning"]:
 def _report(node: "FoundNode") -> dict[str, Any]:
     from traverse.protocol.canopen.frames import STATES
 
-    heard, facts, kind = node.heard, node.facts, node.device_type
+    activity, facts, kind = node.heard, node.facts, node.device_type
     vendor, product, revision, serial = (None,) * 4 if facts is None else facts.identity
-    state = None if heard.state is None else STATES.get(heard.state, str(heard.state))
+    state = (
+        None
+        if activity.state is None
+        else STATES.get(activity.state, str(activity.state))
+    )
     return {
         "node": node.node,
-        "answers": heard.answers,
+        "answers": activity.answers,
         "state": state,
         "profile": None if kind is None else kind & 0xFFFF,
         "kind": None if facts is None else facts.kind,
@@ -120,7 +124,7 @@ def _report(node: "FoundNode") -> dict[str, Any]:
             name: getattr(facts, name, None)
             for name in ("counts_per_turn", "modulus", "position", "alarms", "warnings")
         },
-        "emergencies": heard.emergencies,
+        "emergencies": activity.emergencies,
         "problem": node.problem or None,
     }
 

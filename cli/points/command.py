@@ -138,12 +138,14 @@ def key(
             PrivateFormat,
         )
 
-        made = Ed25519PrivateKey.generate()
+        private_key = Ed25519PrivateKey.generate()
         with fdopen(open(out, O_WRONLY | O_CREAT | O_EXCL, 0o600), "wb") as file:
             file.write(
-                made.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+                private_key.private_bytes(
+                    Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()
+                )
             )
-        public = b64encode(made.public_key().public_bytes_raw()).decode()
+        public = b64encode(private_key.public_key().public_bytes_raw()).decode()
         beside = out.with_name(f"{out.name}.pub")
         beside.write_text(f"{public}\n", "utf-8")
     report = {"key": str(out), "public": str(beside), "public_key": public}

@@ -50,11 +50,11 @@ def session_line(
     if as_json:
         fields = {**asdict(session), "begun_ns": str(session.begun_ns)}
         return json.dumps({**fields, "points": points, "unsent": unsent})
-    begun = datetime.fromtimestamp(session.begun_ns // 10**9, UTC)
+    begun_utc = datetime.fromtimestamp(session.begun_ns // 10**9, UTC)
     left = f", {unsent} not sent yet" if unsent else ""
     note = f"  {session.note}" if session.note else ""
     return printable(
-        f"{session.session}  {begun:%Y-%m-%d %H:%M:%S} UTC  {session.first_seq} to "
+        f"{session.session}  {begun_utc:%Y-%m-%d %H:%M:%S} UTC  {session.first_seq} to "
         f"{session.last_seq}{left}{note}"
     )
 

@@ -67,16 +67,16 @@ def import_arm(
         path = Path(temporary, Path(file_name).name)
         path.write_bytes(content)
         try:
-            made = _made(path, options, convention)
+            imported = _made(path, options, convention)
         except typer.BadParameter as error:
             raise ValueError(f"{error.param_hint}: {error.message}") from error
         except FileError as error:
             raise ValueError(str(error).replace(f"{temporary}/", "")) from error
-    target = folder / f"{made.arm.name}.toml"
+    target = folder / f"{imported.arm.name}.toml"
     if target.exists():
         raise ValueError(f"{target} exists; give the arm another name")
-    write_arm(target, made.arm)
-    return target, made.remarks
+    write_arm(target, imported.arm)
+    return target, imported.remarks
 
 
 def _made(path: Path, options: ArmOptions, convention: str | None) -> MadeArm:

@@ -34,14 +34,14 @@ class Form:
         text = setting.text_of(value)
         if setting.choices:
             choices = {"": "", **{choice: choice for choice in setting.choices}}
-            made: ui.input | ui.select = ui.select(
+            control: ui.input | ui.select = ui.select(
                 choices, label=setting.key, value=text if text in choices else ""
             )
         else:
-            made = ui.input(setting.key, value=text)
+            control = ui.input(setting.key, value=text)
         if setting.hint:
-            made.props(f'hint="{escape(setting.hint)}"')
-        return made
+            control.props(f'hint="{escape(setting.hint)}"')
+        return control
 
     def set(self, key: str, text: str) -> None:
         for setting, entry in self._fields.items():
@@ -56,5 +56,5 @@ class Form:
 
 
 def button(text: str, act: Callable[[], Any]) -> ui.button:
-    made = ui.button(text, on_click=act, color=None)
-    return made.props("outline dense no-caps")
+    control = ui.button(text, on_click=act, color=None)
+    return control.props("outline dense no-caps")

@@ -74,21 +74,24 @@ async def _display(broker: BrokerAddress, arm: str) -> None:
 async def _follow(
     broker: BrokerAddress, arm: str, kinds: list[str], as_json: bool
 ) -> None:
-    heard = asyncio.Event()
+    has_messages = asyncio.Event()
     await asyncio.gather(
-        _write(broker, arm, kinds, as_json, heard), _notify_absence(broker, arm, heard)
+        _write(broker, arm, kinds, as_json, has_messages),
+        _notify_absence(broker, arm, has_messages),
     )
 
 
 async def _notify_absence(
-    broker: BrokerAddress, arm: str, heard: asyncio.Event
+    broker: BrokerAddress, arm: str, has_messages: asyncio.Event
 ) -> None:
     from traverse.client.errors import ClientError
     from traverse.client.mqtt.subscription import absence_of
 
     await asyncio.sleep(FIND_S)
     with contextlib.suppress(ClientError):  # no broker, which is reported elsewhere
-        if not heard.is_set() and (absence := await absence_of(arm, broker, FIND_S)):
+        if not has_messages.is_set() and (
+            absence := await absence_of(arm, broker, FIND_S)
+        ):
             typer.echo(f"{absence}; waiting for it, Ctrl-C ends", err=True)
 
 
@@ -97,7 +100,7 @@ async def _write(
     arm: str,
     kinds: list[str],
     as_json: bool,
-    heard: asyncio.Event,
+    has_messages: asyncio.Event,
 ) -> None:
     from traverse.broker.errors import MqttError
     from traverse.cli.common.message_lines import line
@@ -112,7 +115,7 @@ async def _write(
                 reached = True
                 await subscribe(client, arm, kinds)
                 async for item in received(client):
-                    heard.set()
+                    has_messages.set()
                     if item.message is None:
                         typer.echo(f"{item.kind}: {item.error}", err=True)
                     elif as_json:

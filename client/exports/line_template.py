@@ -31,8 +31,8 @@ class LineTemplate:
                 f"a template of {len(template)} characters; expected 1 to "
                 f"{MAX_TEMPLATE}, such as '{{seq}};{{x_mm:.3f}}\\n'"
             )
-        for typed, meant in (("\\r", "\r"), ("\\n", "\n"), ("\\t", "\t")):
-            template = template.replace(typed, meant)
+        for typed, character in (("\\r", "\r"), ("\\n", "\n"), ("\\t", "\t")):
+            template = template.replace(typed, character)
         # Parsed by hand: str.format would give a template access to our objects.
         self._parts = list(Formatter().parse(template))
         self._decimal = decimal

@@ -23,8 +23,8 @@ def health_table(sight: ArmSight) -> str:
         return "" if old else text  # what was well is not said to be so now
 
     for device in health.devices:
-        heard = device.age_s
-        age = "no data" if heard is None else f"data {heard:.1f} s ago"
+        age_s = device.age_s
+        age = "no data" if age_s is None else f"data {age_s:.1f} s ago"
         figures = f"{device.rate_hz:.0f} samples/s, {age}"
         rows.append(_row(device.id, state(device.state), figures))
         rows += [
@@ -101,12 +101,12 @@ def alarm_list(sight: ArmSight) -> str:
 
 
 def coverage_bars(sight: ArmSight) -> str:
-    seen = sight.coverage
-    if seen is None or sight.live is None:
+    coverage = sight.coverage
+    if coverage is None or sight.live is None:
         return "<p>No pose yet.</p>"
     is_now = not sight.is_stale
     bars = []
-    for joint, sectors in enumerate(seen):
+    for joint, sectors in enumerate(coverage):
         angle_rad = sight.live.angles_rad[joint]
         rects = "".join(
             f'<rect class="seen" x="{i}" y="0" width="1" height="1"/>'

@@ -79,11 +79,11 @@ def site_path(target: Path) -> str:
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add what pages link to beside docs/."""
     waiting = [Path(str(file.abs_src_path)) for file in files.documentation_pages()]
-    seen = set(waiting)
+    known = set(waiting)
     while waiting:
         for target in links_outside(waiting.pop()):
-            if target not in seen:
-                seen.add(target)
+            if target not in known:
+                known.add(target)
                 path = site_path(target)
                 files.append(File.generated(config, path, abs_src_path=str(target)))
                 if target.suffix == ".md":

@@ -88,9 +88,9 @@ class Amt21Line:
             if self._port.wait(0.0):  # a late reply would be taken for the next one
                 heard_any += self._until_quiet(LATE_REPLIES * self._timeout_ns)
             self._port.write(request)
-            heard = self._until_quiet(self._timeout_ns)
-            heard_any += heard
-            says = amt21.echo_heard(request, heard)
+            received = self._until_quiet(self._timeout_ns)
+            heard_any += received
+            says = amt21.echo_heard(request, received)
             votes += 0 if says is None else 1 if says else -1
             if abs(votes) == LEAD:
                 self.echoed = votes > 0
@@ -175,16 +175,16 @@ class Amt21Line:
 
     def _until_quiet(self, quiet_ns: int) -> bytes:
         """Read until silence; return the first 64 bytes."""
-        heard = b""
+        received = b""
         begun_ns = quiet_since_ns = self._now_ns()
         while (now_ns := self._now_ns()) - begun_ns < MOST_SETTLING * quiet_ns:
             left_ns = quiet_since_ns + quiet_ns - now_ns
             if left_ns <= 0:
                 break
             if self._port.wait(left_ns * 1e-9):
-                heard = (heard + self._port.read())[:64]
+                received = (received + self._port.read())[:64]
                 quiet_since_ns = self._now_ns()
-        return heard
+        return received
 
     def _usual_ns(self) -> int:
         """Return a time within which most replies arrive; at first the time-out."""

@@ -79,7 +79,7 @@ class Commissioning:
         until_s = time.monotonic() + self._answer_s
         while (left_s := until_s - time.monotonic()) > 0:
             self._turn(left_s)
-        answering = sorted(n for n, heard in self._heard.items() if heard.answers)
+        answering = sorted(n for n, activity in self._heard.items() if activity.answers)
         if not answering:
             raise DeviceNotFoundError(
                 f"no node answers on {self.name}{self._only_heard()}",
@@ -113,14 +113,14 @@ class Commissioning:
         return sdo.read_number(objects.POSITION_VALUE)
 
     def _describe(self, node: int) -> FoundNode:
-        heard, sdo = self._heard[node], self._sdo(node)
+        activity, sdo = self._heard[node], self._sdo(node)
         kind = None
         try:
             kind = sdo.read_number(objects.DEVICE_TYPE)
             facts = read_facts(sdo, node)
         except DeviceError as error:
-            return FoundNode(node, heard, kind, None, str(error))
-        return FoundNode(node, heard, kind, facts, "")
+            return FoundNode(node, activity, kind, None, str(error))
+        return FoundNode(node, activity, kind, facts, "")
 
     def _sdo(self, node: int) -> NodeSdo:
         if node not in self._sdos:
@@ -139,16 +139,16 @@ class Commissioning:
             message = wire.decode(can_id, data)
             if message is None or isinstance(message, wire.Sync):
                 continue
-            heard = self._heard.setdefault(message.node, NodeActivity())
+            activity = self._heard.setdefault(message.node, NodeActivity())
             if isinstance(message, wire.Heartbeat):
-                heard.state = message.state
+                activity.state = message.state
             elif isinstance(message, wire.Emergency):
-                heard.emergencies.append(message.code)
+                activity.emergencies.append(message.code)
             elif isinstance(message, wire.SdoAnswer):
                 if message.node in self._sdos:
                     self._sdos[message.node].take(message.data)
                 else:
-                    heard.answers += 1
+                    activity.answers += 1
 
     def _only_heard(self) -> str:
         if not self._heard:

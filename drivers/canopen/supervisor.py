@@ -278,11 +278,11 @@ class NodeSupervisor:
 
     def _note_answers(self, now_ns: int) -> None:
         cycles = self.cycles
-        seen, cycles.seen = cycles.seen, 0
-        if seen and now_ns - self._bus_off_ns > BACK_ON_BUS_NS:
+        answered, cycles.seen = cycles.seen, 0
+        if answered and now_ns - self._bus_off_ns > BACK_ON_BUS_NS:
             self.conditions.end(None, "bus_off")
         for channel, node in enumerate(self.nodes):
-            if seen >> channel & 1:
+            if answered >> channel & 1:
                 self.seen(channel, now_ns)
             if n := cycles.duplicates[channel]:
                 sign = f"{n} second answers to one SYNC"

@@ -122,10 +122,10 @@ class BoardTester:
     def _expect_silence(self, section: int, body: bytes) -> None:
         """Send a message that has no answer."""
         self._line.send(body)
-        came = [f for f in self._line.gather(QUIET_S) if f.body[0] in (0x81, 0x82)]
-        if came:
+        answers = [f for f in self._line.gather(QUIET_S) if f.body[0] in (0x81, 0x82)]
+        if answers:
             sent = hexadecimal(body)
-            raise MismatchError(section, f"no answer to {sent}", described(came))
+            raise MismatchError(section, f"no answer to {sent}", described(answers))
 
     def _greet(self, flags: int = 0) -> wire.Hello:
         """Say HELLO, and take the identity.
@@ -158,7 +158,7 @@ class BoardTester:
 
     def _check_identity(self) -> None:
         hello = self._greet()
-        for requirement, holds, came in (
+        for requirement, holds, observed in (
             ("major 1", hello.version[0] == 1, hello.version[0]),
             ("at most 32 channels", len(hello.channels) <= 32, len(hello.channels)),
             ("at most 8 inputs", hello.n_inputs <= 8, hello.n_inputs),
@@ -184,15 +184,15 @@ class BoardTester:
             ),
         ):
             if not holds:
-                raise MismatchError(4, requirement, str(came))
+                raise MismatchError(4, requirement, str(observed))
         second_hello = self._greet()
         if (second_hello.board_id, second_hello.boot_id) != (
             hello.board_id,
             hello.boot_id,
         ):
             expected = f"{hello.board_id.hex()} and boot_id {hello.boot_id:08X} again"
-            came = f"{second_hello.board_id.hex()} and {second_hello.boot_id:08X}"
-            raise MismatchError(4, expected, came)
+            observed = f"{second_hello.board_id.hex()} and {second_hello.boot_id:08X}"
+            raise MismatchError(4, expected, observed)
         self._hello = hello
 
     def _check_times(self) -> None:
@@ -201,8 +201,8 @@ class BoardTester:
             sent_ns = time.monotonic_ns()
             taken_ns.append(self._ask(2, "", 4).received_ns - sent_ns)
         if min(taken_ns) > ANSWER_NS:
-            came = f"{min(taken_ns) / 1e6:.0f} ms at best"
-            raise MismatchError(2, "REPLY to STOP within 100 ms", came)
+            observed = f"{min(taken_ns) / 1e6:.0f} ms at best"
+            raise MismatchError(2, "REPLY to STOP within 100 ms", observed)
 
     def _check_major(self) -> None:
         try:
@@ -242,8 +242,8 @@ class BoardTester:
         for byte in bytes.fromhex("05 04 04 4F 91 00"):  # section 6, byte by byte
             self._line.write(bytes((byte,)))
             time.sleep(0.002)
-        came = self._line.gather(0.5, lambda frame: is_answer(frame, 4))
-        if not came or not is_answer(came[-1], 4):
+        frames = self._line.gather(0.5, lambda frame: is_answer(frame, 4))
+        if not frames or not is_answer(frames[-1], 4):
             raise MismatchError(1, "STOP that comes byte by byte answered", "nothing")
 
     def _check_second_of_heartbeats(self) -> None:
@@ -443,5 +443,5 @@ class BoardTester:
 
     def _check_broken(self) -> None:
         if self._line.broken:
-            came = "; ".join(map(hexadecimal, self._line.broken[:3]))
-            raise MismatchError(1, "COBS, CRC and 00 of every frame right", came)
+            broken = "; ".join(map(hexadecimal, self._line.broken[:3]))
+            raise MismatchError(1, "COBS, CRC and 00 of every frame right", broken)

@@ -207,9 +207,9 @@ class MicroscribeDriver(Driver):
                     session.line.drop_stray()
                 continue
             number, _, _ = schedule.take(self._now_ns())
-            if (heard := session.ask()) is not None:
+            if (packet := session.ask()) is not None:
                 streamed = every and number % every == 0
-                self._take(session, heard, number // every if streamed else None)
+                self._take(session, packet, number // every if streamed else None)
 
     def _listen(self, session: MicroscribeSession, rate_hz: float) -> None:
         """Receive the packets sent on motion; each is a sample of the stream."""
@@ -218,14 +218,14 @@ class MicroscribeDriver(Driver):
         report.begin()
         broken = session.decoder.faults["broken"]
         while self._goes_on(session):
-            heard = report.read(0.02)
+            packets = report.read(0.02)
             answer = None
             if report.is_quiet(unsettled=self._pedals.unsettled):
                 report.end()
                 if (answer := session.ask()) is not None:
-                    heard.append(answer)
+                    packets.append(answer)
                 report.begin()
-            for packet in heard:  # a broken packet would have had a number too
+            for packet in packets:  # a broken packet would have had a number too
                 seq = self._next_seq + session.decoder.faults["broken"] - broken
                 broken = session.decoder.faults["broken"]
                 self._take(
@@ -239,7 +239,7 @@ class MicroscribeDriver(Driver):
     def _take(
         self,
         session: MicroscribeSession,
-        heard: TimedPacket,
+        packet: TimedPacket,
         seq: int | None,
         *,
         reported: bool = False,
@@ -249,10 +249,10 @@ class MicroscribeDriver(Driver):
         ``seq`` is given if it belongs to the stream, ``reported`` if a change caused
         it.
         """
-        self._answered_ns = heard.received_ns
+        self._answered_ns = packet.received_ns
         self._old_before = session.line.old
         self._counters["packets_received"] += 1
-        sample, implausible = session.sample_of(heard)
+        sample, implausible = session.sample_of(packet)
         for number in implausible:
             self._read_errors.add(number, session.channels[number], IMPLAUSIBLE)
         if sample.complete:
@@ -264,4 +264,4 @@ class MicroscribeDriver(Driver):
             self._lost_samples += max(0, seq - self._next_seq)
             self._next_seq = seq + 1
             self._counters["samples_received"] += 1
-            self._block.add(seq, sample, session.doubts(heard.received_ns))
+            self._block.add(seq, sample, session.doubts(packet.received_ns))

@@ -82,13 +82,13 @@ class MicroscribeLine:
     def sign_on(self) -> str | None:
         """Begin a session; return the kind of interface box, None without an answer."""
         until_ns = self._now_ns() + int(SIGN_ON_S * 1e9)
-        heard = b""
-        while wire.CALL not in heard:
+        received = b""
+        while wire.CALL not in received:
             if self._now_ns() >= until_ns:
                 return None
             self.port.write(wire.END_SESSION + wire.CALL)
             # An adapter may hold an answer back until after the next call.
-            heard = heard[-len(wire.CALL) :] + self._read_for(CALL_S)
+            received = received[-len(wire.CALL) :] + self._read_for(CALL_S)
         self.read_until_quiet()
         self.port.write(wire.BEGIN)
         answer = self._wait_for(
@@ -179,13 +179,13 @@ class MicroscribeLine:
             # A spoilt answer has had its turn, and does not come later.
             del waiting_ns[: _n_spoilt(decoder) - n_spoilt]
             for packet in packets:
-                heard = TimedPacket(packet, sent_ns, begun_ns, self._now_ns(), delay_ns)
+                timed = TimedPacket(packet, sent_ns, begun_ns, self._now_ns(), delay_ns)
                 first_ns = waiting_ns.pop(0) if waiting_ns else sent_ns
-                if not old(heard):
+                if not old(timed):
                     # Else each packet that is spoilt would cost the longest patience.
                     shorter_s = RELAXED * self.patience_s
                     self.patience_s = max(self.usual_patience_s, shorter_s)
-                    return replace(heard, sent_ns=first_ns)
+                    return replace(timed, sent_ns=first_ns)
                 self.old += 1
                 self.patience_s = min(2.0 * self.patience_s, PACKET_S)
         return None

@@ -44,14 +44,14 @@ class TimerRate:
         self.high_hz = self._stated_hz * (1.0 + MAX_TIMER_ERROR)
         self._narrow = None
 
-    def add(self, ticks: int, heard: TimedPacket) -> bool:
+    def add(self, ticks: int, timed: TimedPacket) -> bool:
         """Learn from a packet with unwrapped ticks; False if they jumped."""
         if self._narrow is None:
-            self._narrow = ticks, heard
+            self._narrow = ticks, timed
         narrow_ticks, narrow = self._narrow
-        low_hz, high_hz = _rate_bounds(narrow, heard, ticks - narrow_ticks)
-        if 2 * _exchange_ns(heard) < _exchange_ns(narrow):
-            self._narrow = ticks, heard
+        low_hz, high_hz = _rate_bounds(narrow, timed, ticks - narrow_ticks)
+        if 2 * _exchange_ns(timed) < _exchange_ns(narrow):
+            self._narrow = ticks, timed
         slack_hz = RATE_KNOWN * self._stated_hz
         if self.high_hz - self.low_hz < slack_hz:
             # Unless an answer to an earlier request has spoilt a bound before.
@@ -90,73 +90,73 @@ class PacketClock:
     def rate_hz(self) -> float:
         return self._rate.assumed_hz if self._rate else 0.0
 
-    def is_old(self, heard: TimedPacket) -> bool:
+    def is_old(self, timed: TimedPacket) -> bool:
         """Return whether a packet was latched before it was requested."""
         if self._rate is None:
             return False
-        ticks, most_tick_ns = self._ticks(heard), 1e9 / self._rate.low_hz
+        ticks, most_tick_ns = self._ticks(timed), 1e9 / self._rate.low_hz
         return any(
-            begun_ns + (ticks - earlier + 1) * most_tick_ns < heard.sent_ns
+            begun_ns + (ticks - earlier + 1) * most_tick_ns < timed.sent_ns
             for earlier, begun_ns in self._latest
         )
 
-    def time_of(self, heard: TimedPacket) -> tuple[int, int]:
+    def time_of(self, timed: TimedPacket) -> tuple[int, int]:
         """Return unwrapped ticks and the host's time of a packet; learns from it."""
-        ticks, time_ns = self._time_of(heard)
+        ticks, time_ns = self._time_of(timed)
         # Requested, latched, begun: between the first and the last it must have been.
-        self.bound_ns = max(time_ns - heard.sent_ns, heard.begun_ns - time_ns)
+        self.bound_ns = max(time_ns - timed.sent_ns, timed.begun_ns - time_ns)
         if self._rate is not None:
             clock_ns = self._clock.error_bound_ns + self._delay_ns
             self.bound_ns = min(self.bound_ns, clock_ns)
         self.is_uncertain = self.bound_ns > MAX_BOUND_NS or (
-            heard.is_reported and self._rate is not None and self._clock.is_uncertain
+            timed.is_reported and self._rate is not None and self._clock.is_uncertain
         )
         return ticks, time_ns
 
-    def _time_of(self, heard: TimedPacket) -> tuple[int, int]:
-        time_ns = heard.begun_ns - heard.delay_ns
+    def _time_of(self, timed: TimedPacket) -> tuple[int, int]:
+        time_ns = timed.begun_ns - timed.delay_ns
         # Packets arrive in the order in which they were latched.
-        earliest_ns = min(max(heard.sent_ns, self._last_ns), heard.begun_ns)
+        earliest_ns = min(max(timed.sent_ns, self._last_ns), timed.begun_ns)
         if self._rate is None:
             self._last_ns = time_ns = max(time_ns, earliest_ns)
             return time_ns, time_ns
-        ticks = self._ticks(heard)
-        if not self._rate.add(ticks, heard):
+        ticks = self._ticks(timed)
+        if not self._rate.add(ticks, timed):
             self.steps += 1
             self._rate.reset()
             self._latest.clear()
-        self._latest.append((ticks, heard.begun_ns))
+        self._latest.append((ticks, timed.begun_ns))
         if self._rate.assumed_hz != self._clock_hz:
             self._clock_hz = self._rate.assumed_hz
             self._clock, self._clock_steps = DeviceClock(self._clock_hz), 0
         clock = self._clock
-        sent_ns = None if heard.is_reported else heard.sent_ns
-        clock.update(ticks, heard.begun_ns, sent_ns)
+        sent_ns = None if timed.is_reported else timed.sent_ns
+        clock.update(ticks, timed.begun_ns, sent_ns)
         self.steps += clock.steps - self._clock_steps
         self._clock_steps = clock.steps
         # The tick had begun and the next one had not. Where in it is known to the host
         # better: requests may run in step with the timer, then ticks never show it.
         tick_ns = clock.to_ns(ticks) - self._delay_ns
         time_ns = min(max(time_ns, tick_ns), tick_ns + round(1e9 / self._clock_hz))
-        self._last_ns = time_ns = min(max(time_ns, earliest_ns), heard.begun_ns)
+        self._last_ns = time_ns = min(max(time_ns, earliest_ns), timed.begun_ns)
         return ticks, time_ns
 
-    def _ticks(self, heard: TimedPacket) -> int:
+    def _ticks(self, timed: TimedPacket) -> int:
         """Unwrap the timer: nearest to the ticks of the last packet."""
-        timer = heard.packet.timer or 0
+        timer = timed.packet.timer or 0
         if not self._latest:
             return timer
         last, half = self._latest[-1][0], self._wrap // 2
         return last + (timer - last + half) % self._wrap - half
 
 
-def timer_runs(heard: Sequence[TimedPacket], rate_hz: float, wrap: int) -> bool:
+def timer_runs(packets: Sequence[TimedPacket], rate_hz: float, wrap: int) -> bool:
     """Return whether the timer may run at a rate, by most pairs of packets.
 
     Not by all: after a suspension of the host, a reply is matched with a later request.
     """
     possible = []
-    for earlier, later in combinations(heard, 2):
+    for earlier, later in combinations(packets, 2):
         passed = ((later.packet.timer or 0) - (earlier.packet.timer or 0)) % wrap
         low_hz, high_hz = _rate_bounds(earlier, later, passed)
         possible.append(
@@ -166,9 +166,9 @@ def timer_runs(heard: Sequence[TimedPacket], rate_hz: float, wrap: int) -> bool:
     return 2 * sum(possible) >= len(possible)
 
 
-def _exchange_ns(heard: TimedPacket) -> int:
+def _exchange_ns(timed: TimedPacket) -> int:
     """Return within which time it was latched."""
-    return heard.begun_ns - heard.sent_ns
+    return timed.begun_ns - timed.sent_ns
 
 
 def _rate_bounds(

@@ -177,18 +177,18 @@ class MicroscribeSession:
         self.clock = PacketClock(0.0, 1, 0)
         wrap, self.timer_used = self.arm.timer_wrap, False
         for _ in range(LOOKS):  # one of them may fall into a stall of the host
-            heard, lengths_ns = self._look()
+            packets, lengths_ns = self._look()
             if timer_rate_hz > 0:
-                self.timer_used = timer_runs(heard, timer_rate_hz, wrap)
+                self.timer_used = timer_runs(packets, timer_rate_hz, wrap)
             if self.timer_used or timer_rate_hz <= 0:
                 break
             self.line.read_until_quiet(PACKET_S)
-        quickest = min(heard, key=lambda packet: packet.begun_ns - packet.sent_ns)
+        quickest = min(packets, key=lambda packet: packet.begun_ns - packet.sent_ns)
         self.delay_ns = quickest.delay_ns
         self._n_spoilt = self._n_spoilt_bytes()
         used_hz = timer_rate_hz if self.timer_used else 0.0
         self.clock = PacketClock(used_hz, wrap, self.delay_ns)
-        self.first = [self.sample_of(packet)[0] for packet in heard][-1]
+        self.first = [self.sample_of(packet)[0] for packet in packets][-1]
         if self.timer_used:  # which identifies an answer that arrives later than that
             usual_s = PATIENCE * max(lengths_ns) * 1e-9
             patience_s = min(max(usual_s, SHORTEST_S), PACKET_S)
@@ -217,30 +217,30 @@ class MicroscribeSession:
         """Request a packet; None if none arrives."""
         return self.line.packet(self.decoder, self.clock.is_old)
 
-    def sample_of(self, heard: TimedPacket) -> tuple[PolledSample, list[int]]:
+    def sample_of(self, timed: TimedPacket) -> tuple[PolledSample, list[int]]:
         """Convert a packet to a sample; return also channels with impossible counts."""
-        ticks, time_ns = self.clock.time_of(heard)
+        ticks, time_ns = self.clock.time_of(timed)
         uncertain = STATUS_TIME_UNCERTAIN if self.clock.is_uncertain else 0
         status, implausible = [], []
         if (n_spoilt := self._n_spoilt_bytes()) > self._n_spoilt:
             self._n_spoilt = n_spoilt
             for channel in self.channels:
-                channel.doubt(heard.received_ns)
+                channel.doubt(timed.received_ns)
         for number, channel in enumerate(self.channels):
-            count, bound_ns = heard.packet.encoders[number], self.clock.bound_ns
+            count, bound_ns = timed.packet.encoders[number], self.clock.bound_ns
             reading = EncoderReading(count, time_ns, bound_ns=bound_ns)
             possible = reading.count < channel.modulus
             miss = channel.accept(reading if possible else IMPLAUSIBLE, time_ns)
             if miss is IMPLAUSIBLE:
                 implausible.append(number)
             status.append(STATUS_MISSING if miss else uncertain)
-        if doubts := self.doubts(heard.received_ns):
+        if doubts := self.doubts(timed.received_ns):
             status = [bits | doubts for bits in status]  # one packet has them all
         sample = PolledSample(
             time_ns,
-            heard.received_ns,
+            timed.received_ns,
             ticks,
-            heard.packet.buttons,
+            timed.packet.buttons,
             tuple(channel.count for channel in self.channels),
             tuple(status),
             time_bound_ns=self.clock.bound_ns,
@@ -257,24 +257,24 @@ class MicroscribeSession:
 
     def _look(self) -> tuple[list[TimedPacket], list[int]]:
         """Request packets for a while; return them and their durations [ns]."""
-        heard: list[TimedPacket] = []
+        packets: list[TimedPacket] = []
         missed = 0
         until_ns = self._now_ns() + int(LOOK_S * 1e9)
-        while self._now_ns() < until_ns or len(heard) < LEAST_PACKETS:
+        while self._now_ns() < until_ns or len(packets) < LEAST_PACKETS:
             if (packet := self.ask()) is not None:
-                heard.append(packet)
+                packets.append(packet)
                 continue
             missed += 1
             if missed == TRIES:
                 break
             # An answer that is late would be taken for that of the next request.
             self.line.read_until_quiet(PACKET_S)
-        if not heard:
+        if not packets:
             raise DeviceError(
                 f"{self.arm.name} on {self.line.port.path} sends no packets",
                 "switch it off and on again in its home position",
             )
-        return heard, [packet.received_ns - packet.sent_ns for packet in heard]
+        return packets, [packet.received_ns - packet.sent_ns for packet in packets]
 
 
 class MotionReport:

@@ -97,10 +97,10 @@ class ModbusClient(ModbusBaseSyncClient):
 
     def discard_late_bytes(self, seconds: float) -> int:
         """Discard input for a time; return the number of bytes."""
-        heard = 0
+        n_bytes = 0
         until_ns = self._now_ns() + round(seconds * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0:
             if self._port.wait(left_ns * 1e-9):
-                heard += len(self._port.read())
-        self.unrequested_bytes += heard
-        return heard
+                n_bytes += len(self._port.read())
+        self.unrequested_bytes += n_bytes
+        return n_bytes

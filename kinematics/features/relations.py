@@ -61,17 +61,17 @@ def related(relation: Relation, *elements: Element) -> Element:
     Raises:
         ValueError: there is no such element.
     """
-    made, ordered = None, elements
+    relation_row, ordered = None, elements
     for ordered in (elements, elements[::-1]):
         shapes = tuple(SHAPES[element.kind] for element in ordered)
-        made = _RELATIONS.get((relation, shapes))
-        if made is not None:
+        relation_row = _RELATIONS.get((relation, shapes))
+        if relation_row is not None:
             break
     is_apex_of_other = relation == "apex" and elements[0].kind != "cone"
-    if made is None or is_apex_of_other:
+    if relation_row is None or is_apex_of_other:
         words = " and ".join(element.kind for element in elements)
         raise ValueError(f"there is no {relation} of {words}")
-    kind, function = made
+    kind, function = relation_row
     if relation == "intersection":
         _refuse_parallel(ordered)
     values, by_values = derivatives(function, *(e.values for e in ordered))

@@ -302,8 +302,8 @@ def reliability_of(adjusted: AdjustedHelmert) -> Reliability:
     moves = cofactors @ np.swapaxes(weighted, 1, 2)
     hat = design @ moves
     shares = 1.0 - np.einsum("nii->ni", hat)
-    seen = weights - weighted @ moves
-    sizes, vectors = np.linalg.eigh(0.5 * (seen + np.swapaxes(seen, 1, 2)))
+    visible = weights - weighted @ moves
+    sizes, vectors = np.linalg.eigh(0.5 * (visible + np.swapaxes(visible, 1, 2)))
     least = _UNSEEN * np.einsum("nii->n", weights)[:, np.newaxis]
     return Reliability(
         shares=shares,
@@ -320,7 +320,12 @@ def point_statistics(adjusted: AdjustedHelmert, reliability: Reliability) -> Flo
         (n,), with as many degrees of freedom as `seen_per_mm2` has values above 0.
     """
     parts = np.einsum("nki,ni->nk", reliability.directions, adjusted.weighted_per_mm)
-    seen = reliability.seen_per_mm2
-    squares = np.divide(parts**2, seen, out=np.zeros_like(seen), where=seen > 0.0)
+    visible_per_mm2 = reliability.seen_per_mm2
+    squares = np.divide(
+        parts**2,
+        visible_per_mm2,
+        out=np.zeros_like(visible_per_mm2),
+        where=visible_per_mm2 > 0.0,
+    )
     total: Floats = squares.sum(axis=1)
     return total

@@ -44,11 +44,11 @@ def urdf_report(arm: Arm, postures: int, seed: int) -> tuple[dict[str, Any], str
     """
     geometry = geometry_from_arm(arm)
     effects = effects_from_arm(arm)
-    seen, unseen = list[Correction](), list[Correction]()
+    at_rest_effects, unseen = list[Correction](), list[Correction]()
     for correction in effects.corrections:
         needs = {need.covariate for need in correction.needs}
         at_rest = needs <= _AT_REST and correction not in effects.contacts
-        (seen if at_rest else unseen).append(correction)
+        (at_rest_effects if at_rest else unseen).append(correction)
     readings_rad = random_readings_rad(geometry, postures, seed)
     readings_rad[:, _led(arm)] = geometry.zeros_rad[_led(arm)]
     sides = np.random.default_rng(seed).choice([-1.0, 1.0], readings_rad.shape)
@@ -58,7 +58,7 @@ def urdf_report(arm: Arm, postures: int, seed: int) -> tuple[dict[str, Any], str
         approaches=sides,
         temperature_c=np.full(postures, arm.reference.temperature_c),
     )
-    seen_effects = replace(effects, corrections=tuple(seen))
+    seen_effects = replace(effects, corrections=tuple(at_rest_effects))
     gaps_mm = corrected_pose(geometry, seen_effects, block)[0]
     gaps_mm -= probe_pose(geometry, readings_rad)[0]
     report = {

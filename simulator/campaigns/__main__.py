@@ -8,7 +8,6 @@ from traverse.simulator.campaigns.command import campaign_made
 
 
 def main() -> int:
-    """Make a campaign folder."""
     parser = argparse.ArgumentParser("python -m traverse.simulator.campaigns")
     parser.add_argument("spec", type=Path, help="specification, TOML")
     parser.add_argument("--out", type=Path, required=True, help="folder to write")

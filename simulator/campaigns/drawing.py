@@ -113,10 +113,10 @@ def _read_lengths(poses: PoseSet) -> Floats | None:
     lengths_mm = np.full(poses.n_poses, np.nan)
     for index, placed in enumerate(poses.artefacts):
         if isinstance(placed.artefact, DrawWire):
-            mine = poses.artefact_index == index
-            away_mm = poses.contacts_mm[mine] - placed.placement.position_mm
+            of_artefact = poses.artefact_index == index
+            away_mm = poses.contacts_mm[of_artefact] - placed.placement.position_mm
             drawn_mm = np.linalg.norm(away_mm, axis=1)
-            lengths_mm[mine] = drawn_mm - placed.artefact.offset_mm
+            lengths_mm[of_artefact] = drawn_mm - placed.artefact.offset_mm
     return None if np.all(np.isnan(lengths_mm)) else lengths_mm
 
 

@@ -30,7 +30,6 @@ class PlacedArtefact:
     placement: Placement
 
     def true_table(self) -> dict[str, Any]:
-        """Return its true values at 20 C, in the arm's system."""
         names = {"id": self.artefact.id, "kind": self.artefact.kind}
         return {**names, **self.artefact.true_table(self.placement)}
 

@@ -106,7 +106,6 @@ class _Touching:
     def postures(
         self, workspace: Workspace, rng: np.random.Generator
     ) -> tuple[Floats, Floats]:
-        """Return turns (n, n_joints) and directions towards the material (n, 3)."""
         n_poses = len(self.artefact_index)
         turns_rad = np.empty((n_poses, self.truth.mechanism.n_joints))
         towards = np.empty((n_poses, 3))

@@ -36,8 +36,12 @@ def mix_artefacts(name: str, n_poses: int, width_mm: float) -> tuple[Artefact, .
     makers = MIXES[name]
     share, remainder = divmod(n_poses, len(makers))
     counts = [share + (number < remainder) for number in range(len(makers))]
-    made = zip(makers.items(), counts, strict=True)
-    return tuple(maker(id_, count, width_mm) for (id_, maker), count in made if count)
+    makers_and_counts = zip(makers.items(), counts, strict=True)
+    return tuple(
+        maker(id_, count, width_mm)
+        for (id_, maker), count in makers_and_counts
+        if count
+    )
 
 
 def _maker(

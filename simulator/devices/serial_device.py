@@ -143,12 +143,12 @@ class SerialDevice(SimulatedDevice):
         for number, line in enumerate(self._lines):
             if line.listen(now_s):
                 self.lose_host(number)
-        heard = [
+        received = [
             (at_s, number, byte)
             for number, line in enumerate(self._lines)
             for at_s, byte in line.arrived_by(now_s)
         ]
-        for at_s, number, byte in sorted(heard, key=lambda entry: entry[0]):
+        for at_s, number, byte in sorted(received, key=lambda entry: entry[0]):
             self.advance(at_s)
             self.receive_byte(number, byte, at_s)
         self.advance(now_s)
@@ -156,7 +156,6 @@ class SerialDevice(SimulatedDevice):
             line.release(now_s)
 
     def next_due_s(self, block_s: float) -> float:
-        """Return when to call `live` next."""
         del block_s  # nothing is gathered: a host waits for each answer
         if not self._lines:
             return float("inf")

@@ -57,7 +57,7 @@ class ReadingFault(ABC):
     joints: slice
 
     @abstractmethod
-    def errors_rad(self, seen: JointState) -> Floats:
+    def errors_rad(self, state: JointState) -> Floats:
         """Return the excess of the reading, (n, n_chosen joints) or (n, 1)."""
 
 

@@ -71,10 +71,10 @@ class FaultyArm:
             return perfect_rad
         shown_rad = perfect_rad
         for _ in range(N_LOOKS):
-            seen = JointState(self.build, turns_rad, shown_rad, around)
+            state = JointState(self.build, turns_rad, shown_rad, around)
             errors_rad = np.zeros_like(perfect_rad)
             for joints, excess_rad in self.readings:
-                errors_rad[:, joints] += excess_rad(seen)
+                errors_rad[:, joints] += excess_rad(state)
             before_rad, shown_rad = shown_rad, perfect_rad + errors_rad
             if np.max(np.abs(shown_rad - before_rad), initial=0.0) <= SAME_RAD:
                 break

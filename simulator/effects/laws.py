@@ -19,57 +19,57 @@ from traverse.simulator.effects.fault import EffectEntry, JointState, Touch
 from traverse.simulator.effects.posture import Deflection, Posture
 
 
-def wavy_disc(entry: EffectEntry, seen: JointState) -> Floats:
+def wavy_disc(entry: EffectEntry, state: JointState) -> Floats:
     """The disc is eccentric, tilted, oval: a sine of the reading."""
     size = np.hypot(entry["cos_rad"], entry["sin_rad"])
     phase = np.arctan2(entry["cos_rad"], entry["sin_rad"])
     order = entry.values.get("order", 1)
-    waves: Floats = size * np.sin(order * seen.readings_rad[:, entry.joints] + phase)
+    waves: Floats = size * np.sin(order * state.readings_rad[:, entry.joints] + phase)
     return waves
 
 
-def toothed_drive(entry: EffectEntry, seen: JointState) -> Floats:
+def toothed_drive(entry: EffectEntry, state: JointState) -> Floats:
     """Teeth differ: a phasor turns several times as fast as the reading."""
-    turns = entry["cycles"] * seen.readings_rad[:, entry.joints] / (2.0 * np.pi)
+    turns = entry["cycles"] * state.readings_rad[:, entry.joints] / (2.0 * np.pi)
     phasor = np.exp(2j * np.pi * np.mod(turns, 1.0))
     change_rad: Floats = np.real(complex(entry["cos_rad"], -entry["sin_rad"]) * phasor)
     return change_rad
 
 
-def long_tape(entry: EffectEntry, seen: JointState) -> Floats:
+def long_tape(entry: EffectEntry, state: JointState) -> Floats:
     """Too many lines a radian: grows with the reading from the base posture."""
     joints = entry.joints
-    shown_rad = seen.readings_rad[:, joints] - seen.build.zeros_rad[joints]
+    shown_rad = state.readings_rad[:, joints] - state.build.zeros_rad[joints]
     return 1e-6 * entry["scale_ppm"] * shown_rad
 
 
-def warm_head(entry: EffectEntry, seen: JointState) -> Floats:
-    warmer_c = seen.around.temperature_c - entry.reference_c
+def warm_head(entry: EffectEntry, state: JointState) -> Floats:
+    warmer_c = state.around.temperature_c - entry.reference_c
     return entry["rate_rad_c"] * warmer_c[:, None]
 
 
-def creeping_zero(entry: EffectEntry, seen: JointState) -> Floats:
+def creeping_zero(entry: EffectEntry, state: JointState) -> Floats:
     """The zero creeps continuously; nothing at the epoch."""
-    return entry["rate_rad_s"] * seen.around.since_s(entry.epoch_utc_s)[:, None]
+    return entry["rate_rad_s"] * state.around.since_s(entry.epoch_utc_s)[:, None]
 
 
-def lost_counts(entry: EffectEntry, seen: JointState) -> Floats:
+def lost_counts(entry: EffectEntry, state: JointState) -> Floats:
     """Counts are lost at a moment and never found again."""
-    since_s = seen.around.since_s(entry.epoch_utc_s)
+    since_s = state.around.since_s(entry.epoch_utc_s)
     return np.where(since_s >= entry["at_s"], entry["step_rad"], 0.0)[:, None]
 
 
-def late_reading(entry: EffectEntry, seen: JointState) -> Floats:
+def late_reading(entry: EffectEntry, state: JointState) -> Floats:
     """A joint that moves forwards is shown where it was before."""
-    return -entry["latency_s"] * seen.around.speed_rad_s[:, entry.joints]
+    return -entry["latency_s"] * state.around.speed_rad_s[:, entry.joints]
 
 
-def play(entry: EffectEntry, seen: JointState) -> Floats:
+def play(entry: EffectEntry, state: JointState) -> Floats:
     """The encoder runs ahead of the joint in the direction of motion: two-valued."""
-    return entry["half_width_rad"] * seen.around.approach[:, entry.joints]
+    return entry["half_width_rad"] * state.around.approach[:, entry.joints]
 
 
-def curved_error(entry: EffectEntry, seen: JointState) -> Floats:
+def curved_error(entry: EffectEntry, state: JointState) -> Floats:
     """A natural cubic spline in Hermite's pieces, level beyond its outer knots.
 
     Raises:
@@ -80,13 +80,13 @@ def curved_error(entry: EffectEntry, seen: JointState) -> Floats:
         raise ValueError(f"'{entry['covariate']}' is no column of a campaign")
     column, k = covariate
     columns: dict[str, Floats] = {
-        "_rad": seen.readings_rad[:, k],
-        "_speed_rad_s": seen.around.speed_rad_s[:, k],
-        "_approach": seen.around.approach[:, k],
-        "time_s": seen.around.time_s,
-        "force_n": seen.around.force_n,
+        "_rad": state.readings_rad[:, k],
+        "_speed_rad_s": state.around.speed_rad_s[:, k],
+        "_approach": state.around.approach[:, k],
+        "time_s": state.around.time_s,
+        "force_n": state.around.force_n,
     }
-    values = columns.get(column, seen.around.temperature_c)
+    values = columns.get(column, state.around.temperature_c)
     knots, values_rad = entry.array("knots"), entry.array("values_rad")
     slopes = natural_slopes(entry.values["knots"], entry.values["values_rad"])
     values = np.clip(values, knots[0], knots[-1])

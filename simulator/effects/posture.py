@@ -53,7 +53,6 @@ class Surroundings:
         return self.utc_s - epoch_utc_s
 
     def part(self, rows: slice | Indices) -> "Surroundings":
-        """Select samples."""
         columns = {field.name: getattr(self, field.name) for field in fields(self)}
         known = {name: c[rows] for name, c in columns.items() if c is not None}
         return replace(self, **known)

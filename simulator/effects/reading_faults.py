@@ -19,8 +19,8 @@ class Bump(ReadingFault):
     half_width_rad: float
     height_rad: float
 
-    def errors_rad(self, seen: JointState) -> Floats:
-        off = (_angles_rad(seen, self.joints) - self.middle_rad) / self.half_width_rad
+    def errors_rad(self, state: JointState) -> Floats:
+        off = (_angles_rad(state, self.joints) - self.middle_rad) / self.half_width_rad
         hill = 0.5 * (1.0 + np.cos(np.pi * np.clip(off, -1.0, 1.0)))
         return self.height_rad * hill
 
@@ -32,8 +32,8 @@ class JumpInAngle(ReadingFault):
     at_rad: float
     step_rad: float
 
-    def errors_rad(self, seen: JointState) -> Floats:
-        beyond = _angles_rad(seen, self.joints) >= self.at_rad
+    def errors_rad(self, state: JointState) -> Floats:
+        beyond = _angles_rad(state, self.joints) >= self.at_rad
         return np.where(beyond, self.step_rad, 0.0)
 
 
@@ -43,8 +43,8 @@ class CubicError(ReadingFault):
 
     rate_per_rad2: float
 
-    def errors_rad(self, seen: JointState) -> Floats:
-        cubes: Floats = seen.turns_rad[:, self.joints] ** 3
+    def errors_rad(self, state: JointState) -> Floats:
+        cubes: Floats = state.turns_rad[:, self.joints] ** 3
         return self.rate_per_rad2 * cubes
 
 
@@ -55,8 +55,8 @@ class Sawtooth(ReadingFault):
     teeth: int
     height_rad: float
 
-    def errors_rad(self, seen: JointState) -> Floats:
-        cycles = self.teeth * _angles_rad(seen, self.joints) / (2.0 * np.pi)
+    def errors_rad(self, state: JointState) -> Floats:
+        cycles = self.teeth * _angles_rad(state, self.joints) / (2.0 * np.pi)
         return self.height_rad * (cycles % 1.0 - 0.5)
 
 
@@ -74,8 +74,8 @@ class CrossCoupling(ReadingFault):
     order: int = 1
     phase_rad: float = 0.0
 
-    def errors_rad(self, seen: JointState) -> Floats:
-        angles_rad = _angles_rad(seen, slice(self.other, self.other + 1))
+    def errors_rad(self, state: JointState) -> Floats:
+        angles_rad = _angles_rad(state, slice(self.other, self.other + 1))
         waves: Floats = np.sin(self.order * angles_rad + self.phase_rad)
         return self.height_rad * waves
 
@@ -87,13 +87,13 @@ class SquareOfTemperature(ReadingFault):
     rate_rad_c2: float
     reference_c: float = 20.0
 
-    def errors_rad(self, seen: JointState) -> Floats:
-        warmer_c = seen.around.temperature_c - self.reference_c
+    def errors_rad(self, state: JointState) -> Floats:
+        warmer_c = state.around.temperature_c - self.reference_c
         squares: Floats = warmer_c[:, None] ** 2
         return self.rate_rad_c2 * squares
 
 
-def _angles_rad(seen: JointState, joints: slice) -> Floats:
+def _angles_rad(state: JointState, joints: slice) -> Floats:
     """Return true angles on the disc, (n, n_chosen)."""
-    angles: Floats = seen.turns_rad[:, joints] + seen.build.zeros_rad[joints]
+    angles: Floats = state.turns_rad[:, joints] + state.build.zeros_rad[joints]
     return angles

@@ -77,10 +77,10 @@ def _articulation(
     fractions = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
     reach, start_rad = stage.reach, stage.posture_rad
     low, high = reach.limits_rad.T
-    wished = reach.rng.uniform(low, high, (N_TRIES, len(start_rad)))
+    target_rad = reach.rng.uniform(low, high, (N_TRIES, len(start_rad)))
     pull = reach.rng.uniform(0.3, 1.0, (N_TRIES, 1))
     starts = np.tile(start_rad, (N_TRIES, 1))
-    targets_rad = starts + fractions[:, None, None] * (pull * (wished - starts))
+    targets_rad = starts + fractions[:, None, None] * (pull * (target_rad - starts))
     ways = reach.nearest(starts, targets_rad, np.tile(seat_mm, (N_TRIES, 1)))
     centres_mm, shanks = probe_pose(reach.mechanism, ways[-1])
     good = np.linalg.norm(centres_mm - seat_mm, axis=1) < REACHED_MM

@@ -54,7 +54,6 @@ class ReplayMotion(Motion):
     file: str
 
     def play(self, stage: CourseBuilder) -> None:
-        """Append its duration and its inputs to the course."""
         recording = read_recording(stage.folder / self.file)
         stage.events += [
             ScriptEvent(time_s, name, level)

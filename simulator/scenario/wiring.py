@@ -44,7 +44,6 @@ class ScriptClock:
     begin_s: float | None = None
 
     def begin(self, time_s: float) -> None:
-        """Start the script, unless it has begun."""
         if self.begin_s is None:
             self.begin_s = time_s
 
@@ -103,7 +102,6 @@ class Wiring:
         return counts.astype(np.uint32), status
 
     def peek_change(self) -> InputChange | AlarmChange | None:
-        """Return the next change, if any is known yet."""
         begin_s = self._clock.begin_s
         change = None if begin_s is None else self._next()
         if begin_s is None or change is None:

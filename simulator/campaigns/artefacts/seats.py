@@ -34,7 +34,6 @@ class Seated(Artefact):
         return Contacts(centres_mm, no_directions(touches.n))
 
     def true_table(self, placement: Placement) -> Table:
-        """Return the seats in the arm's system, by name."""
         true_mm = placement.points_mm(self.seats_mm)
         return {"points_mm": dict(zip(self.features, true_mm.tolist(), strict=True))}
 

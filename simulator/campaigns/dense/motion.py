@@ -110,9 +110,9 @@ class Dragging:
         followed[0] = turns
         longest_rad = FASTEST_RAD_S * (knots_s[1] - knots_s[0])
         for knot in range(1, len(knots_s)):
-            wished = wishes_rad[knot] - wishes_rad[knot - 1]
+            wished_step = wishes_rad[knot] - wishes_rad[knot - 1]
             pull = PULL * (wishes_rad[knot - 1] - turns)
-            tried = (turns + wished + pull)[None, :]
+            tried = (turns + wished_step + pull)[None, :]
             at_mm, _ = probe_pose(self.workspace.mechanism, tried)
             moved = shifted_postures(
                 self.workspace.mechanism, tried, centres_mm[knot : knot + 1] - at_mm

@@ -27,7 +27,6 @@ ARRAY = 1  # MessagePack's extension type
 
 
 def write_scan(folder: Path, scan: DenseScan, seed: int) -> None:
-    """Write campaign.toml, scan.mcap, arm.toml and truth/arm.toml."""
     folder.mkdir(parents=True, exist_ok=True)
     text = scan_campaign_text(scan)
     (folder / "campaign.toml").write_text(text, encoding="utf-8")

@@ -173,8 +173,8 @@ class CanOpenBus(SimulatedDevice):
         script_s = self.mounting.clock.script_s(self._now_s)
         content = self.disturbed.disturb(data, script_s, channel)
         n_times = len(content) // max(1, len(data))
-        begun = self.mounting.clock.begin_s is not None
-        doubled = begun and self.mounting.struck("duplicate", self._now_s, channel)
+        has_begun = self.mounting.clock.begin_s is not None
+        doubled = has_begun and self.mounting.struck("duplicate", self._now_s, channel)
         n_times *= 2 if doubled else 1
         late_s = self.disturbed.delay_s(script_s, channel)
         for _ in range(n_times):

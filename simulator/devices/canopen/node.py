@@ -184,7 +184,6 @@ class CanOpenEncoder:
         return "" if self.node is None else str(self.node.nmt.state)
 
     def obey(self) -> None:
-        """Apply the state that NMT commands have set; resets begin anew."""
         if self.state == "INITIALISING":
             self.power_up()
 

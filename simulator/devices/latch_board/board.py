@@ -84,7 +84,6 @@ class EdgeQueue:
         self._waiting.clear()
 
     def next_due_s(self) -> float:
-        """Return when one is to be sent again; infinity if none waits."""
         due_s = min((entry.sent_s for entry in self._waiting), default=float("inf"))
         return due_s + AGAIN_AFTER_S
 
@@ -151,7 +150,6 @@ class Alarms:
         return [self._of_frames(0, now_s)]
 
     def lose_edge(self, n_lost: int, now_s: float) -> bytes:
-        """Report that there was no room for an edge."""
         self._losing_edges = True
         return self._write(now_s, BOARD_ITSELF, 1, EDGES_LOST, n_lost)
 
@@ -249,7 +247,6 @@ class Board:
         return frames
 
     def lose_host(self) -> None:
-        """Drop a begun frame and the stream: the host released the line."""
         self._segments.forget()
         self.sampler.stop()
 
@@ -360,7 +357,6 @@ class Board:
         return self._cleared()
 
     def _cleared(self) -> list[OutgoingFrame]:
-        """Clear the alarm about lost edges, if none waits any more."""
         if len(self.edges):
             return []
         cleared = self.alarms.end_losing_edges(self.edges.n_lost, self._now_s)

@@ -110,7 +110,6 @@ class SimulatedLatchBoard(SimulatedDevice):
         return [] if self.port is None else self.port.writers()
 
     def live(self, now_s: float) -> None:
-        """Do all that is due, and answer the host."""
         self._drops.live(now_s)
         late_s, self._lived_s = self._lived_s, now_s
         if not self.is_there(now_s) or self.port is None:

@@ -167,7 +167,6 @@ class Sampler:
         self._stream = None
 
     def next_s(self) -> float:
-        """Return when the next sample is latched; infinity without a stream."""
         if self._stream is None:
             return float("inf")
         return self._ticks.time_s(self._stream.next_tick())

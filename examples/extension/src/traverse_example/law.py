@@ -15,8 +15,8 @@ class HalfWaveFault(ReadingFault):
     size_rad: float
     phase_rad: float
 
-    def errors_rad(self, seen: JointState) -> Floats:
-        ring_rad = 0.5 * seen.readings_rad[:, self.joints]
+    def errors_rad(self, state: JointState) -> Floats:
+        ring_rad = 0.5 * state.readings_rad[:, self.joints]
         errors: Floats = self.size_rad * np.cos(ring_rad - self.phase_rad)
         return errors
 
