@@ -225,7 +225,7 @@ def _standards(document: _Document, values: Mapping[str, Any]) -> None:
         document.rows(
             STANDARD_COLUMNS,
             standard_cells(values),
-            (16, 19, 19, 29, 19, 19, 24, 25),
+            (18, 19, 19, 28, 19, 19, 23, 25),
             texts=8,
         )
         document.text_block(WORDS.traceability(values), note=True)

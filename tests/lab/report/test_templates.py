@@ -6,7 +6,7 @@ import pytest
 from jinja2 import UndefinedError
 
 from traverse.lab.report import templates
-from traverse.lab.report.quantities import often, shown_unit
+from traverse.lab.report.quantities import millimetres, often, shown_unit
 from traverse.plurals import counted
 
 WORDS = """\
@@ -74,3 +74,21 @@ def test_numbers_of_things_and_prefixes() -> None:
     assert shown_unit(0.02, "mm/C") == (1e3, "µm/°C")
     assert shown_unit(0.0, "rad") == (1.0, "rad")
     assert shown_unit(1e-15, "mm") == (1e9, "pm")
+
+
+@pytest.mark.parametrize(
+    ("value_mm", "expanded_mm", "text"),
+    [
+        # Two digits of U (GUM 7.2.6), at least a tenth of a micrometre.
+        (0.027639, 0.00085, "0.02764"),
+        (-0.02403, 0.00123, "-0.0240"),
+        (-0.02403, 0.0123, "-0.0240"),
+        (0.006312, None, "0.0063"),
+        (0.006312, 0.0, "0.0063"),
+        (None, 0.001, ""),
+    ],
+)
+def test_lengths_have_the_digits_of_their_uncertainty(value_mm, expanded_mm, text):
+    assert millimetres(value_mm, expanded_mm) == text
+    signed = millimetres(value_mm, expanded_mm, "+")
+    assert signed == (f"+{text}" if value_mm and value_mm > 0.0 else text)
