@@ -74,6 +74,7 @@ class Administration:
         temperature_least_c: Of all touches, as the next two.
         temperature_std_c: Standard uncertainty of these.
         probe: Type and serial number of probe and stylus.
+        probe_diameter_mm: Of the ball; 0 of a sensor, whose points are on the surface.
         probe_length_mm: From the last joint to the centre of the ball.
         measuring_range_mm: Diameter of the volume that shares of a length refer to.
         reach_mm: From the shoulder, which shares of zones refer to.
@@ -148,7 +149,7 @@ def administration_of(
         pressure_hpa=circumstances.pressure_hpa,
         warm_up_min=circumstances.warm_up_min,
         probe=circumstances.probe,
-        probe_diameter_mm=2.0 * arm.probe.radius_mm,
+        probe_diameter_mm=2.0 * _tip_mm(measured, arm),
         probe_length_mm=float(np.linalg.norm(arm.probe.vector_mm)),
         arm_name=arm.name,
         arm_serial_number=arm.serial_number,
@@ -162,6 +163,17 @@ def administration_of(
         copied_touches=_copied(measured),
         is_of_identification=_is_of_identification(arm, occasion.campaign_digest),
     )
+
+
+def _tip_mm(measured: Sequence[Measurement], arm: Arm) -> float:
+    """Return the radius of the tip of all touches, where they have one."""
+    tips_mm = {
+        float(tip_mm)
+        for each in measured
+        for touched in each.touched.values()
+        for tip_mm in np.unique(touched.tip_mm)
+    }
+    return tips_mm.pop() if len(tips_mm) == 1 else arm.probe.radius_mm
 
 
 def _copied(measured: Sequence[Measurement]) -> int | None:

@@ -139,7 +139,7 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("Arm", _described_arm(values)),
         ("Serial number of the arm", administration["arm_serial_number"] or NOT_STATED),
         *_known("Arm calibrated", _date(administration["arm_calibration_date"])),
-        ("Probe", _joined(administration, "{probe:s}", *_BALL)),
+        ("Probe", _joined(administration, "{probe:s}", *_tip(administration))),
         ("Range", _joined(administration, *_RANGE)),
         ("Measured", f"{times}{_repeats(values)}"),
         ("Place", administration["place"] or NOT_STATED),
@@ -163,6 +163,12 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("SHA-256 of the campaign", source["campaign"]["sha256"]),
         ("SHA-256 of the arm", values["arm"]["digest"]),
     ]
+
+
+def _tip(administration: Mapping[str, Any]) -> tuple[str, ...]:
+    if administration["probe_diameter_mm"] == 0.0:
+        return ("a sensor, points on the surface",)
+    return _BALL
 
 
 def _laboratory_rows(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

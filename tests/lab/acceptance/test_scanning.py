@@ -207,6 +207,18 @@ def test_a_verdict_on_scanning_rests_on_an_agreement_and_on_the_flat():
     assert administration_of([unknown], arm, limits()).standards == ()
 
 
+def test_a_sensor_has_no_ball():
+    arm = read_arm(CHECKOUT / "cli" / "demo_data" / "arm.toml")
+    data = flat(np.zeros(300), form_mm=0.001)
+    assert administration_of([data], arm, limits()).probe_diameter_mm == 2.0 * TIP_MM
+    data.touched["scan-flat"].tip_mm[:] = 0.0
+    assert administration_of([data], arm, limits()).probe_diameter_mm == 0.0
+    # Of several tips the arm file's counts.
+    data.touched["scan-flat"].tip_mm[:5] = 1.0
+    stated = administration_of([data], arm, limits())
+    assert stated.probe_diameter_mm == 2.0 * arm.probe.radius_mm
+
+
 def test_a_flat_without_a_certified_form_decides_nothing():
     parts = list(scanning(flat(np.zeros(300)), limits(scan_flat_95_mm=0.01)))
     figure = of_kind(parts, Figure, "scan_flat_95")
