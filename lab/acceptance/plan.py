@@ -347,8 +347,8 @@ def _borrowed(standards: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     for standard in standards:
         sizes.setdefault(standard["kind"], []).append(f"{standard['size_mm']:g}")
     for kind, of_kind in sizes.items():
-        what = {"sphere": "radius", "flat": "form error"}.get(kind, "length")
-        yield f"{kind} of {what} {', '.join(of_kind)} mm"
+        quantity = {"sphere": "radius", "flat": "form error"}.get(kind, "length")
+        yield f"{kind} of {quantity} {', '.join(of_kind)} mm"
 
 
 def _marked(

@@ -129,8 +129,8 @@ def _not_stated(parts: list[Part]) -> Iterator[str]:
                     names.setdefault(f"{line.name}: {line.formula}", []).append(
                         part.name
                     )
-    for what, figures in names.items():
+    for gap, figures in names.items():
         of_figures = ", ".join(figures)
         yield (
-            f"no uncertainty is stated for {of_figures} ({what}), so nothing is decided"
+            f"no uncertainty is stated for {of_figures} ({gap}), so nothing is decided"
         )

@@ -149,9 +149,11 @@ def scale_direction(
     motions = rigid_motions(parameters, geometry, tools_mm)
     held = ~parameters.free
     turned = np.linalg.lstsq(motions[held], stretch[held], rcond=1e-9)[0]
-    whole = stretch - motions @ turned
-    if np.max(np.abs(whole[held])) > 1e-6 * max(float(np.max(np.abs(stretch))), 1e-9):
+    without_motions = stretch - motions @ turned
+    if np.max(np.abs(without_motions[held])) > 1e-6 * max(
+        float(np.max(np.abs(stretch))), 1e-9
+    ):
         return np.empty((0, parameters.n_free))
-    scaled: Floats = whole[parameters.free] / parameters.free_tolerances
+    scaled: Floats = without_motions[parameters.free] / parameters.free_tolerances
     size = float(np.linalg.norm(scaled))
     return scaled[np.newaxis] / size if size > 0.0 else scaled[np.newaxis][:0]

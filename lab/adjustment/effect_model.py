@@ -59,13 +59,13 @@ class EffectModel:
 
     def directions(self, geometry: Geometry) -> Floats:
         """Return how values move with coordinates, (n_values, n_coordinates)."""
-        whole = np.zeros((len(self.effects.values), len(self.names)))
+        directions = np.zeros((len(self.effects.values), len(self.names)))
         row = 0
         for index, correction in enumerate(self.effects.corrections):
             part = correction.free_directions(geometry)
-            whole[row : row + len(part), self.coordinates(geometry, index)] = part
+            directions[row : row + len(part), self.coordinates(geometry, index)] = part
             row += len(part)
-        return whole
+        return directions
 
     def columns(
         self, geometry: Geometry, values: Floats, poses: Poses, *, turns: bool = False

@@ -176,7 +176,7 @@ class Equations:
         """
         noise, parameters = self.noise, self.parameters
         contact = np.full(3, float(noise.contact_mm[station.index]))
-        others = {3: contact, 6: np.append(contact, np.full(3, noise.orientation_rad))}
+        by_size = {3: contact, 6: np.append(contact, np.full(3, noise.orientation_rad))}
         n_corrected = parameters.n_joints + max(station.most_rows, 3)
         for chunk in self._chunks(station, arm, corrections):
             part, geometry = chunk.part, arm.with_tool(chunk.tool).geometry
@@ -199,7 +199,7 @@ class Equations:
                 by_angles = np.concatenate([by_angles, turned], axis=1)
                 turned = parameters.turn_columns(arm, derivatives, poses)
                 columns = np.concatenate([columns, turned], axis=1)
-            stds = others[by_pose.shape[2]]
+            stds = by_size[by_pose.shape[2]]
             scales = np.append(noise.encoder_rad, stds)
             by_readings = by_pose @ (by_angles * noise.encoder_rad)
             by_contact = by_pose * stds

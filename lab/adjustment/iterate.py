@@ -135,15 +135,15 @@ class IteratedAdjustment:
             )
             if place is None:
                 break
-            there = np.zeros(len(poses), dtype=np.bool_)
+            in_cluster = np.zeros(len(poses), dtype=np.bool_)
             if place.joint is not None:
                 read_rad = poses.angles_rad[:, campaign.joint_names.index(place.joint)]
-                there = (read_rad >= place.low) & (read_rad <= place.high)
-            there &= ~last.included
-            if np.any(there):
+                in_cluster = (read_rad >= place.low) & (read_rad <= place.high)
+            in_cluster &= ~last.included
+            if np.any(in_cluster):
                 w = last.statistics.w
-                there &= ~(w > _MUCH_WORSE * np.nanmedian(w[there]))
-            artefacts = np.unique(poses.artefacts[there])
+                in_cluster &= ~(w > _MUCH_WORSE * np.nanmedian(w[in_cluster]))
+            artefacts = np.unique(poses.artefacts[in_cluster])
             of_joint = (
                 place.joint is not None
                 and (len(artefacts) > 1 or len(np.unique(poses.artefacts)) == 1)
@@ -152,7 +152,7 @@ class IteratedAdjustment:
             clusters.append(ExcludedCluster(place, of_joint))
             if not of_joint:
                 break
-            never_excluded |= there
+            never_excluded |= in_cluster
             last = again(never_excluded)
         return last, tuple(clusters)
 
@@ -252,8 +252,8 @@ def adjust_iteratively(
         included = going_on
         adjustment, statistics = adjusted(included, adjustment.state.arm, noise)
     if not np.all(included):
-        others = network.stations_of(~included)
-        statistics.fill(adjustment.pose_statistics(others), ~included)
+        left_out = network.stations_of(~included)
+        statistics.fill(adjustment.pose_statistics(left_out), ~included)
     return IteratedAdjustment(
         adjustment,
         statistics,
@@ -268,17 +268,19 @@ def adjust_iteratively(
 
 def _is_estimated(network: Network) -> bool:
     """Return whether any standard deviation is not as stated or assumed."""
-    noise, given = network.noise, a_priori_noise(network.campaign)
+    noise, a_priori = network.noise, a_priori_noise(network.campaign)
     return not (
-        np.array_equal(noise.encoder_rad, given.encoder_rad)
-        and np.array_equal(noise.contact_mm, given.contact_mm)
-        and noise.orientation_rad == given.orientation_rad
+        np.array_equal(noise.encoder_rad, a_priori.encoder_rad)
+        and np.array_equal(noise.contact_mm, a_priori.contact_mm)
+        and noise.orientation_rad == a_priori.orientation_rad
     )
 
 
 def _circle(visited: list[Booleans], included: Booleans) -> list[Booleans]:
     """Find the recurring selections of poses; none without a cycle."""
-    same = [at for at, past in enumerate(visited) if np.array_equal(past, included)]
+    same = [
+        index for index, past in enumerate(visited) if np.array_equal(past, included)
+    ]
     return [] if len(same) < _A_CIRCLE - 1 else visited[same[-1] :]
 
 
@@ -320,8 +322,8 @@ def snoop(
     outside = eligible & ~included
     back = np.zeros_like(included)
     if np.any(outside):
-        others = adjustment.network.stations_of(outside)
-        theirs = adjustment.pose_statistics(others).w / scale
+        left_out = adjustment.network.stations_of(outside)
+        theirs = adjustment.pose_statistics(left_out).w / scale
         back = outside & (np.nan_to_num(theirs, nan=np.inf) < returning)
     return (included & ~leaving) | back, critical * scale
 

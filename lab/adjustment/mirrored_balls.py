@@ -73,12 +73,12 @@ def _explains_more(trial: Adjustment, adjustment: Adjustment) -> bool:
 def _mirrored(adjustment: Adjustment) -> Iterator[State]:
     """Yield the state with one artefact mirrored, each in turn."""
     network, state = adjustment.network, adjustment.state
-    for at, station in enumerate(network.stations):
+    for index, station in enumerate(network.stations):
         images = station.artefact.mirror_images(
-            state.unknowns[at],
+            state.unknowns[index],
             network.centres_mm(station, state.arm),
             station.touches,
         )
         for image in images:
-            unknowns = (*state.unknowns[:at], image, *state.unknowns[at + 1 :])
+            unknowns = (*state.unknowns[:index], image, *state.unknowns[index + 1 :])
             yield replace(state, unknowns=unknowns)

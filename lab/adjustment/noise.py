@@ -150,11 +150,13 @@ def _groups(n_joints: int, kinds: list[str], model: VarianceModel) -> Integers:
 
 def _thetas(members: Floats, sums: VarianceSums) -> Floats:
     """Solve for the factors of the groups' variances, (n_groups,)."""
-    wanted, redundancies = members @ sums.squares, members @ sums.redundancies
+    sums_of_groups, redundancies = members @ sums.squares, members @ sums.redundancies
     matrix = members @ sums.information @ members.T
     # What is held takes its part of the squares as it is.
     held = members @ sums.information @ (1.0 - members.sum(axis=0))
-    rest = redundancies - matrix.sum(axis=1) - held
-    solved = np.linalg.lstsq(matrix + np.diag(rest), wanted - held, rcond=1e-6)[0]
-    ratios = wanted / redundancies
+    not_shared = redundancies - matrix.sum(axis=1) - held
+    solved = np.linalg.lstsq(
+        matrix + np.diag(not_shared), sums_of_groups - held, rcond=1e-6
+    )[0]
+    ratios = sums_of_groups / redundancies
     return np.where(solved > 0.1 * ratios, solved, ratios)

@@ -40,9 +40,9 @@ def arm_parameters(
     # Name, unit, tolerance, whether it is free.
     table: list[tuple[str, str, float, bool]] = [
         *(
-            (f"{name}.{what}.{component}", unit, tolerance, True)
+            (f"{name}.{quantity}.{component}", unit, tolerance, True)
             for name in joint_names
-            for what, unit, tolerance in of_joints
+            for quantity, unit, tolerance in of_joints
             for component in "vw"
         ),
         *((f"origin.{axis}", "mm", ORIGIN_TOLERANCE_MM, False) for axis in "xyz"),

@@ -156,8 +156,8 @@ class Parameters:
         if np.any(by_zeros):
             columns += derivatives.by_zeros @ by_zeros
         if np.any(self.free[4 * n : 4 * n + 3]):
-            rest = len(self.names) - 4 * n - 3
-            columns += np.pad(np.eye(3), ((0, 0), (4 * n, rest)))[:, self.free]
+            n_left = len(self.names) - 4 * n - 3
+            columns += np.pad(np.eye(3), ((0, 0), (4 * n, n_left)))[:, self.free]
         self._put_effects(columns, values.with_tool(tool), poses, turns=False)
         return columns
 
@@ -219,16 +219,16 @@ class Parameters:
         geometry, n = values.geometry, self.n_joints
         basis = self.basis(geometry)
         joints = full[: 4 * n].reshape(n, 4)
-        rest = full[4 * n :]
+        of_arm = full[4 * n :]
         moved = replace(
             geometry,
             axes=unit_vectors(
                 geometry.axes + np.einsum("kb,kbi->ki", joints[:, :2], basis)
             ),
             links_mm=geometry.links_mm + np.einsum("kb,kbi->ki", joints[:, 2:], basis),
-            origin_mm=geometry.origin_mm + rest[:3],
-            probe_vector_mm=geometry.probe_vector_mm + rest[3:6],
-            zeros_rad=geometry.zeros_rad + rest[6 : 6 + n],
+            origin_mm=geometry.origin_mm + of_arm[:3],
+            probe_vector_mm=geometry.probe_vector_mm + of_arm[3:6],
+            zeros_rad=geometry.zeros_rad + of_arm[6 : 6 + n],
         )
         first = self.n_geometric - 4 * n
         tools_mm = values.tools_mm + full[self.of_tools].reshape(-1, 3)
@@ -239,17 +239,17 @@ class Parameters:
             # Vectors stay across or along axes.
             before = self.effects.directions(geometry)
             after = self.effects.directions(moved)
-            amplitudes = after @ (after.T @ (amplitudes + before @ rest[first:]))
+            amplitudes = after @ (after.T @ (amplitudes + before @ of_arm[first:]))
         return ArmValues(moved, amplitudes, tools_mm, mountings)
 
     def as_expected(self, arm: ArmValues) -> ArmValues:
         """Give an arm the values that its family expects, if it has one."""
         if self.expected is None:
             return arm
-        there = self.expected.arm
+        expected = self.expected.arm
         amplitudes = arm.amplitudes.copy()  # added effects are behind the design's
-        amplitudes[: len(there.amplitudes)] = there.amplitudes
-        return replace(arm, geometry=there.geometry, amplitudes=amplitudes)
+        amplitudes[: len(expected.amplitudes)] = expected.amplitudes
+        return replace(arm, geometry=expected.geometry, amplitudes=amplitudes)
 
     def expectations(self, arm: ArmValues) -> Floats:
         """White equations of the free parameters: by the arm's family, of masses.
@@ -280,14 +280,14 @@ class Parameters:
         """As `expectations`, by the family alone; n is that of its free parameters."""
         if self.expected is None:
             return np.empty((0, self.n_free + 1))
-        there, names = self.expected, self.free_names
+        expected, names = self.expected, self.free_names
         step = self.coordinates(self.as_expected(arm), arm)[self.free]
-        known = np.array([name in names for name in there.names], dtype=np.bool_)
-        at = [names.index(name) for name in there.names if name in names]
+        known = np.array([name in names for name in expected.names], dtype=np.bool_)
+        at = [names.index(name) for name in expected.names if name in names]
         rows = np.zeros((len(at), self.n_free + 1))
         rows[np.arange(len(at)), at] = 1.0
         rows[:, -1] = step[at]
-        return rows / there.stds[known, np.newaxis]
+        return rows / expected.stds[known, np.newaxis]
 
     def length_errors(self, values: ArmValues, artefact: str) -> tuple[float, Floats]:
         """Return by how many ppm a standard is off, and which parameters say so."""
@@ -301,24 +301,24 @@ class Parameters:
 
     def coordinates(self, to: ArmValues, at: ArmValues) -> Floats:
         """Return the step of all parameters from `at` to `to`, (n_all,)."""
-        here, there = at.geometry, to.geometry
-        basis = self.basis(here)
+        start, end = at.geometry, to.geometry
+        basis = self.basis(start)
         difference = to.amplitudes - at.amplitudes
         if self.effects is not None:
-            difference = self.effects.directions(here).T @ difference
+            difference = self.effects.directions(start).T @ difference
         joints = np.concatenate(
             [
-                np.einsum("kbi,ki->kb", basis, there.axes - here.axes),
-                np.einsum("kbi,ki->kb", basis, there.links_mm - here.links_mm),
+                np.einsum("kbi,ki->kb", basis, end.axes - start.axes),
+                np.einsum("kbi,ki->kb", basis, end.links_mm - start.links_mm),
             ],
             axis=1,
         )
         return np.concatenate(
             [
                 joints.ravel(),
-                there.origin_mm - here.origin_mm,
-                there.probe_vector_mm - here.probe_vector_mm,
-                there.zeros_rad - here.zeros_rad,
+                end.origin_mm - start.origin_mm,
+                end.probe_vector_mm - start.probe_vector_mm,
+                end.zeros_rad - start.zeros_rad,
                 (to.tools_mm - at.tools_mm).ravel(),
                 rotation_vectors(
                     multiply(to.mountings.T, conjugate(at.mountings.T))

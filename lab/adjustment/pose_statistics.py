@@ -201,9 +201,9 @@ def _add_variances(
     np.add.at(sums.redundancies, of_source, np.einsum("njj->j", shared))
     information = np.einsum("nij,nij->ij", shared, shared)
     np.add.at(sums.information, np.ix_(of_source, of_source), information)
-    for at, part in enumerate((slice(0, 3), slice(3, 6))):
-        sums.of_parts[0, at] += np.sum(rows.misclosures[:, part] ** 2)
-        sums.of_parts[1, at] += np.sum(np.einsum("nii->ni", block)[:, part])
+    for index, part in enumerate((slice(0, 3), slice(3, 6))):
+        sums.of_parts[0, index] += np.sum(rows.misclosures[:, part] ** 2)
+        sums.of_parts[1, index] += np.sum(np.einsum("nii->ni", block)[:, part])
 
 
 def _empty(network: Network) -> PoseStatistics:

@@ -120,11 +120,11 @@ class Network(Equations):
                 if chunk.turns is not None:
                     touches = station.touches.part(chunk.part)
                     seen = station.artefact.measured_orientations(of_station, touches)
-                    said = multiply(conjugate(chunk.body_turns), seen)
-                    parts.setdefault(chunk.tool, []).append(said.T)
-        for at, tool in enumerate(self.parameters.mounted):
+                    mountings_seen = multiply(conjugate(chunk.body_turns), seen)
+                    parts.setdefault(chunk.tool, []).append(mountings_seen.T)
+        for index, tool in enumerate(self.parameters.mounted):
             if tool in parts:
-                mountings[at] = _mean_rotation(np.concatenate(parts[tool]))
+                mountings[index] = _mean_rotation(np.concatenate(parts[tool]))
         return mountings
 
     def stations_of(
@@ -167,9 +167,9 @@ class Network(Equations):
         errors_rad = np.full((len(campaign.poses), 3), np.nan)
         every = np.ones(len(errors_rad), dtype=np.bool_)
         known, unknowns = self.known_stations(state, every, campaign)
-        whole = self.on(campaign)
+        network = self.on(campaign)
         for station, of_station in zip(known, unknowns, strict=True):
-            errors_rad[station.poses] = whole.orientation_errors_rad(
+            errors_rad[station.poses] = network.orientation_errors_rad(
                 station, state.arm, of_station
             )
         return errors_rad

@@ -70,12 +70,12 @@ def adjust(
     n_determined: int | None = None
     converged, corrected, settled = False, False, False
     trial, back = _Trial(), 1.0
-    whole = last = np.zeros(parameters.n_free)
+    step = last = np.zeros(parameters.n_free)
     while not converged and len(iterations) < most_iterations:
         number = len(iterations) + 1
         to_design = parameters.coordinates(design, state.arm)[parameters.free]
         parts = _split(network, state, system, to_design, n_determined, settled=settled)
-        whole, held = parts.step(to_design)
+        step, held = parts.step(to_design)
         held = held / parts.tolerances
         # Along a curved undetermined direction the way back to the design overshoots.
         back *= 0.5 if held @ last < -0.25 * (last @ last) else 1.0
@@ -115,7 +115,7 @@ def adjust(
         iterations=tuple(iterations),
         converged=converged,
         redundancy=_redundancy(network, state, system, parts),
-        last_step=whole,
+        last_step=step,
     )
 
 
@@ -206,12 +206,12 @@ def _stepped(
             )
         )
         arm = network.parameters.moved(state.arm, fraction * step)
-        there = replace(state, arm=arm, unknowns=unknowns)
-        if size < _CONVERGED or sum_of_squares(network, there, system) <= limit:
-            taken = fraction if damping == 0.0 else _length(system, step) / size
+        moved = replace(state, arm=arm, unknowns=unknowns)
+        if size < _CONVERGED or sum_of_squares(network, moved, system) <= limit:
+            part_of_step = fraction if damping == 0.0 else _length(system, step) / size
             # Smallest singular values are about one: less damping does nothing.
             less = damping / 16.0 if damping > 16.0 else 0.0
-            return there, size, taken, _Trial(less, min(4.0 * fraction, 1.0))
+            return moved, size, part_of_step, _Trial(less, min(4.0 * fraction, 1.0))
         if damping >= _MOST_DAMPING or not len(step):
             fraction *= 0.5
         else:

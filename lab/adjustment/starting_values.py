@@ -154,12 +154,12 @@ def _is_near(
     identification. Of a joint that hardly turned another sign looks like a small
     change of the arm, but like an implausible one where it would be seen.
     """
-    whole = replace(network, parameters=parameters)
-    start = whole.start(design)
-    state = adjust(whole, start, design, None, _FEW_ITERATIONS).state
+    all_free = replace(network, parameters=parameters)
+    start = all_free.start(design)
+    state = adjust(all_free, start, design, None, _FEW_ITERATIONS).state
     changes = parameters.coordinates(design, state.arm) / parameters.tolerances
     is_plausible = np.max(np.abs(changes), initial=0.0) < _PLAUSIBLE
-    return bool(is_plausible and _median_mm(whole, state) < _EXPLAINED * before_mm)
+    return bool(is_plausible and _median_mm(all_free, state) < _EXPLAINED * before_mm)
 
 
 def _signs(network: Network, design: ArmValues, before_mm: float) -> tuple[int, ...]:

@@ -83,13 +83,13 @@ def eliminate_unknowns(upper: Floats, scales: Floats) -> Elimination:
     than the hopeless standard deviations is held, and its equation left to the arm.
     """
     n_unknowns = len(scales)
-    of_unknowns, others = (
+    of_unknowns, left_over = (
         upper[:n_unknowns, :n_unknowns] * scales,
         upper[:n_unknowns, n_unknowns:],
     )
     left, values, right = np.linalg.svd(of_unknowns)
     n_determined = int(np.count_nonzero(values > 1.0))
-    turned = left.T @ others
+    turned = left.T @ left_over
     known = turned[:n_determined]
     gain = scales[:, np.newaxis] * right[:n_determined].T / values[:n_determined]
     return Elimination(
@@ -183,8 +183,8 @@ def decide_rank(
     n_free = len(tolerances)
     rows = np.zeros((max(len(upper), n_free), n_free + 1))
     rows[: len(upper)] = upper
-    others = np.linalg.svd(known_null)[2][len(known_null) :]
-    left, values, within = np.linalg.svd(rows[:, :-1] * tolerances @ others.T)
+    remaining = np.linalg.svd(known_null)[2][len(known_null) :]
+    left, values, within = np.linalg.svd(rows[:, :-1] * tolerances @ remaining.T)
     count = (
         int(np.count_nonzero(values > 1.0)) if n_determined is None else n_determined
     )
@@ -192,7 +192,7 @@ def decide_rank(
     return RankDecision(
         tolerances,
         np.concatenate([values, np.zeros(n_null)]),
-        np.vstack([within @ others, known_null]),
+        np.vstack([within @ remaining, known_null]),
         count,
         np.concatenate([(left.T @ rows[:, -1])[: len(values)], np.zeros(n_null)]),
     )
@@ -267,7 +267,7 @@ def linearise(network: Network, state: State) -> System:
         [*(elimination.reduced for elimination in eliminations), expected], n_free + 1
     )
     whiteners, all_offsets, following = (
-        tuple(of_station[at] for of_station in kept) for at in range(3)
+        tuple(of_station[index] for of_station in kept) for index in range(3)
     )
     rms_mm = float(np.sqrt(squares_mm2 / max(n_mm, 1)))
     return System(
@@ -278,11 +278,11 @@ def linearise(network: Network, state: State) -> System:
 def sum_of_squares(network: Network, state: State, system: System) -> float:
     """Weigh the misclosures of a state with the weights of a system."""
     total = float(np.sum(network.parameters.expectations(state.arm)[:, -1] ** 2))
-    for at, station in enumerate(network.stations):
-        unknowns, corrections = state.unknowns[at], state.corrections[at]
+    for index, station in enumerate(network.stations):
+        unknowns, corrections = state.unknowns[index], state.corrections[index]
         misclosures = network.all_misclosures(station, state.arm, unknowns, corrections)
-        misclosures = misclosures - system.offsets[at]
-        white = system.whiteners[at] @ misclosures[:, :, np.newaxis]
+        misclosures = misclosures - system.offsets[index]
+        white = system.whiteners[index] @ misclosures[:, :, np.newaxis]
         certificates = network.certified(station, state.arm, unknowns)[:, -1]
         total += float(np.sum(white**2) + np.sum(certificates**2))
     return total

@@ -90,11 +90,11 @@ def read_alignment(path: Path) -> dict[str, Any]:
 
 def transformation_of(values: Mapping[str, Any]) -> Helmert:
     """Take the transformation out of an alignment's values."""
-    given = values["alignment"]
+    alignment = values["alignment"]
     return Helmert(
-        np.array(given["rotation"]),
-        np.array(given["translation_mm"]),
-        float(given["scale"]),
+        np.array(alignment["rotation"]),
+        np.array(alignment["translation_mm"]),
+        float(alignment["scale"]),
     )
 
 
@@ -123,11 +123,11 @@ def chained_values(
     volume = quality["volume"]
     ball = _around(volume)
     middle_mm = outer.places_mm(ball.mean_mm[np.newaxis])[0]
-    there = Ball(middle_mm, outer.scale * ball.radius_mm)
+    chained = Ball(middle_mm, outer.scale * ball.radius_mm)
     where = f"{volume['source']}, in the system of {source}"
     quality |= {
-        "volume": volume_values(there, where),
-        **predicted_values(there, centre_mm, covariance),
+        "volume": volume_values(chained, where),
+        **predicted_values(chained, centre_mm, covariance),
     }
     state = worst([State(values["state"]), State(first["state"])])
     remarks = [

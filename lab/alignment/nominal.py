@@ -154,12 +154,12 @@ class Nominal(StrictModel):
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(f"points named twice: {', '.join(twice)}")
-        for what, vector in (
+        for kind, vector in (
             ("plane.normal", self.plane and self.plane.normal),
             ("line.direction", self.line and self.line.direction),
         ):
             if vector and not np.linalg.norm(vector) > 0.0:
-                raise ValueError(f"{what} has no length")
+                raise ValueError(f"{kind} has no length")
         if self.plane and self.line:
             across = np.cross(self.plane.normal, self.line.direction)
             vectors = (self.plane.normal, self.line.direction)

@@ -110,8 +110,8 @@ def nominal_frame(nominal: Nominal) -> PartFrame:
     """
     plane, line, point = nominal.plane, nominal.line, nominal.point
     if plane is None or line is None or point is None:
-        there = {"[plane]": plane, "[line]": line, "[point]": point}
-        lacking = ", ".join(name for name, value in there.items() if value is None)
+        tables = {"[plane]": plane, "[line]": line, "[point]": point}
+        lacking = ", ".join(name for name, value in tables.items() if value is None)
         raise ValueError(f"3-2-1 needs {lacking} in the nominal file (TOML); add it")
     normal = np.array(plane.normal) / np.linalg.norm(plane.normal)
     direction = np.array(line.direction)
@@ -237,11 +237,11 @@ def _feature_values(
     nominal: Nominal, axis: Integers, heights_mm: Floats
 ) -> Iterator[dict[str, Any]]:
     """Return how the features fit."""
-    for what, which, freedoms in (("plane", 2, 3), ("line", 1, 2), ("point", 0, 1)):
+    for kind, which, freedoms in (("plane", 2, 3), ("line", 1, 2), ("point", 0, 1)):
         rows = heights_mm[axis == which]
-        feature = getattr(nominal, what)
+        feature = getattr(nominal, kind)
         yield {
-            "kind": what,
+            "kind": kind,
             "feature": feature.feature,
             "touches": len(rows),
             "counts": _AXES[which],

@@ -119,8 +119,8 @@ def read_touch_table(path: Path, coordinates: Coordinates) -> list[Touch]:
             if name not in table.header:
                 table.refuse_header(f"column '{name}' is missing; add it")
         if not {"name", "artefact", "feature"} & set(table.header):
-            what = "column 'name' is missing; add it, or artefact, feature"
-            table.refuse_header(what)
+            problem = "column 'name' is missing; add it, or artefact, feature"
+            table.refuse_header(problem)
         table.check()
         rows = list(table.rows_by_name(_PLACES[coordinates]))
         gone = {row.get("retracts", "") for _, row in rows} - {""}
@@ -160,8 +160,8 @@ def _row_touch(
     covariance = None if tensor is None else matrix_of(tensor.tolist())
     if std_mm is not None:
         if not std_mm[0] > 0.0:
-            what = f"is {std_mm[0]:g}, expected a length above zero"
-            table.refuse(line, what, "std_mm")
+            problem = f"is {std_mm[0]:g}, expected a length above zero"
+            table.refuse(line, problem, "std_mm")
         covariance = std_mm[0] ** 2 * np.eye(3)
     if place_mm is None:
         return None

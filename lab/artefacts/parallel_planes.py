@@ -86,8 +86,8 @@ class ParallelPlanes(ExpandingArtefact):
             centres_mm @ normal - state[3] - signs * (halves * state[4] + offset_mm)
         )
         turned_mm = centres_mm @ tangent_basis(normal).T
-        rest = -np.ones(len(centres_mm)), -signs * halves
-        by_unknowns = np.column_stack([turned_mm, *rest])
+        by_sizes = -np.ones(len(centres_mm)), -signs * halves
+        by_unknowns = np.column_stack([turned_mm, *by_sizes])
         return Equations.of_surface(misclosures_mm, normal, by_unknowns)
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:

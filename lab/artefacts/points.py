@@ -152,9 +152,9 @@ class Points(ExpandingArtefact):
         by - c f - e x f.
         """
         measured = self.measured_orientations(state, touches)
-        rest = multiply(turns, conjugate(measured))
-        rest = np.where(rest[0] < 0.0, -rest, rest)
-        cosine, vectors = rest[0][:, np.newaxis, np.newaxis] * np.eye(3), rest[1:].T
+        errors = multiply(turns, conjugate(measured))
+        errors = np.where(errors[0] < 0.0, -errors, errors)
+        cosine, vectors = errors[0][:, np.newaxis, np.newaxis] * np.eye(3), errors[1:].T
         crossed = np.cross(vectors[:, np.newaxis], np.eye(3)).swapaxes(1, 2)
         by_unknowns = np.zeros((len(vectors), 3, len(self.unknown_scales(touches))))
         if _N_FRAME_UNKNOWNS[self.frame]:

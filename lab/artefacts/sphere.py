@@ -125,11 +125,11 @@ def polished(
         lengths: Beyond which the radius counts, (n_poses,).
     """
     hopeless = _HOPELESS * float(np.abs(local).max())
-    for at in range(_STEPS):
+    for index in range(_STEPS):
         away, units = distances(local, centre)
         residuals = away - lengths - radius
         scale = max(float(np.median(np.abs(residuals))), 1e-9)
-        if at == _STEPS_OF_HOPE and scale > hopeless:
+        if index == _STEPS_OF_HOPE and scale > hopeless:
             break
         weights = 1.0 / np.sqrt(1.0 + (residuals / (3.0 * scale)) ** 2)
         columns = [-units] if is_known else [-units, -np.ones((len(local), 1))]

@@ -144,8 +144,8 @@ class Campaign:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["line", "artefact", "feature", *header])
             writer.writerows(
-                [line, *self.touched_cells(at), *cells(at)]
-                for at, line in enumerate(self.poses.lines.tolist())
+                [line, *self.touched_cells(index), *cells(index)]
+                for index, line in enumerate(self.poses.lines.tolist())
             )
 
     def block(
@@ -373,13 +373,13 @@ def _check_orientations(path: Path, file: CampaignFile, poses: Poses) -> None:
     takes = np.array([artefact.has_orientations for artefact in file.artefacts])
     problems = [
         Problem(
-            f"line {poses.lines[at]}",
+            f"line {poses.lines[index]}",
             f"orientation does not belong to {artefact.id!r}, of the kind "
             f"'{artefact.kind}'; only points have a frame to measure it in: leave it "
             "empty",
         )
-        for at in np.flatnonzero(poses.oriented & ~takes[poses.artefacts])
-        for artefact in [file.artefacts[poses.artefacts[at]]]
+        for index in np.flatnonzero(poses.oriented & ~takes[poses.artefacts])
+        for artefact in [file.artefacts[poses.artefacts[index]]]
     ]
     if problems:
         raise FileError(path, problems[:_MOST_PROBLEMS])
@@ -422,7 +422,7 @@ def campaign_of_places(
     noise of readings and places where it is known.
     """
     n_poses = len(places_mm)
-    names = tuple(f"P{at + 1}" for at in range(n_poses))
+    names = tuple(f"P{index + 1}" for index in range(n_poses))
     instrument = Points(
         id="instrument",
         kind="points",

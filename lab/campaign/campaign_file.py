@@ -173,8 +173,8 @@ def read_points(path: Path) -> dict[str, tuple[float, float, float]]:
     points: dict[str, tuple[float, float, float]] = {}
     with open_table(path) as table:
         if list(table.header) != _POINT_COLUMNS:
-            found, expected = shown(list(table.header)), ",".join(_POINT_COLUMNS)
-            table.refuse_header(f"columns are {found}, expected {expected}")
+            header, expected = shown(list(table.header)), ",".join(_POINT_COLUMNS)
+            table.refuse_header(f"columns are {header}, expected {expected}")
             table.check()
         for line, row in table.rows_by_name(_POINT_COLUMNS[1:]):
             name, *columns = _POINT_COLUMNS

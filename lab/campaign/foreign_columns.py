@@ -117,10 +117,12 @@ def understood(
     if len(joints) != len(joint_names):
         named, expected = len(joints), len(joint_names)
         raise UnclearError(f"--joints names {named} columns; the arm has {expected}")
-    rest = [name for name in names if name not in joints]
-    orientation = _quadruple(rest)
+    other_names = [name for name in names if name not in joints]
+    orientation = _quadruple(other_names)
     position = _given(options.position, names, "--position") or _position(
-        table, [name for name in rest if name not in orientation], len(joints)
+        table,
+        [name for name in other_names if name not in orientation],
+        len(joints),
     )
     if len(position) != 3:
         raise UnclearError("--position names three columns: x,y,z")
@@ -219,16 +221,16 @@ def _joints(table: ForeignTable, joint_names: Sequence[str]) -> list[str]:
         match = _NUMBERED.fullmatch(_parts(name)[0])
         if match:
             families.setdefault(match[1], {})[int(match[2])] = name
-    whole = [
+    all_joints = [
         [numbered[at] for at in sorted(numbered)]
         for numbered in families.values()
         if sorted(numbered) in ([*range(n_joints)], [*range(1, n_joints + 1)])
     ]
-    if len(whole) == 1:
-        return whole[0]
-    what = "several sets of" if whole else "no"
+    if len(all_joints) == 1:
+        return all_joints[0]
+    number = "several sets of" if all_joints else "no"
     raise UnclearError(
-        f"{what} columns for the joints {', '.join(joint_names)}; say which by "
+        f"{number} columns for the joints {', '.join(joint_names)}; say which by "
         f"--joints, of: {', '.join(names)}"
     )
 
@@ -237,11 +239,11 @@ def _sets(names: Sequence[str], axes: str) -> Iterator[tuple[str, list[str]]]:
     """Yield what is before the axis, and the columns that differ by it alone."""
     plain = {_parts(name)[0]: name for name in names}
     for bare in plain:
-        for at, letter in enumerate(bare):
+        for index, letter in enumerate(bare):
             if letter == axes[0]:
-                alike = [f"{bare[:at]}{axis}{bare[at + 1 :]}" for axis in axes]
+                alike = [f"{bare[:index]}{axis}{bare[index + 1 :]}" for axis in axes]
                 if all(key in plain for key in alike):
-                    yield bare[:at], [plain[key] for key in alike]
+                    yield bare[:index], [plain[key] for key in alike]
 
 
 def _quadruple(names: Sequence[str]) -> list[str]:
@@ -257,9 +259,9 @@ def _position(table: ForeignTable, names: list[str], n_joints: int) -> list[str]
     candidates = trusted if len(trusted) == 1 else sets
     if len(candidates) == 1:
         return candidates[0][1]
-    what = "several sets of" if candidates else "no"
+    number = "several sets of" if candidates else "no"
     raise UnclearError(
-        f"{what} columns for x, y, z of the targets; say which by --position, of: "
+        f"{number} columns for x, y, z of the targets; say which by --position, of: "
         f"{', '.join(names)}"
     )
 

@@ -133,8 +133,8 @@ def _read_mat(path: Path, n_joints: int) -> ForeignTable:
         widths = (1, 3, 4, n_joints, n_joints + 3, n_joints + 7)
         if value.shape[1] not in widths and value.shape[0] in widths:
             value = value.T  # noqa: PLW2901 - a sample is a row here
-        for at, label in enumerate(_labels(name, value.shape[1]), 0):
-            columns[label] = np.asarray(value[:, at], dtype=np.float64)
+        for index, label in enumerate(_labels(name, value.shape[1]), 0):
+            columns[label] = np.asarray(value[:, index], dtype=np.float64)
     lengths = {len(column) for column in columns.values()}
     if len(lengths) != 1:
         held = ", ".join(f"{n} ({len(c)} rows)" for n, c in list(columns.items())[:12])
@@ -156,13 +156,13 @@ def _labels(name: str, width: int) -> Iterator[str]:
     """Name the columns of a variable: q1, q2 ...; p.x, p.y, p.z; r.w, r.x ..."""
     axes = {3: "xyz", 4: "wxyz"}.get(width)
     is_angles = name.lower() in ("q", "qs", "joints", "angles", "theta")
-    for at in range(width):
+    for index in range(width):
         if width == 1:
             yield name
         elif axes and not is_angles:
-            yield f"{name}.{axes[at]}"
+            yield f"{name}.{axes[index]}"
         else:
-            yield f"{name}{at + 1}"
+            yield f"{name}{index + 1}"
 
 
 def _read_mcap(path: Path) -> ForeignTable:
@@ -181,8 +181,8 @@ def _read_mcap(path: Path) -> ForeignTable:
                     continue
                 decode = factory.decoder_for(channel.message_encoding, schema)
                 if decode is None:
-                    what = f"encoding {channel.message_encoding!r} of {topic}"
-                    raise ValueError(f"{what}; expected cdr of ros2msg")
+                    encoding = f"encoding {channel.message_encoding!r} of {topic}"
+                    raise ValueError(f"{encoding}; expected cdr of ros2msg")
                 content = decode(message.data)
                 time_s = _time_s(content, message.log_time)
                 if kind == _JOINT_STATE:
@@ -193,10 +193,10 @@ def _read_mcap(path: Path) -> ForeignTable:
                     targets.setdefault(topic, []).append((time_s, numbers))
     except (McapError, *_DAMAGED) as error:
         raise FileError(path, f"is no bag of ROS 2 in MCAP: {error}") from error
-    for what, topics in (("JointState", states), ("stamped targets", targets)):
+    for kind_of_topic, topics in (("JointState", states), ("stamped targets", targets)):
         if len(topics) != 1:
             listed = ", ".join(topics) or "none"
-            message_of_all = f"has topics of {what}: {listed}; expected one"
+            message_of_all = f"has topics of {kind_of_topic}: {listed}; expected one"
             raise FileError(path, f"{message_of_all}; filter the bag")
     (timed_states,), (timed_targets,) = states.values(), targets.values()
     return _matched(path, timed_states, timed_targets)

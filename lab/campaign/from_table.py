@@ -99,10 +99,10 @@ def write_campaign_of(
         quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
         extra += list(quaternions.T)
     rows = [
-        [at if times_s is None else times_s[at], ARTEFACT, features[at]]
-        + [float(number) for number in meant.angles_rad[at]]
-        + ["" if np.isnan(column[at]) else float(column[at]) for column in extra]
-        for at in range(table.n_rows)
+        [index if times_s is None else times_s[index], ARTEFACT, features[index]]
+        + [float(number) for number in meant.angles_rad[index]]
+        + ["" if np.isnan(column[index]) else float(column[index]) for column in extra]
+        for index in range(table.n_rows)
     ]
     folder.mkdir(parents=True, exist_ok=True)
     time = 'time = "order"' if times_s is None else ""
@@ -144,13 +144,13 @@ def _points(
     """Name the target of each row; equal places have one name."""
     labels = table.texts.get(meant.label or "", ("",) * table.n_rows)
     names: dict[tuple[float, ...], str] = {}
-    taken: set[str] = set()
+    names_in_use: set[str] = set()
     features = []
-    for at, place_mm in enumerate(meant.places_mm.tolist()):
+    for index, place_mm in enumerate(meant.places_mm.tolist()):
         key = tuple(place_mm)
         if key not in names:
-            name = labels[at] if labels[at] not in taken else ""
-            names[key] = name or f"P{at + 1}"
-            taken.add(names[key])
+            name = labels[index] if labels[index] not in names_in_use else ""
+            names[key] = name or f"P{index + 1}"
+            names_in_use.add(names[key])
         features.append(names[key])
     return features, [[name, *place_mm] for place_mm, name in names.items()]

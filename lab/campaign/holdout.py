@@ -53,12 +53,12 @@ def split_artefacts(
     touched = campaign.poses.artefacts
     indices, counts = np.unique(touched, return_counts=True)
     held_out = np.zeros(len(touched), dtype=np.bool_)
-    given = 0
+    n_held_out = 0
     for at in np.random.default_rng(seed).permutation(len(indices))[:-1]:
         # An artefact that would overshoot more than there lacks now stays.
-        if given == 0 or given + 0.5 * counts[at] <= part * len(touched):
+        if n_held_out == 0 or n_held_out + 0.5 * counts[at] <= part * len(touched):
             held_out |= touched == indices[at]
-            given += int(counts[at])
+            n_held_out += int(counts[at])
     return ~held_out, held_out
 
 
@@ -80,8 +80,8 @@ def at_most(campaign: Campaign, choosing: Booleans, seed: int) -> Booleans:
     artefacts = campaign.poses.artefacts
     for index in np.unique(artefacts[choosing]):
         mine = np.flatnonzero(choosing & (artefacts == index))
-        wanted = max(len(mine) * MOST_CHOOSING // n, min(len(mine), _LARGEST_SIZE))
-        held_out[rng.permutation(mine)[:wanted]] = True
+        n_chosen = max(len(mine) * MOST_CHOOSING // n, min(len(mine), _LARGEST_SIZE))
+        held_out[rng.permutation(mine)[:n_chosen]] = True
     return held_out
 
 
@@ -99,28 +99,28 @@ def _given_away(
     """Choose groups of an artefact's poses, in the order of time."""
     size = min(max(len(poses) // _GROUPS, _LEAST_SIZE), _LARGEST_SIZE)
     groups = np.array_split(poses, max(len(poses) // size, 1))
-    wanted = part * len(poses)
-    given: list[Integers] = []
+    n_wanted = part * len(poses)
+    held_out: list[Integers] = []
     n_given = 0
     for at in rng.permutation(len(groups)):
         group = groups[at]
         # A group that would overshoot more than it lacks now stays.
-        if n_given + 0.5 * len(group) > wanted:
+        if n_given + 0.5 * len(group) > n_wanted:
             break
-        trial = np.concatenate([*given, group])
+        trial = np.concatenate([*held_out, group])
         if _can_spare(campaign, index, poses, trial):
-            given.append(group)
+            held_out.append(group)
             n_given += len(group)
-    return np.concatenate(given) if given else poses[:0]
+    return np.concatenate(held_out) if held_out else poses[:0]
 
 
 def _can_spare(
-    campaign: Campaign, index: int, poses: Integers, given: Integers
+    campaign: Campaign, index: int, poses: Integers, poses_away: Integers
 ) -> bool:
     """Return whether the rest still determines the artefact, and each own feature."""
     artefact = campaign.artefacts[index]
     n_rows, n_unknowns = artefact.rows_per_pose, _n_unknowns(campaign, index, poses)
-    kept = np.setdiff1d(poses, given)
+    kept = np.setdiff1d(poses, poses_away)
     if n_rows * len(kept) < n_unknowns + _SPARE_ROWS:
         return False
     if artefact.kind not in _OWN_FEATURES:
@@ -129,7 +129,7 @@ def _can_spare(
     needed = -(-n_unknowns // len(artefact.features)) + _SPARE_ROWS
     return all(
         n_rows * np.count_nonzero(features[kept] == feature) >= needed
-        for feature in np.unique(features[given])
+        for feature in np.unique(features[poses_away])
     )
 
 

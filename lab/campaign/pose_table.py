@@ -111,10 +111,10 @@ def _header_problems(
         if name not in known:
             yield unknown_name_message("column", name, known)
     for names in _UNIT_VECTORS.values():
-        there = [name for name in names if name in header]
-        if there and len(there) < len(names):
+        present = [name for name in names if name in header]
+        if present and len(present) < len(names):
             missing = ", ".join(name for name in names if name not in header)
-            yield f"{there[0]} needs {missing} beside it"
+            yield f"{present[0]} needs {missing} beside it"
 
 
 _BLOCK_ROWS = 20_000
@@ -277,20 +277,22 @@ class _RowReader:
                 message = unknown_name_message("feature", feature, features[artefact])
                 unknown[artefact, feature] = f"{message} ({artefact})"
         if unknown:
-            yield from ((at, unknown[p]) for at, p in enumerate(pairs) if p in unknown)
+            yield from (
+                (index, unknown[p]) for index, p in enumerate(pairs) if p in unknown
+            )
         tools = () if columns.tool is None else by_column[columns.tool]
         if set(tools) - {"", *columns.tools}:
-            for at, tool in enumerate(tools):
+            for index, tool in enumerate(tools):
                 if tool and tool not in columns.tools:
                     message = unknown_name_message("tool", tool, columns.tools)
                     remedy = "say it in [[tools]] of campaign.toml, or leave it empty"
-                    yield at, f"{message}; {remedy}"
+                    yield index, f"{message}; {remedy}"
 
     def _indices(self, by_column: _Columns) -> tuple[Integers, Integers, Integers]:
         """Return artefacts, features and tools by number; 0 for an unknown name."""
         columns = self._columns
         names, features = by_column[columns.artefact], by_column[columns.feature]
-        numbers = {name: at for at, name in enumerate(columns.tools, start=1)}
+        numbers = {name: index for index, name in enumerate(columns.tools, start=1)}
         tools = ("",) * len(names) if columns.tool is None else by_column[columns.tool]
         return (
             np.array([self._artefacts.get(n, 0) for n in names], dtype=np.int64),
@@ -332,17 +334,20 @@ class _RowReader:
 
 
 def _unit_vector_problems(
-    what: str, texts: Sequence[tuple[str, ...]], vectors: Floats
+    quantity: str, texts: Sequence[tuple[str, ...]], vectors: Floats
 ) -> Iterator[tuple[int, str]]:
     """Yield the rows in which a vector, (n_rows, 3 or 4), is not one of length 1."""
     size = vectors.shape[1]
     each = {3: "three", 4: "four"}[size]
     hint = "" if size == 3 else ": a unit quaternion w, x, y, z"
-    for at in np.flatnonzero(np.isnan(vectors).any(axis=1)).tolist():
-        cells = [column[at] for column in texts]
+    for index in np.flatnonzero(np.isnan(vectors).any(axis=1)).tolist():
+        cells = [column[index] for column in texts]
         if any(cells) and not all(cells):
-            yield at, f"{what} is {shown(cells)}; give all {each} components or none"
+            yield (
+                index,
+                f"{quantity} is {shown(cells)}; give all {each} components or none",
+            )
     # Of cells that are no numbers there is no length.
     lengths = np.linalg.norm(vectors, axis=1)
-    for at in np.flatnonzero(np.abs(lengths - 1.0) >= 1e-3).tolist():
-        yield at, f"{what} has the length {lengths[at]:.6g}; expected 1{hint}"
+    for index in np.flatnonzero(np.abs(lengths - 1.0) >= 1e-3).tolist():
+        yield index, f"{quantity} has the length {lengths[index]:.6g}; expected 1{hint}"

@@ -77,11 +77,11 @@ class Poses:
         return len(self.time_s)
 
     def part(self, rows: Booleans | Integers | slice) -> "Poses":
-        taken: dict[str, Any] = {}
+        columns: dict[str, Any] = {}
         for field in fields(self):
             column = getattr(self, field.name)
-            taken[field.name] = None if column is None else column[rows]
-        return Poses(**taken)
+            columns[field.name] = None if column is None else column[rows]
+        return Poses(**columns)
 
 
 _MOST_LINES = 8
@@ -116,10 +116,10 @@ def without_copies(poses: Poses, places: Floats) -> tuple[Poses, tuple[str, ...]
         for column in columns
         if column is not None
     ]
-    rest = np.column_stack([touched[candidates], *optional])
-    timed = np.column_stack([rest, poses.time_s[candidates]])
-    named = np.column_stack([rest, poses.features[candidates].astype(np.float64)])
-    of_all, of_rest = _earlier(timed), _earlier(rest)
+    compared = np.column_stack([touched[candidates], *optional])
+    timed = np.column_stack([compared, poses.time_s[candidates]])
+    named = np.column_stack([compared, poses.features[candidates].astype(np.float64)])
+    of_all, of_rest = _earlier(timed), _earlier(compared)
     renamed = (of_rest >= 0) & (_earlier(named) < 0)
     is_copy = (of_all >= 0) | renamed
     earlier = np.where(of_all >= 0, of_all, of_rest)
@@ -135,8 +135,8 @@ def _with_equals(rows: Floats) -> Integers:
     # A sum by columns is the same for equal rows, which a product of matrices is not.
     factors = np.random.default_rng(0).random((rows.shape[1],))
     keys = np.zeros(len(rows))
-    for at, factor in enumerate(factors.tolist()):
-        keys += factor * rows[:, at]
+    for index, factor in enumerate(factors.tolist()):
+        keys += factor * rows[:, index]
     _, places, counts = np.unique(keys, return_inverse=True, return_counts=True)
     return np.flatnonzero(counts[places] > 1)
 

@@ -126,6 +126,6 @@ def _differing(stated: etree._Element, expected: etree._Element) -> list[str]:
     for element, other in zip(stated.iter(), expected.iter(), strict=False):
         if element.tag != other.tag or (element.text or "") != (other.text or ""):
             name = etree.QName(other).localname
-            said, due = ((each.text or "").strip() for each in (element, other))
-            return [f"{name} says {said!r}, the files give {due!r}"]
+            text, due = ((each.text or "").strip() for each in (element, other))
+            return [f"{name} says {text!r}, the files give {due!r}"]
     return ["their elements differ"]

@@ -243,8 +243,8 @@ class Tracer:
             points = list(points_of_lines(lines))
         link = Link("points", path)
         wrong = [point for point in points if isinstance(point, str)]
-        whole = [point for point in points if not isinstance(point, str)]
-        signed = [point for point in whole if point.signature is not None]
+        read_points = [point for point in points if not isinstance(point, str)]
+        signed = [point for point in read_points if point.signature is not None]
         if self._public_key is not None:
             wrong = checked_points(points, self._public_key).problems
         elif signed:
@@ -254,7 +254,7 @@ class Tracer:
             link.alter(*wrong)
         else:  # a file that is none may be endless
             link.sha256 = digest_of_files([path])
-        models = dict.fromkeys(point.model for point in whole)
+        models = dict.fromkeys(point.model for point in read_points)
         link.links += [self._named("arm file", model) for model in models]
         return link
 

@@ -175,10 +175,8 @@ class Collection:
         return [t for t in self.targets if self.count(t) < t.wanted]
 
     def target(self, artefact: str, feature: str) -> Target | None:
-        wanted = (artefact, feature)
-        return next(
-            (t for t in self.targets if (t.artefact, t.feature) == wanted), None
-        )
+        key = (artefact, feature)
+        return next((t for t in self.targets if (t.artefact, t.feature) == key), None)
 
     def _keep(self, *entries: CollectedTouch | _Retraction) -> None:
         lines = [json.dumps(asdict(entry), allow_nan=False) + "\n" for entry in entries]
@@ -214,19 +212,19 @@ class Collection:
         Certificates state the dates, and chains of evidence lead to the arm.
         """
         start = datetime.fromtimestamp(first.time_ns // 10**9, UTC)
-        said: dict[str, Any] = {"start_utc": start}
+        origin: dict[str, Any] = {"start_utc": start}
         if _DIGEST.fullmatch(first.model):
-            said["arm_digest"] = first.model
-        said = {k: v for k, v in said.items() if getattr(self.file, k) is None}
+            origin["arm_digest"] = first.model
+        origin = {k: v for k, v in origin.items() if getattr(self.file, k) is None}
         path = self.folder / CAMPAIGN
-        if not said or not path.is_file():
+        if not origin or not path.is_file():
             return
-        self.file = self.file.model_copy(update=said)
+        self.file = self.file.model_copy(update=origin)
         lines = "".join(
             f"{key} = {value:%Y-%m-%dT%H:%M:%SZ}\n"
             if isinstance(value, datetime)
             else f'{key} = "{value}"\n'
-            for key, value in said.items()
+            for key, value in origin.items()
         )
         text = text_of(path)
         write_atomically(path, _SCHEMA_LINE.sub(rf"\g<0>{lines}", text, count=1))

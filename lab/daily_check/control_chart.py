@@ -146,15 +146,17 @@ def charted(
     Raises:
         ValueError: A positive figure is not, or a value is no number.
     """
-    given = np.array(values, dtype=np.float64)
-    if not np.isfinite(given).all() or (positive and (given <= 0.0).any()):
+    finite_values = np.array(values, dtype=np.float64)
+    if not np.isfinite(finite_values).all() or (
+        positive and (finite_values <= 0.0).any()
+    ):
         raise ValueError("a figure is not finite, or not above zero where it must be")
     side: Side = "above" if positive else "both"
-    scale = np.sqrt(given) if positive else given
+    scale = np.sqrt(finite_values) if positive else finite_values
     base: list[float] = []
     points: list[ChartPoint] = []
     ewma, before = 0.0, None
-    for value, x in zip(given.tolist(), scale.tolist(), strict=True):
+    for value, x in zip(finite_values.tolist(), scale.tolist(), strict=True):
         q: float | None = None
         limits: tuple[float | None, float | None, float | None] = (None, None, None)
         if len(base) >= FEWEST:

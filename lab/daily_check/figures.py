@@ -144,8 +144,8 @@ def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
         (ball, len(touched), FEWEST_SPHERE),
     ):
         if n < fewest:
-            said = counted(n, "touch")
-            raise IncompleteError(f"{name}: {said}, expected {fewest} or more")
+            count_text = counted(n, "touch")
+            raise IncompleteError(f"{name}: {count_text}, expected {fewest} or more")
     scatter = spread_about_mean(seat.places_mm)
     fit = fitted_sphere(sphere, touched, ball)
     off_mm = off_seat(seat.places_mm, seat.places_mm)

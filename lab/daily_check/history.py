@@ -183,8 +183,8 @@ def _check_types(row: Sequence[object], number: int) -> None:
         may_be = column in _MAY_BE_NONE and value is None
         good = isinstance(value, str) if is_text else isinstance(value, int | float)
         if not good and not may_be:
-            what = f"check {number}: {column} is {shown(value)}"
-            raise sqlite3.DatabaseError(what)
+            problem = f"check {number}: {column} is {shown(value)}"
+            raise sqlite3.DatabaseError(problem)
 
 
 def since_base(checks: list[Check]) -> list[Check]:

@@ -54,12 +54,12 @@ class FinalEstimates:
 
     Attributes:
         adapted: Of the arm that is written.
-        whole: With all terms, accepted or not.
+        with_all_terms: Accepted or not.
         rows: Of the latter.
     """
 
     adapted: Fit
-    whole: Fit
+    with_all_terms: Fit
     rows: ObservationEquations
 
 
@@ -145,15 +145,15 @@ def _with_terms(
     search: SearchState,
     fits: tuple[Fit, ...],
     compared: Compared,
-    wanted: Collection[int],
+    indices: Collection[int],
 ) -> tuple[Fit, HoldoutComparison]:
     """Fit some of the terms to the choosing poses, and judge it."""
-    if not wanted:
+    if not indices:
         fit = fits[0]
-    elif len(wanted) == len(search.terms):
+    elif len(indices) == len(search.terms):
         fit = search.fit
     else:
-        kept = kept_effects(search, wanted)
+        kept = kept_effects(search, indices)
         fit = refitted(search.fit, kept, search.fit.included, snooping=False)
     return fit, compared(fit)
 
@@ -169,16 +169,16 @@ def as_identified(fit: Fit, eligible: Booleans) -> Fit:
     inside = np.flatnonzero(eligible)
     last = fit
 
-    def part_of(whole: Fit) -> Fit:
-        whole_statistics = whole.statistics
+    def part_of(fit_of_all: Fit) -> Fit:
+        whole_statistics = fit_of_all.statistics
         arrays = {
             field.name: getattr(whole_statistics, field.name)[inside]
             for field in fields(whole_statistics)
             if field.name != "variances"
         }
         return replace(
-            whole,
-            included=whole.included[inside],
+            fit_of_all,
+            included=fit_of_all.included[inside],
             statistics=replace(whole_statistics, **arrays),
         )
 
@@ -218,15 +218,15 @@ def final_estimates(
         return FinalEstimates(search.fit, search.fit, search.stage.rows)
     everyone = np.ones(len(campaign.poses), dtype=np.bool_)
     again = refitted(search.fit, search.fit.arm.effects, everyone)
-    whole = as_identified(again, everyone)
-    rows = equations_of(whole.adjustment)
+    with_all_poses = as_identified(again, everyone)
+    rows = equations_of(with_all_poses.adjustment)
     if search.serial is not None:
         rows = without_serial_noise(rows, search.serial)
-    adapted = whole
+    adapted = with_all_poses
     if len(accepted) < len(search.terms):
         kept = kept_effects(search, accepted)
         adapted = as_identified(refitted(search.fit, kept, everyone), everyone)
-    return FinalEstimates(adapted, whole, rows)
+    return FinalEstimates(adapted, with_all_poses, rows)
 
 
 def kept_effects(search: SearchState, accepted: Collection[int]) -> tuple[Effect, ...]:

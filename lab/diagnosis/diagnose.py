@@ -134,7 +134,7 @@ def diagnose(
     exceeded = noise_exceeded(campaign, gaps[-1].after, search.fit.adjustment)
     terms = terms_of(
         decision,
-        estimates.whole.arm,
+        estimates.with_all_terms.arm,
         estimates.rows,
         options,
         adaptation=adapted,

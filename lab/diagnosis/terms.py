@@ -75,8 +75,8 @@ def terms_of(
                 candidate=_shown(naming),
                 effect=arm.effects[index],
                 parameters=estimates_of(rows, index),
-                log_bayes_factor=naming.own.evidence,
-                log10_p=naming.own.log_p / _LOG_10,
+                log_bayes_factor=naming.choice.evidence,
+                log10_p=naming.choice.log_p / _LOG_10,
                 harmonic=naming.harmonic,
                 alternatives=naming.alternatives,
                 separate_by=separate_by(naming, search.stage.rows, search.fit.arm)
@@ -123,8 +123,12 @@ def _beside_its_kind(naming: NamedTerm, names: tuple[NamedTerm, ...]) -> NamedTe
     rivals = tuple(
         Alternative(
             single.added.candidate,
-            single.own.evidence,
-            correlation(naming.own.found, naming.own.residuals, single.own.found),
+            single.choice.evidence,
+            correlation(
+                naming.choice.projected,
+                naming.choice.residuals,
+                single.choice.projected,
+            ),
             alias=False,
         )
         for single in singles
@@ -159,7 +163,7 @@ def _stuck_term(stuck: ScoredCandidate, decision: Decision, *, is_alone: bool) -
 
 def _stuck_estimates(stuck: ScoredCandidate) -> dict[str, Estimate]:
     """Estimate the curves along each direction, `shift_mm.x` and so on."""
-    values, cofactors = stuck.found.amplitudes(stuck.residuals)
+    values, cofactors = stuck.projected.amplitudes(stuck.residuals)
     stds = np.sqrt(np.diag(cofactors))
     names = [name.rpartition(".")[0] for name in stuck.candidate.parameters]
     estimates = {}

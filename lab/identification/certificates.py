@@ -249,15 +249,15 @@ def _slope(campaign: Campaign, run: IteratedAdjustment) -> tuple[float, float]:
     network, unknowns = run.adjustment.network, run.adjustment.state.unknowns
     for station, of_station in zip(network.stations, unknowns, strict=True):
         artefact = campaign.artefacts[station.index]
-        here = artefact.certificate(of_station, station.touches)
+        certificate = artefact.certificate(of_station, station.touches)
         beyond = artefact.with_contact_shift(_UNIT_MM).certificate(
             of_station, station.touches
         )
-        if len(here.std_mm) == 0:
+        if len(certificate.std_mm) == 0:
             continue
-        known = np.isfinite(here.std_mm)
-        change = (beyond.misclosures_mm - here.misclosures_mm)[known] / _UNIT_MM
-        off_mm, std_mm = here.misclosures_mm[known], here.std_mm[known]
+        known = np.isfinite(certificate.std_mm)
+        change = (beyond.misclosures_mm - certificate.misclosures_mm)[known] / _UNIT_MM
+        off_mm, std_mm = certificate.misclosures_mm[known], certificate.std_mm[known]
         slope += float(np.sum(off_mm * change / std_mm**2))
         moves = change != 0.0
         steps_mm += (-off_mm[moves] / change[moves]).tolist()
@@ -283,7 +283,7 @@ def _radii(campaign: Campaign) -> list[tuple[str, str]]:
 
 def _are_to_blame(
     campaign: Campaign,
-    rest: IteratedAdjustment,
+    run_without: IteratedAdjustment,
     accused: Sequence[CertifiedLength],
     *,
     estimated: bool,
@@ -294,24 +294,29 @@ def _are_to_blame(
     that no arm is, so that its file is a length as well. Where noise is estimated,
     sigma0 says nothing.
     """
-    left_mm = rest.adjustment.network.rms_mm(rest.adjustment.state)
+    left_mm = run_without.adjustment.network.rms_mm(run_without.adjustment.state)
     offs = [
-        (abs(_length_mm(rest, length) - length.certified_mm), length.certified_mm)
+        (
+            abs(_length_mm(run_without, length) - length.certified_mm),
+            length.certified_mm,
+        )
         for length in accused
     ]
     beyond_model = any(off_mm > _BY_MODEL * left_mm for off_mm, _ in offs)
     gross = any(off_mm > _GROSS * certified_mm for off_mm, certified_mm in offs)
     if gross and beyond_model:
         return True
-    agrees = beyond_model if estimated else rest.adjustment.sigma0 < _AGREEING
+    agrees = beyond_model if estimated else run_without.adjustment.sigma0 < _AGREEING
     names = {length.artefact for length in accused}
-    others = [
+    not_accused = [
         station
-        for station in rest.adjustment.network.stations
+        for station in run_without.adjustment.network.stations
         if station.artefact.id not in names
     ]
-    known = replace(rest.adjustment.network, stations=tuple(others)).has_length()
-    return agrees and known and not lost_poses(campaign, rest)
+    known = replace(
+        run_without.adjustment.network, stations=tuple(not_accused)
+    ).has_length()
+    return agrees and known and not lost_poses(campaign, run_without)
 
 
 def _length_mm(run: IteratedAdjustment, length: CertifiedLength) -> float:
@@ -366,13 +371,13 @@ def _far_from_design(run: IteratedAdjustment, design: ArmValues) -> bool:
 def _farthest(run: IteratedAdjustment) -> float:
     """Standard deviations of the certified value that fits worst."""
     adjustment, farthest = run.adjustment, 0.0
-    for at, station in enumerate(adjustment.network.stations):
-        unknowns = adjustment.state.unknowns[at]
+    for index, station in enumerate(adjustment.network.stations):
+        unknowns = adjustment.state.unknowns[index]
         certificate = station.artefact.certificate(unknowns, station.touches)
         known = np.isfinite(certificate.std_mm)
         if not np.any(known) or station.artefact.kind == "points":
             continue
-        elimination = adjustment.system.eliminations[at]
+        elimination = adjustment.system.eliminations[index]
         std_mm = certificate.std_mm[known, np.newaxis]
         by_unknowns = certificate.by_unknowns[known] @ elimination.gain
         arm = by_unknowns @ elimination.left @ adjustment.split.inverse

@@ -176,10 +176,10 @@ def _against_others(
     """Return T and its p-value of every arm, against the arms inside without it."""
     statistics, p_values = np.zeros(len(values)), np.ones(len(values))
     for row in range(len(values)):
-        others = inside.copy()
-        others[row] = False
-        n = int(np.count_nonzero(others))
-        mean, spread, _ = _fitted(values[others], stds[others])
+        further = inside.copy()
+        further[row] = False
+        n = int(np.count_nonzero(further))
+        mean, spread, _ = _fitted(values[further], stds[further])
         expected = np.sqrt(spread**2 * (1.0 + 1.0 / n) + stds[row] ** 2)
         away = values[row] - mean
         if expected > 0.0:

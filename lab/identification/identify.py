@@ -181,8 +181,8 @@ def _solve(start: Start) -> Solution:
         as_given = start.adjusted(start.campaign, begin=start.design)
         if not _fits_better((run, begin), (as_given, start.design)):
             run, begin = as_given, start.design
-    given = start.problem.design
-    design = replace(begin, tools_mm=given.tools_mm, mountings=given.mountings)
+    stated = start.problem.design
+    design = replace(begin, tools_mm=stated.tools_mm, mountings=stated.mountings)
     return Solution(start.campaign, run, begin, design)
 
 

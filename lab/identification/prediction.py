@@ -59,27 +59,27 @@ class Prediction:
 
     def figures(self, rows: Booleans | None = None) -> dict[str, Any]:
         """Sum up some poses, by default all; with the line of the worst."""
-        taken = slice(None) if rows is None else rows
-        distances_mm = self.distances_mm[taken]
+        part = slice(None) if rows is None else rows
+        distances_mm = self.distances_mm[part]
         worst = int(np.argmax(distances_mm))
         return {
-            **self._orientations(taken),
+            **self._orientations(part),
             "n": len(distances_mm),
             "mean_mm": float(distances_mm.mean()),
             "rms_mm": float(np.sqrt(np.mean(distances_mm**2))),
             "median_mm": float(np.median(distances_mm)),
             "p95_mm": float(np.percentile(distances_mm, 95.0)),
             "largest_mm": float(distances_mm[worst]),
-            "largest_line": int(self.campaign.poses.lines[taken][worst]),
+            "largest_line": int(self.campaign.poses.lines[part][worst]),
         }
 
-    def _orientations(self, taken: slice | Booleans) -> dict[str, Any]:
+    def _orientations(self, part: slice | Booleans) -> dict[str, Any]:
         """Sum up by which angles orientations are off; nothing without any."""
-        sizes_rad = orientation_sizes(self.orientation_errors_rad[taken])
+        sizes_rad = orientation_sizes(self.orientation_errors_rad[part])
         known = np.isfinite(sizes_rad)
         if not np.any(known):
             return {}
-        lines, sizes_rad = self.campaign.poses.lines[taken][known], sizes_rad[known]
+        lines, sizes_rad = self.campaign.poses.lines[part][known], sizes_rad[known]
         worst = int(np.argmax(sizes_rad))
         found_rad = {
             "mean": float(sizes_rad.mean()),
@@ -205,9 +205,9 @@ def predict(
     if mounted:
         turns = network.fitted_mountings(values, states)
         names = ["probe", *(tool.name for tool in campaign.tools)]
-        for at, tool in enumerate(mounted):
+        for index, tool in enumerate(mounted):
             known = (mountings or {}).get(names[tool])
-            turns[at] = turns[at] if known is None else known.quaternion
+            turns[index] = turns[index] if known is None else known.quaternion
         values = replace(values, mountings=turns)
     for station, state in zip(network.stations, states, strict=True):
         artefact = station.artefact
@@ -245,16 +245,16 @@ def curve_figures(
     Raises:
         IdentificationError: Arm and campaigns do not fit together.
     """
-    others = tuple(
+    without_curves = tuple(
         entry
         for entry in arm.effects
         if EFFECT_KINDS[entry.kind].family is not Family.CURVE
     )
-    if len(others) == len(arm.effects):
+    if len(without_curves) == len(arm.effects):
         return None
     model = Problem.of(judged, arm, _PLACING).parameters.required_effects
     beyond = pose_flags(model.effects, judged.block()).beyond_knots
-    bare = arm.model_copy(update={"effects": others})
+    bare = arm.model_copy(update={"effects": without_curves})
     return {
         "n_beyond_knots": int(np.count_nonzero(beyond)),
         "without": predicted(judged, bare, fit_on, with_tool=with_tool)[1].figures(),

@@ -181,11 +181,11 @@ def collected(start: Start, solution: Solution, weighted: Weighted) -> Identific
         included=included,
         excluded=tuple(
             ExcludedPose(
-                int(campaign.poses.lines[at]),
-                float(run.statistics.w[at]),
-                run.excluded_part(int(at)),
+                int(campaign.poses.lines[index]),
+                float(run.statistics.w[index]),
+                run.excluded_part(int(index)),
             )
-            for at in np.flatnonzero(~included)
+            for index in np.flatnonzero(~included)
         ),
         alternating=tuple(campaign.poses.lines[run.alternating].tolist()),
         critical_w=run.critical,
@@ -254,8 +254,8 @@ def artefact_results(
     adjustment: Adjustment, statistics: PoseStatistics, factor: float, of_design: Floats
 ) -> tuple[ArtefactResult, ...]:
     network, results = adjustment.network, []
-    for at, station in enumerate(network.stations):
-        artefact, unknowns = station.artefact, adjustment.state.unknowns[at]
+    for index, station in enumerate(network.stations):
+        artefact, unknowns = station.artefact, adjustment.state.unknowns[index]
         everyone = np.flatnonzero(network.campaign.poses.artefacts == station.index)
         rms_mm, mean_distance_mm = _sizes(statistics, station.poses, artefact)
         rms_all_mm, mean_distance_all_mm = _sizes(statistics, everyone, artefact)
@@ -270,7 +270,7 @@ def artefact_results(
                 rms_all_mm=rms_all_mm,
                 mean_distance_all_mm=mean_distance_all_mm,
                 lengths=tuple(
-                    _estimated_length(adjustment, at, length, factor, of_design)
+                    _estimated_length(adjustment, index, length, factor, of_design)
                     for length in artefact.lengths(unknowns)
                 ),
                 contact_mm=float(network.noise.contact_mm[station.index]),

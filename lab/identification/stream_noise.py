@@ -59,8 +59,8 @@ def serial_noise(adjustment: Adjustment) -> SerialNoise:
     total = float(np.sum(seen))
     lost = 2.0 * n_unknowns / n_rows * (len(seen) - total)
     tau = max((1.0 + 2.0 * total) / max(1.0 - lost, _LEAST_LEFT), 1.0)
-    taken = min(n_unknowns * tau / n_rows, 1.0)
-    shared = taken + (1.0 - taken) * seen
+    absorbed_part = min(n_unknowns * tau / n_rows, 1.0)
+    shared = absorbed_part + (1.0 - absorbed_part) * seen
     low = np.append(shared < _OVER, True)
     steps_s = np.diff(adjustment.network.campaign.poses.time_s)
     step_s = float(np.median(steps_s)) if len(steps_s) else 0.0

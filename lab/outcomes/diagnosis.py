@@ -257,9 +257,9 @@ class LedgerLine:
 
     @property
     def without_blunders(self) -> Mapping[str, float] | None:
-        rest = self.held_out.without_blunders
+        figures = self.held_out.without_blunders
         names = {"held_out_rms_mm": "rms_mm", "held_out_chi2": "chi2"}
-        return None if rest is None else picked(rest, **names)
+        return None if figures is None else picked(figures, **names)
 
 
 @dataclass(frozen=True, slots=True)

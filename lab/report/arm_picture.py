@@ -152,11 +152,11 @@ class _Scene:
 
     def _label(self, panel: Axes, joints_mm: Floats, ball_mm: Floats) -> None:
         """Write names beside the joints; those at one place share a label."""
-        taken: list[_Box] = []
+        occupied: list[_Box] = []
         for members in _groups(joints_mm, 0.05 * self.size_mm):
             text = _spoken([self.names[k] for k in members])
-            self._write(panel, text, joints_mm[members].mean(axis=0), 13.0, taken)
-        self._write(panel, "ball", ball_mm, -15.0, taken)
+            self._write(panel, text, joints_mm[members].mean(axis=0), 13.0, occupied)
+        self._write(panel, "ball", ball_mm, -15.0, occupied)
 
     def _write(
         self,
@@ -164,7 +164,7 @@ class _Scene:
         text: str,
         place_mm: Floats,
         rise_points: float,
-        taken: list[_Box],
+        occupied: list[_Box],
     ) -> None:
         """Write beside a place where it fits, and further off where that is taken."""
         width_mm = (6.0 * len(text) + 14.0) / self.points_per_mm
@@ -174,11 +174,11 @@ class _Scene:
         while any(
             left_mm < right and left < left_mm + width_mm and abs(up - low) < height_mm
             for up in [place_mm[1] + rise_points / self.points_per_mm]
-            for left, right, low in taken
+            for left, right, low in occupied
         ):
             rise_points += float(np.copysign(_LINE_POINTS, rise_points))
         low_mm = place_mm[1] + rise_points / self.points_per_mm
-        taken.append((left_mm, left_mm + width_mm, low_mm))
+        occupied.append((left_mm, left_mm + width_mm, low_mm))
         panel.annotate(
             text,
             xy=tuple(place_mm),

@@ -164,8 +164,8 @@ def differences(stated: object, again: object, where: str = "") -> Iterator[str]
         if len(stated) != len(again):
             yield f"{where}: the data give {len(again)}, the result has {len(stated)}"
             return
-        for at, (entry, other) in enumerate(zip(stated, again, strict=True)):
-            name = entry.get("name", at) if isinstance(entry, Mapping) else at
+        for index, (entry, other) in enumerate(zip(stated, again, strict=True)):
+            name = entry.get("name", index) if isinstance(entry, Mapping) else index
             yield from differences(entry, other, f"{where}[{name}]")
     elif not _agree(stated, again):
         message = f"the data give {shown(again)}, the result states {shown(stated)}"

@@ -55,13 +55,13 @@ def identified_and_predicted(
         IdentificationError: Arm, campaign and options are inconsistent.
         BreakdownError: The adjustment broke down.
     """
-    chosen, others = kept_aside.split(campaign)
+    chosen, held_out = kept_aside.split(campaign)
     show = None if progress is None else progress(chosen)
     result = identified(chosen, arm, options, show)
     if not result.converged:
         return result
     try:
-        figures = holdout_figures(result, others, kept_aside.by, kept_aside.seed)
+        figures = holdout_figures(result, held_out, kept_aside.by, kept_aside.seed)
     except np.linalg.LinAlgError as error:
         raise BreakdownError(broken_down(chosen, error)) from error
     return replace(result, holdout=figures)

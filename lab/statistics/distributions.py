@@ -97,9 +97,9 @@ def excess_p_value(n_found: int, of: int, others_found: int, of_others: int) -> 
         ways -= special.gammaln(np.subtract(n, k) + 1.0)
         return ways + float(special.gammaln(n + 1.0))
 
-    here = np.arange(n_found, min(of, total) + 1.0)
-    here = here[total - here <= of_others]
-    logs = log_ways(of, here) + log_ways(of_others, total - here)
+    counts = np.arange(n_found, min(of, total) + 1.0)
+    counts = counts[total - counts <= of_others]
+    logs = log_ways(of, counts) + log_ways(of_others, total - counts)
     return float(np.sum(np.exp(logs - log_ways(of + of_others, total))))
 
 

@@ -163,11 +163,13 @@ def _log_tails(n_poses: int, n_out: int) -> Floats:
     """
     k = np.arange(n_out + 1)[:, np.newaxis]
     n = np.arange(n_poses + 1)[np.newaxis, :]
-    rest = n_poses - n_out
-    is_possible = (k <= n) & (n - k <= rest)
-    others = np.where(is_possible, n - k, 0)
+    n_inside = n_poses - n_out
+    is_possible = (k <= n) & (n - k <= n_inside)
+    n_further = np.where(is_possible, n - k, 0)
     terms = (
-        _log_choices(n_out, k) + _log_choices(rest, others) - _log_choices(n_poses, n)
+        _log_choices(n_out, k)
+        + _log_choices(n_inside, n_further)
+        - _log_choices(n_poses, n)
     )
     log_p = np.where(is_possible, terms, -np.inf)
     tails = np.logaddexp.accumulate(log_p[::-1], axis=0)[::-1]

@@ -174,12 +174,12 @@ def targets_of(table, rng, n, place_mm):
         middle = np.where(which[:, None] == 0, place_mm - along, place_mm + along)
         reach = np.broadcast_to(table["radius_mm"], (2,))[which] + PROBE_RADIUS_MM
         return middle + reach[:, None] * random_directions(rng, n), features
-    others = {
+    by_kind = {
         "seats": seats_targets,
         "draw_wire": wire_targets,
         "points": points_targets,
     }
-    return others.get(kind, plane_targets)(table, rng, n, place_mm)
+    return by_kind.get(kind, plane_targets)(table, rng, n, place_mm)
 
 
 def seats_targets(table, rng, n, place_mm):
@@ -261,8 +261,8 @@ def simulate(
     travel_rad = np.broadcast_to(travel_rad, (len(arm.axes),))
     artefacts, all_angles, indices, features, names = [], [], [], [], []
     lengths = []
-    for index, given in enumerate(tables):
-        table = dict(given)
+    for index, entry in enumerate(tables):
+        table = dict(entry)
         height = rng.uniform(-150, 400)
         around = rng.uniform(-np.pi, np.pi)
         x_mm, y_mm = radius_mm * np.cos(around), radius_mm * np.sin(around)
@@ -307,7 +307,7 @@ def simulate(
 def seen_places(angles_rad, centres_mm, **noise) -> Campaign:
     """Places of the ball that a tracker saw, in its own system, as a campaign."""
     n_poses = len(centres_mm)
-    names = tuple(f"P{at}" for at in range(n_poses))
+    names = tuple(f"P{index}" for index in range(n_poses))
     table = {
         "id": "tracker",
         "kind": "points",

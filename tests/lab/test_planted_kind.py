@@ -68,12 +68,12 @@ def planted(folder: Path, *left_out: str, walks: Iterable[str] = ()) -> dict[str
     for name in ("kinematics", "simulator"):
         link = folder / "traverse" / name
         _copied(link.resolve(), link)
-    for place, (where, what) in places.items():
+    for place, (where, replacement) in places.items():
         file = folder / "traverse" / place
         text = file.read_text("utf-8")
         assert text.count(where) == 1
         if place not in left_out:
-            file.write_text(text.replace(where, what), "utf-8")
+            file.write_text(text.replace(where, replacement), "utf-8")
     if "law" not in left_out:
         laws = folder / "traverse" / "kinematics" / "effects" / "readings"
         (laws / f"{KIND}.py").write_text(LAW, "utf-8")

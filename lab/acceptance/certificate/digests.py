@@ -19,8 +19,8 @@ def digest_values(
     """Return the digests of files and result, and the one over both."""
     of_result = hashlib.sha256(canonical(result)).hexdigest()
     both = {"files": dict(files), "result": of_result}
-    whole = hashlib.sha256(canonical(both)).hexdigest()
-    return {"algorithm": ALGORITHM, **both, "digest": whole}
+    digest_of_all = hashlib.sha256(canonical(both)).hexdigest()
+    return {"algorithm": ALGORITHM, **both, "digest": digest_of_all}
 
 
 def canonical(values: Mapping[str, Any]) -> bytes:

@@ -90,8 +90,8 @@ def _lengths(lengths: list[Mapping[str, Any]], figure: Figure) -> None:
 
 def _position(entry: Mapping[str, Any]) -> str:
     """`uni-3-2` is in position `uni-3`; a bar of its own is its own position."""
-    kind, _, rest = str(entry["artefact"]).partition("-")
-    return f"{kind}-{rest.partition('-')[0]} {entry.get('tool')}"
+    kind, _, number = str(entry["artefact"]).partition("-")
+    return f"{kind}-{number.partition('-')[0]} {entry.get('tool')}"
 
 
 def _scatters(scatters: list[Mapping[str, Any]], figure: Figure) -> None:

@@ -144,5 +144,5 @@ def _bar_remarks(measured: Measurement, errors: Sequence[LengthError]) -> Iterat
     places = [measured.of(error.artefact).places_mm.mean(axis=0) for error in errors]
     octants = {tuple((place > measured.shoulder_mm).tolist()) for place in places}
     if len(octants) < 4:
-        said = counted(len(octants), "octant")
-        yield f"the bars' middles lie in {said} about the shoulder"
+        count_text = counted(len(octants), "octant")
+        yield f"the bars' middles lie in {count_text} about the shoulder"

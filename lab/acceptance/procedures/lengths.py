@@ -153,8 +153,8 @@ def _between_balls_mm(
     centres_mm, spreads = [], []
     for number, part in enumerate((first, second)):
         around_mm = float(bar.radii_mm[number] * growth(bar, part) + part.tip_mm.mean())
-        what = f"{where} sphere {number + 1}"
-        centre_mm = fitted(part, what, around_mm).centre_mm
+        ball = f"{where} sphere {number + 1}"
+        centre_mm = fitted(part, ball, around_mm).centre_mm
         normals = (part.places_mm - centre_mm) / around_mm
         centres_mm.append(centre_mm)
         spreads.append(np.linalg.pinv(normals.T @ normals))

@@ -59,21 +59,21 @@ DIAMETER = (
 )
 
 
-def refuse_another_count(touched: ArtefactTouches, wanted: int, what: str) -> None:
+def refuse_another_count(touched: ArtefactTouches, n_expected: int, place: str) -> None:
     """Refuse another number of touches.
 
     Raises:
         IncompleteError: There are fewer or more.
     """
-    if len(touched) < wanted:
-        missing = wanted - len(touched)
+    if len(touched) < n_expected:
+        missing = n_expected - len(touched)
         raise IncompleteError(
-            f"{what}: {counted(missing, 'point', 'are')} missing of {wanted}"
+            f"{place}: {counted(missing, 'point', 'are')} missing of {n_expected}"
         )
-    if len(touched) > wanted:
+    if len(touched) > n_expected:
         raise IncompleteError(
-            f"{what}: {counted(len(touched), 'point')}, expected {wanted}; take "
-            f"{len(touched) - wanted} out"
+            f"{place}: {counted(len(touched), 'point')}, expected {n_expected}; take "
+            f"{len(touched) - n_expected} out"
         )
 
 
@@ -177,7 +177,7 @@ def _location_remarks(measured: Measurement, names: Sequence[str]) -> Iterator[s
         )
 
 
-def _parts_of(touched: ArtefactTouches, name: str, n: int, what: str) -> list[str]:
+def _parts_of(touched: ArtefactTouches, name: str, n: int, plural: str) -> list[str]:
     """List the features that distinguish the parts of a test.
 
     Raises:
@@ -186,7 +186,7 @@ def _parts_of(touched: ArtefactTouches, name: str, n: int, what: str) -> list[st
     features = list(dict.fromkeys(touched.features))
     if len(features) != n:
         raise IncompleteError(
-            f"{name}: has {len(features)} {what} ({', '.join(features) or 'none'}), "
+            f"{name}: has {len(features)} {plural} ({', '.join(features) or 'none'}), "
             f"expected {n}, told apart by their feature"
         )
     return features

@@ -149,7 +149,7 @@ _NEARLY_ALIAS = 0.99
 
 def separate_by(naming: NamedTerm, rows: ObservationEquations, arm: Arm) -> str:
     """Return which experiment separates a finding from its alternatives, if any."""
-    candidate = naming.own.candidate
+    candidate = naming.choice.candidate
     sentences, apart = [], []
     named = [o for o in naming.alternatives if not o.candidate.is_curve]
     if not named or candidate.is_curve:
@@ -190,12 +190,12 @@ def optimal_experiment(
     beyond it in the joints of the effects. None where it does not depend on poses, or
     where more poses than anyone likes to measure would be needed.
     """
-    chosen = naming.own
+    chosen = naming.choice
     effects = (chosen.candidate, *(other.candidate for other in others))
     of_poses = [EFFECT_KINDS[effect.kind].depends_on_posture for effect in effects]
     if not of_poses[0] and not all(of_poses[1:]):
         return None
-    amplitudes, _ = chosen.found.amplitudes(chosen.residuals)
+    amplitudes, _ = chosen.projected.amplitudes(chosen.residuals)
     gains = [
         gain_needed(chosen.score - other.log_bayes_factor - other.candidate.log_prior)
         for other in others

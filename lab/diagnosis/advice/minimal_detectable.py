@@ -123,22 +123,24 @@ def detectable(
     projected = project(rows, bank)
     amplitudes = np.zeros((bank.columns.shape[1], len(projected)))
     sizes = np.zeros((len(projected), 2))
-    for at, (entry, part) in enumerate(zip(projected, bank.slices, strict=True)):
+    for index, (entry, part) in enumerate(zip(projected, bank.slices, strict=True)):
         if len(entry.singular_values):
             root = _root_of_needed(len(entry.singular_values), rows.redundancy, log_p)
             least_sizes = sigma * root / entry.singular_values
             directions = entry.combinations * np.array(entry.candidate.scales)[:, None]
             along = least_sizes * np.linalg.norm(directions, axis=0)
             worst = int(np.argmax(along))
-            amplitudes[part, at] = least_sizes[worst] * entry.combinations[:, worst]
-            sizes[at] = along[worst], along.min()
+            amplitudes[part, index] = least_sizes[worst] * entry.combinations[:, worst]
+            sizes[index] = along[worst], along.min()
     probe_mm = left_at_probe_mm(rows, bank.columns @ amplitudes)
     lengths = np.linalg.norm(bank.columns, axis=0)
     moved = [np.linalg.norm(lengths[part]) for part in bank.slices]
     return (
         *(
-            _entry(rows, entry, sizes[at], float(probe_mm[at]), float(moved[at]))
-            for at, entry in enumerate(projected)
+            _entry(
+                rows, entry, sizes[index], float(probe_mm[index]), float(moved[index])
+            )
+            for index, entry in enumerate(projected)
         ),
         *(_unseen(candidate, why) for candidate, why in absent),
     )
@@ -244,6 +246,6 @@ def planned_equations(campaign: Campaign, arm: Arm) -> ObservationEquations:
     """Set up the rows of a campaign at the given arm, without misclosures."""
     problem = Problem.of(campaign, arm, Options(free_effects=True))
     network, design = problem.network(), problem.design
-    here = adjust(network, network.start(design), design, None, 0)
-    rows = equations_of(here)
+    adjustment = adjust(network, network.start(design), design, None, 0)
+    rows = equations_of(adjustment)
     return replace(rows, values=np.zeros(len(rows.values)))

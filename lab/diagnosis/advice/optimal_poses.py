@@ -52,8 +52,8 @@ def further_contacts(
         [travelled_rad.min(axis=0) - wider_rad, travelled_rad.max(axis=0) + wider_rad]
     )
     contacts = [
-        _contacts(adjustment, at, limits_rad, n_tries, rng)
-        for at in range(len(network.stations))
+        _contacts(adjustment, index, limits_rad, n_tries, rng)
+        for index in range(len(network.stations))
     ]
     return joined_poses(contacts, network.campaign.poses)
 

@@ -164,8 +164,8 @@ def _candidates(rows: ObservationEquations) -> Iterator[Candidate]:
     listed = {k: row for k, row in EFFECT_KINDS.items() if row.bank == "library"}
     # Sorted, orders up to the highest alternate between kinds.
     waves = sorted(
-        (number, order, at, kind, component)
-        for at, (kind, row) in enumerate(listed.items())
+        (number, order, index, kind, component)
+        for index, (kind, row) in enumerate(listed.items())
         if row.has_order
         for number, component in enumerate(tuple(row.components) or (None,))
         for order in range(row.least_order(component), HIGHEST_ORDER + 1)

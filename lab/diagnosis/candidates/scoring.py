@@ -156,9 +156,9 @@ def judge(
     widest = int(degrees.max(initial=0))
     along = np.zeros((n, widest))
     squares = np.zeros((n, widest))
-    for at, candidate in enumerate(projected):
-        along[at, : degrees[at]] = candidate.directions.T @ rows.residuals
-        squares[at, : degrees[at]] = (coarseness * candidate.singular_values) ** 2
+    for index, candidate in enumerate(projected):
+        along[index, : degrees[index]] = candidate.directions.T @ rows.residuals
+        squares[index, : degrees[index]] = (coarseness * candidate.singular_values) ** 2
     statistics = np.sum(along**2, axis=1)
     return BankScores(
         projected,

@@ -57,9 +57,9 @@ class StepSums:
             vectors = linalg.solve_triangular(self.root, vectors, lower=True, trans="T")
         vectors, pieces = vectors[self.order], pieces[self.order]
         sums = np.empty((len(self.at_s), pieces.shape[1], vectors.shape[1]))
-        for at, piece in enumerate(pieces.T):
+        for index, piece in enumerate(pieces.T):
             of_poses = np.add.reduceat(piece[:, np.newaxis] * vectors, self.starts)
-            sums[:, at] = self._later(of_poses)
+            sums[:, index] = self._later(of_poses)
         return sums
 
     def squares(self, pieces: Floats) -> Floats:

@@ -138,11 +138,13 @@ def _by_poses(
     """
     is_pose = rows.poses >= 0
     by_reading = np.where(is_pose, _SIZE_RAD * rows.by_readings[:, joint], 0.0)
-    others = np.column_stack([rows.basis, rows.residuals])
+    unknowns_and_residuals = np.column_stack([rows.basis, rows.residuals])
     readings_rad = rows.block.angles_rad[:, joint]
-    of_poses = np.zeros((len(readings_rad), others.shape[1]))
+    of_poses = np.zeros((len(readings_rad), unknowns_and_residuals.shape[1]))
     np.add.at(
-        of_poses, rows.poses[is_pose], (by_reading[:, np.newaxis] * others)[is_pose]
+        of_poses,
+        rows.poses[is_pose],
+        (by_reading[:, np.newaxis] * unknowns_and_residuals)[is_pose],
     )
     weights = np.zeros(len(readings_rad))
     np.add.at(weights, rows.poses[is_pose], (by_reading**2)[is_pose])
@@ -182,11 +184,11 @@ def _periodogram(
         refined, _ = judged(near)
         best, highest = float(near[np.argmax(refined)]), float(refined.max())
         step = 2.0 * step / (_REFINED - 1)
-    whole = round(best)
+    nearest_order = round(best)
     left: float | None = best
-    if whole <= HIGHEST_HARMONIC:
+    if nearest_order <= HIGHEST_HARMONIC:
         variance = rows.sum_of_squares / max(rows.redundancy, 1)
-        plain, _ = judged(np.array([float(whole)]))
+        plain, _ = judged(np.array([float(nearest_order)]))
         if highest - float(plain[0]) < _WHOLE * variance:
             left = None
     return Periodogram(name, cycles, statistics, evidences, left)

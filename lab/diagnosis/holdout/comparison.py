@@ -78,16 +78,16 @@ def compare_on_holdout(
     default that of the second.
     """
     noise = after.network.noise if noise is None else noise
-    rest = held_out if blunders is None else held_out & ~blunders
+    without_blunders = held_out if blunders is None else held_out & ~blunders
     first = before.with_noise(noise).predicted(held_out)
     second = after.with_noise(noise).predicted(held_out)
     was, now = (
-        _summary(model, statistics, held_out, rest)
+        _summary(model, statistics, held_out, without_blunders)
         for model, statistics in ((before, first), (after, second))
     )
     worse = [
         is_worse(first.statistics[part], second.statistics[part], second.degrees[part])
-        for part in (held_out, rest)
+        for part in (held_out, without_blunders)
     ]
     return HoldoutComparison(was, now, any(worse))
 
@@ -104,14 +104,14 @@ def find_misfit(
     rms is beyond a hundredth of the measured volume, or of a tenth of the reach where
     that is more, whatever the noise that was estimated: so much is no noise of any arm.
     """
-    rest = held_out & ~blunders
-    if not np.any(rest):
+    judged = held_out & ~blunders
+    if not np.any(judged):
         return None
-    statistics = model.predicted(rest)
-    figures = _summary(model, statistics, rest, rest)
+    statistics = model.predicted(judged)
+    figures = _summary(model, statistics, judged, judged)
     # The noise may be larger than stated.
     ratio = figures.chi2 / max(model.sigma0, 1.0) ** 2
-    degrees = float(np.sum(statistics.degrees[rest]))
+    degrees = float(np.sum(statistics.degrees[judged]))
     p_value = float(special.fdtrc(degrees, max(model.redundancy, 1), ratio))
     is_gross = figures.rms_mm > _GROSS_PART * _volume_mm(model)
     if not is_gross and (ratio < _LEAST_MISFIT or p_value > _MISFIT_LEVEL):
@@ -119,20 +119,20 @@ def find_misfit(
     network = model.network
     artefacts = network.campaign.poses.artefacts
     excess = np.nan_to_num(
-        np.where(rest, statistics.statistics - statistics.degrees, 0.0)
+        np.where(judged, statistics.statistics - statistics.degrees, 0.0)
     )
     worst = int(np.argmax(np.bincount(artefacts, weights=excess)))
     level = Options().family_level / figures.n_poses
-    contradicts = rest & (statistics.w > -normal_quantile(0.5 * level))
-    there = rest & (artefacts == worst)
+    contradicts = judged & (statistics.w > -normal_quantile(0.5 * level))
+    at_worst = judged & (artefacts == worst)
     return HoldoutMisfit(
         artefact=network.campaign.artefacts[worst].id,
         figures=figures,
         is_gross=is_gross,
         log_p=float(np.log(max(p_value, 1e-300))),
         n_contradicting=int(np.count_nonzero(contradicts)),
-        n_contradicting_there=int(np.count_nonzero(contradicts & there)),
-        n_poses_there=int(np.count_nonzero(there)),
+        n_contradicting_there=int(np.count_nonzero(contradicts & at_worst)),
+        n_poses_there=int(np.count_nonzero(at_worst)),
     )
 
 
@@ -215,12 +215,15 @@ def is_worse(
 
 
 def _summary(
-    adjustment: Adjustment, statistics: PoseStatistics, poses: Booleans, rest: Booleans
+    adjustment: Adjustment,
+    statistics: PoseStatistics,
+    poses: Booleans,
+    without_blunders: Booleans,
 ) -> HoldoutResult:
     """Summarise the poses kept aside, beside it those that are no blunders."""
     without = None
-    if np.any(poses & ~rest):
-        without = _summary(adjustment, statistics, rest, rest)
+    if np.any(poses & ~without_blunders):
+        without = _summary(adjustment, statistics, without_blunders, without_blunders)
     n = int(np.count_nonzero(np.isfinite(statistics.misclosures_mm[poses])))
     if n == 0:
         return HoldoutResult(float("nan"), float("nan"), 0, None)
@@ -276,9 +279,9 @@ def find_blunders(
             differences = np.full((len(mine), 3), np.nan)
             measured = np.isfinite(misclosures[mine, 0])
             for feature in np.unique(features[mine]):
-                here = measured & (features[mine] == feature)
-                differences[here] = _from_neighbours(
-                    poses.angles_rad[mine[here]], misclosures[mine[here]]
+                at_feature = measured & (features[mine] == feature)
+                differences[at_feature] = _from_neighbours(
+                    poses.angles_rad[mine[at_feature]], misclosures[mine[at_feature]]
                 )
             w[mine] = np.maximum(w[mine], _sizes(differences))
     n_judged = max(int(np.count_nonzero(held_out)), 1)
@@ -302,9 +305,9 @@ def _from_neighbours(angles_rad: Floats, misclosures_mm: Floats) -> Floats:
     places = np.hstack([np.cos(angles_rad), np.sin(angles_rad)])
     nearest = cKDTree(places).query(places, k=N_NEIGHBOURS + 1)[1]
     # Equal poses may be listed before the pose itself.
-    others = nearest != np.arange(n_poses)[:, np.newaxis]
-    others[np.all(others, axis=1), -1] = False
-    neighbours = nearest[others].reshape(n_poses, N_NEIGHBOURS)
+    not_itself = nearest != np.arange(n_poses)[:, np.newaxis]
+    not_itself[np.all(not_itself, axis=1), -1] = False
+    neighbours = nearest[not_itself].reshape(n_poses, N_NEIGHBOURS)
     differences_mm: Floats = misclosures_mm - np.median(
         misclosures_mm[neighbours], axis=1
     )

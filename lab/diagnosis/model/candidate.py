@@ -77,20 +77,20 @@ def candidate_of_kind(
     one scale, a plausible amplitude.
     """
     parameters = parameter_names(kind, fixed.get("component"))
-    given = {key: value for key, value in fixed.items() if value is not None}
+    stated = {key: value for key, value in fixed.items() if value is not None}
     return Candidate(
         bank=bank,
         kind=kind,
         joint=joint,
-        order=given.get("order"),
-        cycles=given.get("cycles"),
-        component=given.get("component"),
-        artefact=given.get("artefact"),
-        at_s=given.get("at_s"),
+        order=stated.get("order"),
+        cycles=stated.get("cycles"),
+        component=stated.get("component"),
+        artefact=stated.get("artefact"),
+        at_s=stated.get("at_s"),
         parameters=parameters,
         scales=(scale,) * len(parameters),
-        log_prior=EFFECT_KINDS[kind].preference(joint, given.get("order")),
-        keys=tuple(given.items()),
+        log_prior=EFFECT_KINDS[kind].preference(joint, stated.get("order")),
+        keys=tuple(stated.items()),
     )
 
 

@@ -117,7 +117,7 @@ def covariate_columns(rows: ObservationEquations) -> list[CovariateColumn]:
         CovariateColumn(f"{name}_rad", joint, True, block.angles_rad[:, joint])
         for joint, name in enumerate(names)
     ]
-    whole = {
+    of_campaign = {
         "time_s": Covariate.CAMPAIGN_TIME,
         "temperature_c": Covariate.TEMPERATURE,
         "force_n": Covariate.FORCE,
@@ -125,8 +125,8 @@ def covariate_columns(rows: ObservationEquations) -> list[CovariateColumn]:
     of_joints = {"temperature_c": Covariate.TEMPERATURE, "speed_rad_s": Covariate.SPEED}
     if block.joint_temperatures_c is None:
         del of_joints["temperature_c"]
-    wanted = [
-        *((name, Need(of)) for name, of in whole.items()),
+    needed = [
+        *((name, Need(of)) for name, of in of_campaign.items()),
         *(
             (f"{name}_{suffix}", Need(of, joint))
             for suffix, of in of_joints.items()
@@ -135,7 +135,7 @@ def covariate_columns(rows: ObservationEquations) -> list[CovariateColumn]:
     ]
     others = [
         CovariateColumn(name, need.joint, False, covariate_values(rows, need))
-        for name, need in wanted
+        for name, need in needed
         if block.lack(need) is None
     ]
     return [

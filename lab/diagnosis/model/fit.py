@@ -220,8 +220,8 @@ def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
     at = [*range(of_effect.start, of_effect.stop)]
     if model.effects.corrections[index].uses_gravity:
         at += [_columns(rows, slice(0, 0)).start + moment for moment in model.moments]
-    others = np.delete(rows.columns, at, axis=1)
-    basis = orthonormal_basis(others)
+    without_effect = np.delete(rows.columns, at, axis=1)
+    basis = orthonormal_basis(without_effect)
     mine = rows.columns[:, of_effect]
     left = mine - basis @ (basis.T @ mine)
     variance = rows.sum_of_squares / max(rows.redundancy, 1)

@@ -35,7 +35,7 @@ def candidate_label(candidate: Candidate) -> str:
     label = row.label
     if candidate.joint is None and row.whole_arm_label is not None:
         label = row.whole_arm_label
-    said = label.format(
+    text = label.format(
         often=often(candidate.order or 0),
         component=candidate.component,
         artefact=candidate.artefact,
@@ -43,7 +43,7 @@ def candidate_label(candidate: Candidate) -> str:
     )
     of = "" if candidate.joint is None else f", joint {candidate.joint}"
     at = "" if candidate.at_s is None else f", at {candidate.at_s:.1f} s"
-    return f"{said}{of}{at}"
+    return f"{text}{of}{at}"
 
 
 def _curve(candidate: Candidate) -> str:
@@ -206,12 +206,12 @@ def detectable_lines(detectable: Sequence[Detectable]) -> list[str]:
     width = max((len(name) for name in names), default=0)
     lines = []
     for name, entry in zip(names, detectable, strict=True):
-        said = f"cannot be seen: {entry.why}"
+        text = f"cannot be seen: {entry.why}"
         if entry.minimum is not None:
             least = quantity(entry.minimum.value, None, entry.minimum.unit)
             at_probe = quantity(entry.probe_mm, None, "mm")
-            said = f"from {least} on ({at_probe} at the probe)"
-        lines.append(f"{name:<{width}}  {said}")
+            text = f"from {least} on ({at_probe} at the probe)"
+        lines.append(f"{name:<{width}}  {text}")
     return lines
 
 

@@ -64,10 +64,10 @@ def _undetermined_mm(adjustment: Adjustment) -> float:
     network, split = adjustment.network, adjustment.split
     arm = adjustment.state.arm
     scale = network.undetermined_scale(arm)
-    rest = split.undetermined - split.undetermined @ scale.T @ scale
-    if not len(rest):
+    without_scale = split.undetermined - split.undetermined @ scale.T @ scale
+    if not len(without_scale):
         return 0.0
-    effects_mm = network.probe_effects_mm(arm, rest * split.tolerances)
+    effects_mm = network.probe_effects_mm(arm, without_scale * split.tolerances)
     return float(np.linalg.norm(effects_mm))
 
 

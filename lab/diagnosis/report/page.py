@@ -33,8 +33,8 @@ def _estimate_rows(estimates: Mapping[str, Estimate]) -> list[list[str]]:
         if isinstance(estimate.value, tuple) and isinstance(estimate.std, tuple):
             parts = zip(estimate.value, estimate.std, strict=True)
             rows += [
-                [f"{key} [{at}]", f"{value:.4g}", f"{std:.2g}", estimate.unit]
-                for at, (value, std) in enumerate(parts)
+                [f"{key} [{index}]", f"{value:.4g}", f"{std:.2g}", estimate.unit]
+                for index, (value, std) in enumerate(parts)
             ]
         else:
             rows.append(

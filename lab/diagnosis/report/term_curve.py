@@ -306,12 +306,12 @@ def _fitted_covariance(diagnosis: Diagnosis, effects: ArmEffects) -> Floats | No
     model = parameters.effects
     if model is None:
         return None
-    wanted = effects.name(effects.corrections[0])
+    prefix = effects.name(effects.corrections[0])
     corrections = model.effects.corrections
     names = [model.effects.name(correction) for correction in corrections]
-    if wanted not in names:
+    if prefix not in names:
         return None
-    index = names.index(wanted)
+    index = names.index(prefix)
     geometry = adjustment.state.arm.geometry
     coordinates = model.coordinates(geometry, index)
     of_effect = parameters.n_geometric + np.arange(coordinates.start, coordinates.stop)

@@ -153,18 +153,19 @@ def _lasting(values: Floats, stretches: Integers, window: int) -> int:
     values, stretches = values[:_MOST_LOOKED_AT], stretches[:_MOST_LOOKED_AT]
     ends = np.flatnonzero(np.append(np.diff(stretches) != 0, True)) + 1
     starts = np.append(0, ends[:-1])
-    rest = np.concatenate(
+    padded = np.concatenate(
         [
             _without_mean(values[first:end], window)
             for first, end in zip(starts, ends, strict=True)
         ]
     )
-    lags = np.arange(1, min(window, len(rest) - 1) + 1)
-    total = float(np.mean(rest**2))
+    lags = np.arange(1, min(window, len(padded) - 1) + 1)
+    total = float(np.mean(padded**2))
     if total == 0.0 or len(lags) < 4:
         return 1
     correlations = (
-        np.array([_correlation(rest, stretches, lag) for lag in lags.tolist()]) / total
+        np.array([_correlation(padded, stretches, lag) for lag in lags.tolist()])
+        / total
     )
     # Less its running mean noise is a little correlated the other way at all lags.
     baseline = float(np.mean(correlations[len(correlations) // 2 :]))
@@ -203,8 +204,8 @@ def _without_mean(values: Floats, window: int) -> Floats:
     first = np.maximum(np.arange(n) - half, 0)
     end = np.minimum(np.arange(n) + half + 1, n)
     means = (sums[end] - sums[first]) / (end - first)[:, np.newaxis]
-    rest: Floats = values - means
-    return rest
+    deviations: Floats = values - means
+    return deviations
 
 
 def _every(campaign: Campaign, stretches: Integers, apart: Integers) -> Integers:

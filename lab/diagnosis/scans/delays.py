@@ -80,17 +80,17 @@ def with_speeds_since(
     speeds = poses.speeds_rad_s.copy()
     known = np.ones(len(poses), dtype=np.bool_)
     for stretch in np.unique(stretches):
-        there = np.flatnonzero(stretches == stretch)
-        time_s = poses.time_s[there]
-        if len(there) < _LEAST_SAMPLES:
-            known[there] = not np.any(late_s)
+        rows = np.flatnonzero(stretches == stretch)
+        time_s = poses.time_s[rows]
+        if len(rows) < _LEAST_SAMPLES:
+            known[rows] = not np.any(late_s)
             continue
         for joint in np.flatnonzero(late_s):
             shown_s = time_s + late_s[joint]
-            known[there] &= (shown_s >= time_s[0]) & (shown_s <= time_s[-1])
-            readings_rad = CubicSpline(time_s, poses.angles_rad[there, joint])
+            known[rows] &= (shown_s >= time_s[0]) & (shown_s <= time_s[-1])
+            readings_rad = CubicSpline(time_s, poses.angles_rad[rows, joint])
             rises_rad = readings_rad(shown_s) - readings_rad(time_s)
-            speeds[there, joint] = rises_rad / late_s[joint]
+            speeds[rows, joint] = rises_rad / late_s[joint]
     led = replace(campaign, poses=replace(poses, speeds_rad_s=speeds))
     return led.part(np.flatnonzero(known))
 

@@ -95,11 +95,11 @@ def diagnose_stream(
         effect = effect_of_candidate(
             best.candidate, np.array(best.amplitudes_rad), rows
         )
-        given = diagnosis.arm.effects[: len(arm.effects) + len(added)]
+        known_effects = diagnosis.arm.effects[: len(arm.effects) + len(added)]
         rivals = (finding for finding in harmonics if finding is not best)
         likely = (finding for finding in rivals if best.log_p - finding.log_p > -_SET)
         added.append((best, *likely))
-        with_it = arm.model_copy(update={"effects": (*given, effect)})
+        with_it = arm.model_copy(update={"effects": (*known_effects, effect)})
         diagnosis = diagnose(poses, with_it, options, progress)
     if added:
         rows = equations_of(diagnosis.all_terms)
@@ -129,8 +129,8 @@ def _together(
         for model in (diagnosis.all_terms, diagnosis.after)
     )
     terms = tuple(
-        _term(names, rows, n_given + at, diagnosis, accepted=not everything.is_worse)
-        for at, names in enumerate(added)
+        _term(names, rows, n_given + index, diagnosis, accepted=not everything.is_worse)
+        for index, names in enumerate(added)
     )
     start = first.ledger[0]
     added_names = ", ".join(term.candidate.name for term in terms)
@@ -160,9 +160,9 @@ def _term(
 ) -> Term:
     """Make a term of a harmonic; its values are those of the thinned poses."""
     effect = diagnosis.adapted.effects[index]
-    best, *others = names
+    best, *further = names
     return Term(
-        status="tentative" if others else "named",
+        status="tentative" if further else "named",
         candidate=best.candidate,
         effect=effect,
         parameters=estimates_of(rows, index),
@@ -170,7 +170,7 @@ def _term(
         log10_p=best.log_p / _LOG_10,
         alternatives=tuple(
             Alternative(other.candidate, _evidence(other), math.nan, alias=False)
-            for other in others
+            for other in further
         ),
         accepted=accepted,
         in_arm_file=accepted,

@@ -121,7 +121,9 @@ def _serial_noise(
     if is_serial(search.unexplained):
         return serial_correlation(_rows_of_noise(campaign, search))
     slow = [
-        naming.own.evidence for naming in names if _follows_time(naming.added.candidate)
+        naming.choice.evidence
+        for naming in names
+        if _follows_time(naming.added.candidate)
     ]
     if search.stuck is not None and _follows_time(search.stuck.candidate):
         slow.append(search.stuck.evidence)
@@ -164,7 +166,7 @@ def _rows_of_noise(campaign: Campaign, search: SearchState) -> ObservationEquati
         return first
     slow = {term.index for term in search.terms if _follows_time(term.candidate)}
     effects = search.fit.arm.effects
-    kept = tuple(effect for at, effect in enumerate(effects) if at not in slow)
+    kept = tuple(effect for index, effect in enumerate(effects) if index not in slow)
     fit = refitted(search.fit, kept, search.fit.included, snooping=False)
     beside = equations_of(fit.adjustment)
     return search.unexplained if _exceeds_stated(beside) else beside
@@ -220,14 +222,14 @@ def _revision(
 ) -> tuple[NamedTerm, ScoredCandidate | None] | None:
     """Find the term that should go or change its name, with the better name."""
     for naming in names:
-        if naming.own.log_p > search.thresholds[naming.added.candidate.bank]:
+        if naming.choice.log_p > search.thresholds[naming.added.candidate.bank]:
             return naming, None
     for naming in names:
         # A step keeps its name when its moment moves.
-        if naming.own.candidate.at_s != naming.added.candidate.at_s:
-            return naming, naming.own
+        if naming.choice.candidate.at_s != naming.added.candidate.at_s:
+            return naming, naming.choice
         is_other = naming.best.candidate.identity != naming.added.candidate.identity
-        if is_other and naming.best.score > naming.own.score + _BETTER:
+        if is_other and naming.best.score > naming.choice.score + _BETTER:
             return naming, naming.best
     return None
 

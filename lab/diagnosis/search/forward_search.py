@@ -50,14 +50,14 @@ class ScoredCandidate:
     """A candidate with what speaks for it.
 
     Attributes:
-        found: Projected.
+        projected: The candidate, free of what the unknowns absorb.
         evidence: Log Bayes factor.
         score: With the preference for its kind.
         log_p: Of its test.
         residuals: That it was judged on, (n_rows,).
     """
 
-    found: ProjectedCandidate
+    projected: ProjectedCandidate
     evidence: float
     score: float
     log_p: float
@@ -65,7 +65,7 @@ class ScoredCandidate:
 
     @property
     def candidate(self) -> Candidate:
-        return self.found.candidate
+        return self.projected.candidate
 
 
 def ranked(
@@ -123,12 +123,12 @@ def select_next(
         # turns little, so that both need to explain as much as the curve does, over
         # most of a turn.
         pair_needs = {False: needed, True: curves[0].score}
-        basis = np.hstack([stage.rows.basis, first.found.directions])
-        rest = score_banks(
+        basis = np.hstack([stage.rows.basis, first.projected.directions])
+        beside_first = score_banks(
             replace(stage.rows, basis=basis),
             {BankName.LIBRARY: stage.banks[BankName.LIBRARY]},
         )
-        seconds = ranked(rest, (BankName.LIBRARY,), joints_with_own_curve)[:1]
+        seconds = ranked(beside_first, (BankName.LIBRARY,), joints_with_own_curve)[:1]
         if any(
             first.score + max(second.score, 0.0)
             >= pair_needs[is_mounting(stage.rows, first.candidate, second.candidate)]
@@ -238,7 +238,9 @@ class SearchState:
         rows = self.stage.rows
         if self.stuck is None:
             return rows
-        return replace(rows, basis=np.hstack([rows.basis, self.stuck.found.directions]))
+        return replace(
+            rows, basis=np.hstack([rows.basis, self.stuck.projected.directions])
+        )
 
     @property
     def is_finished(self) -> bool:
@@ -326,7 +328,7 @@ def refitted(
 
 def effect_of(choice: ScoredCandidate, rows: ObservationEquations) -> Effect:
     """Write a choice as an effect of the size that the rows say."""
-    amplitudes, _ = choice.found.amplitudes(choice.residuals)
+    amplitudes, _ = choice.projected.amplitudes(choice.residuals)
     return effect_of_candidate(choice.candidate, amplitudes, rows)
 
 

@@ -58,7 +58,7 @@ class NamedTerm:
     """A term with its name.
 
     Attributes:
-        own: What speaks for it, all other terms in the model.
+        choice: What speaks for it, all other terms in the model.
         harmonic: Periods a turn of a periodic discrepancy without a name, or None.
         alternatives: What else it may be, the best first.
         best: The best name of all, which may be another.
@@ -68,7 +68,7 @@ class NamedTerm:
     """
 
     added: AddedTerm
-    own: ScoredCandidate
+    choice: ScoredCandidate
     status: Status
     harmonic: int | None
     alternatives: tuple[Alternative, ...]
@@ -85,8 +85,8 @@ def name_terms(search: SearchState) -> tuple[NamedTerm, ...]:
 def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
     without = rows_without(search.stage.rows, added.index)
     stage = score_banks(without, search.stage.banks)
-    others = [term for term in search.terms if term is not added]
-    joints_with_own_curve = joints_with_curve(others)
+    further = [term for term in search.terms if term is not added]
+    joints_with_own_curve = joints_with_curve(further)
     names = ranked(stage, NAMED_BANKS, joints_with_own_curve)
     curves = ranked(stage, (BankName.GENERIC,), joints_with_own_curve)
     # A term may be a function of a reading that got a curve after it.
@@ -193,19 +193,19 @@ def own_choice(
     One that is not there any more, because the unknowns and the other terms do all
     that it could do, explains nothing.
     """
-    wanted = added.candidate
+    candidate = added.candidate
     same = [
         choice
         for choice in choices
-        if choice.candidate.identity == wanted.identity
-        and choice.candidate.covariate == wanted.covariate
-        and (not wanted.is_curve or choice.candidate.component == "angle")
+        if choice.candidate.identity == candidate.identity
+        and choice.candidate.covariate == candidate.covariate
+        and (not candidate.is_curve or choice.candidate.component == "angle")
     ]
     if same:
         return same[0]
     residuals = stage.rows.residuals
-    columns = np.zeros((len(residuals), wanted.size))
-    (nothing,) = project(stage.rows, Bank((wanted,), columns))
+    columns = np.zeros((len(residuals), candidate.size))
+    (nothing,) = project(stage.rows, Bank((candidate,), columns))
     return ScoredCandidate(nothing, 0.0, 0.0, 0.0, residuals)
 
 
@@ -235,7 +235,7 @@ def rivals_of(
             same and choice.candidate.covariate == chosen.candidate.covariate
         ):
             continue
-        rho = correlation(chosen.found, chosen.residuals, choice.found)
+        rho = correlation(chosen.projected, chosen.residuals, choice.projected)
         # A curve that follows an effect closely is no other name for it.
         alias = rho >= ALIAS and not choice.candidate.is_curve
         if not (is_near or alias):
@@ -275,7 +275,7 @@ def _is_doubtful(
     ]
     return any(
         rival.candidate.identity != chosen.candidate.identity
-        and correlation(chosen.found, chosen.residuals, rival.found) < ALIAS
+        and correlation(chosen.projected, chosen.residuals, rival.projected) < ALIAS
         for rival in near
     )
 
@@ -315,11 +315,11 @@ def _with_overtones(search: SearchState, candidate: Candidate) -> int | None:
     if not overtones:
         return None
     members, parts = zip(*overtones, strict=True)
-    whole = replace(
+    together = replace(
         members[0],
         parameters=tuple(f"{m.order}.{p}" for m in members for p in m.parameters),
         scales=tuple(scale for m in members for scale in m.scales),
     )
-    bank = Bank((whole,), np.concatenate(parts, axis=1))
+    bank = Bank((together,), np.concatenate(parts, axis=1))
     scores = judge(stage.rows, project(stage.rows, bank))
     return order if float(scores.log_p[0]) < _OVERTONE_LOG_P else None

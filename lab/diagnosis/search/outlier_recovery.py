@@ -102,11 +102,11 @@ class MeanShifts:
 
     def _statistics(self, weights: Floats, sizes: Floats) -> Floats:
         statistics, first = np.zeros(len(self.poses)), 0
-        for at, places in enumerate(self.places):
+        for index, places in enumerate(self.places):
             of_pose = slice(first, first + len(places))
             first = of_pose.stop
             inverse = np.linalg.pinv(weights[of_pose, of_pose], hermitian=True)
-            statistics[at] = sizes[of_pose] @ inverse @ sizes[of_pose]
+            statistics[index] = sizes[of_pose] @ inverse @ sizes[of_pose]
         return statistics
 
 
@@ -197,13 +197,13 @@ def _leaving(
     # They may be singular, where so many poses are left out that others decide nothing.
     values, vectors = np.linalg.eigh(shifts.weights)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    taken = -(basis @ (shifted_rows.T @ root))
-    taken[shifts.rows] += root
+    removed = -(basis @ (shifted_rows.T @ root))
+    removed[shifts.rows] += root
     poses, parts = [], []
     for group in groups:
         inside = ~np.isin(group.poses, shifts.poses)
         places = group.places[inside]
-        absorbed, shares = basis[places], taken[places]
+        absorbed, shares = basis[places], removed[places]
         block = np.eye(places.shape[1]) - absorbed @ absorbed.swapaxes(1, 2)
         block = block - shares @ shares.swapaxes(1, 2)
         values, vectors = np.linalg.eigh(block)

@@ -68,8 +68,8 @@ def report_page(
 
 
 def _known(result: Identification, values: Floats) -> list[float]:
-    taken = values[result.included]
-    known: list[float] = taken[np.isfinite(taken)].tolist()
+    of_included = values[result.included]
+    known: list[float] = of_included[np.isfinite(of_included)].tolist()
     return known
 
 

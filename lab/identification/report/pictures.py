@@ -148,10 +148,10 @@ def _paint_normal(figure: Figure, result: Identification) -> None:
 
 def _scaled_w(result: Identification) -> Floats:
     """Compute |w| of the poses that took part if sigma0 were 1, sorted."""
-    statistics, taken = result.statistics, result.included
+    statistics, included = result.statistics, result.included
     scale = max(result.sigma0, 1e-300)
     w = equivalent_normal(
-        statistics.statistics[taken] / scale**2, statistics.degrees[taken]
+        statistics.statistics[included] / scale**2, statistics.degrees[included]
     )
     return np.sort(w[np.isfinite(w)])
 

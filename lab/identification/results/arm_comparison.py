@@ -82,11 +82,11 @@ def compare_arms(
         ComparisonError: The joints differ.
     """
     names = tuple(joint.name for joint in first.joints)
-    others = tuple(joint.name for joint in second.joints)
-    if names != others:
+    theirs = tuple(joint.name for joint in second.joints)
+    if names != theirs:
         raise ComparisonError(
             f"arm '{first.name}' has the joints {', '.join(names)}, arm "
-            f"'{second.name}' {', '.join(others)}; compare arms of the same joints"
+            f"'{second.name}' {', '.join(theirs)}; compare arms of the same joints"
         )
     geometry = geometry_from_arm(first)
     if ranges_rad is None:

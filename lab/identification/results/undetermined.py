@@ -62,8 +62,8 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
         return ()
     scale = network.undetermined_scale(arm)
     # The adjustment holds the scale by decree, as the last direction.
-    rest = _sparse(split.undetermined[: len(split.undetermined) - len(scale)])
-    directions = np.concatenate([scale, rest])
+    sparse = _sparse(split.undetermined[: len(split.undetermined) - len(scale)])
+    directions = np.concatenate([scale, sparse])
     effects_mm = network.probe_effects_mm(arm, directions * split.tolerances)
     coverage = joint_coverage(network.campaign, network.poses)
     return tuple(
@@ -71,11 +71,11 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
             network.parameters.named(direction),
             effect_mm,
             _NO_LENGTH
-            if at < len(scale)
+            if index < len(scale)
             else _reason(network, arm.geometry, coverage, direction),
-            is_scale=at < len(scale),
+            is_scale=index < len(scale),
         )
-        for at, (direction, effect_mm) in enumerate(
+        for index, (direction, effect_mm) in enumerate(
             zip(directions, effects_mm.tolist(), strict=True)
         )
     )
@@ -117,12 +117,12 @@ def _sparse(rows: Floats) -> Floats:
     """
     if len(rows) == 0:
         return rows
-    rest, pivots = rows.copy(), []
+    left, pivots = rows.copy(), []
     for _ in range(len(rows)):
-        sizes = np.linalg.norm(rest, axis=0)
+        sizes = np.linalg.norm(left, axis=0)
         pivots.append(int(np.argmax(sizes)))
-        unit = rest[:, pivots[-1]] / sizes[pivots[-1]]
-        rest = rest - np.outer(unit, unit @ rest)
+        unit = left[:, pivots[-1]] / sizes[pivots[-1]]
+        left = left - np.outer(unit, unit @ left)
     pivoted = np.linalg.solve(rows[:, pivots], rows)
     sparse: Floats = pivoted / np.linalg.norm(pivoted, axis=1, keepdims=True)
     return sparse

@@ -36,8 +36,8 @@ fixture_std_mm = 0.0003
 def state_all(campaign: Path) -> None:
     """Add what a laboratory states to a simulated campaign."""
     file = campaign / "campaign.toml"
-    head, table, rest = file.read_text("utf-8").partition("\n[")
-    text = f"{head}\n{HEAD}{table[1:]}{rest}"
+    head, table, tail = file.read_text("utf-8").partition("\n[")
+    text = f"{head}\n{HEAD}{table[1:]}{tail}"
     for kind, serial_number in KINDS.items():
         head = f'kind = "{kind}"\n'
         number = f'serial_number = "{serial_number}"\n'

@@ -198,12 +198,12 @@ def test_the_form_of_balls_moves_a_bar_as_differences_say():
     ends = [on_a_ball(c, 10.0, pattern) for c in ([0.0, 0, 0], [200.0, 220.0, -9.0])]
     length_mm = float(np.linalg.norm([200.0, 220.0, -9.0]))
     keys = {"radius_mm": 10.0, "distance_mm": length_mm, "distance_std_mm": 1e-3}
-    given, places = artefact("L", "ball_bar", **keys), np.concatenate(ends)
+    standard, places = artefact("L", "ball_bar", **keys), np.concatenate(ends)
     features = ["1"] * len(pattern) + ["2"] * len(pattern)
     stated = limits(standards={"form_mm": 6e-4})
 
     def error_of(places_mm):
-        data = measured((given, touched_at(places_mm, features)))
+        data = measured((standard, touched_at(places_mm, features)))
         (error,) = errors_of(data, "L", "e_uni", stated)
         return error
 

@@ -92,7 +92,7 @@ def test_copied_touches_are_no_basis_of_a_verdict(made, original, tmp_path):
     shutil.copytree(original / "data", tmp_path, dirs_exist_ok=True)
     table = tmp_path / "poses.csv"
     head, *rows = table.read_text().splitlines()
-    later = [f"{float(time_s) + 5e3},{rest}" for time_s, rest in map(once_cut, rows)]
+    later = [f"{float(time_s) + 5e3},{cells}" for time_s, cells in map(once_cut, rows)]
     table.write_text("\n".join([head, *rows, *later]))
     measured = read_measured(tmp_path, made.arm)
     stated = administration_of([measured], made.arm, made.limits)
@@ -163,8 +163,8 @@ def test_the_document_is_typeset_and_has_its_data_attached(made, written):
         attached = {
             attachment.get_name(): bytes(attachment.get_data())
             for attachment in (
-                document.get_attachment(at)
-                for at in range(document.count_attachments())
+                document.get_attachment(index)
+                for index in range(document.count_attachments())
             )
         }
     for number, text in enumerate(pages, 1):
@@ -174,7 +174,7 @@ def test_the_document_is_typeset_and_has_its_data_attached(made, written):
     assert first.index("Accepted") < first.index("Figures")
     assert "a ball bar in 7 positions" not in first
     assert "a ball bar in 7 positions" in pages[1]
-    for said in (
+    for words in (
         *("2026-11-20 09:00:00 UTC to 2026-11-20", "20.00 °C", "M. Curie"),
         *("Laboratory 2", "KB 0815", "2026-05-04", "D-K-4711", "C. Gauss"),
         *(
@@ -183,7 +183,7 @@ def test_the_document_is_typeset_and_has_its_data_attached(made, written):
             made.provenance.campaign.sha256,
         ),
     ):
-        assert said in first.replace("\r\n", " ")
+        assert words in first.replace("\r\n", " ")
     assert attached == {
         **made.files,
         "certificate.json": (written / "certificate.json").read_bytes(),
@@ -202,8 +202,8 @@ def test_no_part_of_a_name_vanishes_on_paper_or_turns_the_writing(made, caplog):
 
 def test_the_page_says_who_measured_when_with_which_standards(made, written):
     page = (written / "certificate.html").read_text()
-    for said in ("M. Curie", "Laboratory 2", "KB 0815", "2026-05-04", "D7-0042"):
-        assert f"<td>{said}</td>" in page
+    for words in ("M. Curie", "Laboratory 2", "KB 0815", "2026-05-04", "D7-0042"):
+        assert f"<td>{words}</td>" in page
     heads = [page.index(f"<h2>{head}") for head in ("Measurement", "Definitions")]
     assert page.index("Accepted") < heads[0] < heads[1]
     # Nobody says who certifies, and under which number.

@@ -26,17 +26,17 @@ def bar():
     ends = [on_a_ball(c, 10.0, OCTAHEDRON) for c in ([0.0, 0, 0], [200.0, 220.0, -9.0])]
     keys = {"radius_mm": (10.0, 10.0), "distance_std_mm": 0.002}
     length_mm = float(np.linalg.norm([200.0, 220.0, -9.0]))
-    given = artefact("L", "ball_bar", distance_mm=length_mm, **keys)
-    return given, touches(np.concatenate(ends), ["1"] * 6 + ["2"] * 6)
+    standard = artefact("L", "ball_bar", distance_mm=length_mm, **keys)
+    return standard, touches(np.concatenate(ends), ["1"] * 6 + ["2"] * 6)
 
 
 def planes(*, swapped=False):
     top = SQUARE + np.array([3.0, 1.0, 100.0 + 2 * TIP_MM])
-    given = artefact("L", "parallel_planes", distance_mm=100.0)
+    standard = artefact("L", "parallel_planes", distance_mm=100.0)
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     places = np.concatenate([SQUARE, top]) @ turn.T
     features = ["2"] * 4 + ["1"] * 4 if swapped else ["1"] * 4 + ["2"] * 4
-    return given, touches(places, features)
+    return standard, touches(places, features)
 
 
 ENTRIES = {
@@ -48,18 +48,18 @@ ENTRIES = {
 
 
 def with_errors(entry, own_mm2, shared_mm):
-    given, touched = entry
+    standard, touched = entry
     n = len(touched)
     total = own_mm2 * np.tile(np.eye(3), (n, 1, 1))
     total = total + shared_mm @ shared_mm.transpose(0, 2, 1)
     errors = JointCovariance(touched.places_mm, total, shared_mm)
-    data = measured((given, replace(touched, errors=errors)))
+    data = measured((standard, replace(touched, errors=errors)))
     return replace(data, errors_unknown=None)
 
 
 def errors_mm(entry, places_mm):
-    given, touched = entry
-    data = measured((given, replace(touched, places_mm=places_mm)))
+    standard, touched = entry
+    data = measured((standard, replace(touched, places_mm=places_mm)))
     return np.array([e.error_mm for e in errors_of(data, "L", "e_uni", limits())])
 
 
@@ -89,9 +89,9 @@ def test_touches_alone_by_hand():
 @pytest.mark.parametrize("kind", ["bar", "planes"])
 def test_errors_of_drawn_arms_are_as_predicted_and_larger_ones_are_found(kind):
     entry, rng = ENTRIES[kind](), np.random.default_rng(3)
-    given, touched = entry
+    standard, touched = entry
     shared = rng.normal(0.0, 0.01, (len(touched), 3, 4))
-    std_mm = getattr(given, "distance_std_mm", None) or 0.0
+    std_mm = getattr(standard, "distance_std_mm", None) or 0.0
     data = with_errors(entry, 1e-4, shared)
     p_values, inside = [], 0
     for _ in range(N_ARMS):

@@ -92,18 +92,18 @@ def test_errors_of_length_are_those_of_the_places(tmp_path):
 @pytest.mark.parametrize("standard", STANDARDS)
 def test_plan_and_simulation_agree_on_what_is_touched(standard):
     plan = plan_of(standard, ARM)
-    wanted = {}
+    planned = {}
     for step in plan.steps:
-        wanted.setdefault(step.artefact, []).extend([step.feature] * step.touches)
+        planned.setdefault(step.artefact, []).extend([step.feature] * step.touches)
     poses = poses_of(standard)
     touched = {}
     for index, feature in zip(poses.artefact_index, poses.feature_index, strict=True):
         artefact = poses.artefacts[index].artefact
         touched.setdefault(artefact.id, []).append(artefact.features[feature])
-    assert {k: sorted(v) for k, v in wanted.items()} == {
+    assert {k: sorted(v) for k, v in planned.items()} == {
         k: sorted(v) for k, v in touched.items()
     }
-    assert all(k in plan.artefacts for k in wanted)
+    assert all(k in plan.artefacts for k in planned)
     kinds = {p.artefact.id: p.artefact.kind for p in poses.artefacts}
     assert {name: table["kind"] for name, table in plan.artefacts.items()} == kinds
 

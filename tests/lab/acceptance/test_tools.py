@@ -48,13 +48,13 @@ def table(*, star):
 
 def campaign(standard, folder, star=STAR_MM):
     """Touch everything with the arm's own probe and then with another tool."""
-    own = single(standard, folder / "own", ARM.probe.vector_mm)
+    with_own_probe = single(standard, folder / "own", ARM.probe.vector_mm)
     other = single(standard, folder / "other", STAR_MM)
     both = folder / "both"
     both.mkdir()
-    text = (own / "campaign.toml").read_text()
+    text = (with_own_probe / "campaign.toml").read_text()
     (both / "campaign.toml").write_text(text + table(star=star))
-    header, *rows = (own / "poses.csv").read_text().splitlines()
+    header, *rows = (with_own_probe / "poses.csv").read_text().splitlines()
     lines = [f"{header},tool", *(f"{row}," for row in rows)]
     _, *rows = (other / "poses.csv").read_text().splitlines()
     lines += [f"{row},star" for row in rows]
@@ -120,8 +120,10 @@ def test_touches_with_different_tools_do_not_count_together(tmp_path):
     text = (folder / "campaign.toml").read_text()
     (folder / "campaign.toml").write_text(text + table(star=STAR_MM))
     ran = run(folder, "--standard", INTERIM, "--arm", ARM_FILE, status=1)
-    own, star = ran.output.split("interim check of length with star: not computed")
-    assert own.count("was not measured") == 1
+    with_own_probe, star = ran.output.split(
+        "interim check of length with star: not computed"
+    )
+    assert with_own_probe.count("was not measured") == 1
     assert star.count("was not measured") == 6
     assert (
         "Incomplete: interim check of length with own probe, "

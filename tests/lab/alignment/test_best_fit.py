@@ -68,26 +68,26 @@ def test_three_points_are_called_blind_across_their_plane():
 
 
 def test_a_mirrored_system_is_refused():
-    given = common(WIDE)
+    points = common(WIDE)
     mirrored = CommonPoints(
-        given.names,
+        points.names,
         tuple(
             Place(place.place_mm * [1, 1, -1], place.covariance_mm2)
-            for place in given.measured
+            for place in points.measured
         ),
-        given.nominal,
+        points.nominal,
     )
     with pytest.raises(HelmertError, match="left-handed"):
         best_fit_alignment(mirrored, fixed_volume(BOX), "of the test")
 
 
 def test_a_scale_of_other_units_is_flagged():
-    given = common(WIDE)
+    points = common(WIDE)
     inches = tuple(
-        Place(place.place_mm / 25.4, place.covariance_mm2) for place in given.measured
+        Place(place.place_mm / 25.4, place.covariance_mm2) for place in points.measured
     )
     alignment = best_fit_alignment(
-        CommonPoints(given.names, inches, given.nominal),
+        CommonPoints(points.names, inches, points.nominal),
         fixed_volume(BOX),
         "",
         with_scale=True,
@@ -108,31 +108,31 @@ def test_errors_that_are_not_stated_are_estimated_and_test_nothing():
 
 
 def test_errors_stated_for_some_points_only_are_refused():
-    given = common(WIDE)
-    some = (Place(given.measured[0].place_mm, None), *given.measured[1:])
+    points = common(WIDE)
+    some = (Place(points.measured[0].place_mm, None), *points.measured[1:])
     with pytest.raises(ValueError, match=r"not of these measured points: P0; .*--std"):
         best_fit_alignment(
-            CommonPoints(given.names, some, given.nominal), fixed_volume(BOX), ""
+            CommonPoints(points.names, some, points.nominal), fixed_volume(BOX), ""
         )
 
 
 def test_a_wrong_point_fails_the_test_and_is_named():
-    given = common(WIDE, seed=7)
-    wrong = given.measured[2].place_mm + np.array([0.5, 0.0, 0.2])
+    points = common(WIDE, seed=7)
+    wrong = points.measured[2].place_mm + np.array([0.5, 0.0, 0.2])
     measured = (
-        *given.measured[:2],
-        Place(wrong, given.measured[2].covariance_mm2),
-        *given.measured[3:],
+        *points.measured[:2],
+        Place(wrong, points.measured[2].covariance_mm2),
+        *points.measured[3:],
     )
     alignment = best_fit_alignment(
-        CommonPoints(given.names, measured, given.nominal), fixed_volume(BOX), ""
+        CommonPoints(points.names, measured, points.nominal), fixed_volume(BOX), ""
     )
     assert not alignment.is_good
     assert codes(alignment) >= {"global_test_failed", "suspect_point"}
     assert told(alignment)["verdict"] == "Not usable"
     assert [r["state"] for r in told(alignment)["reasons"]].count("bad") == 1
     # and the covariance grows with sigma0
-    good = best_fit_alignment(given, fixed_volume(BOX), "")
+    good = best_fit_alignment(points, fixed_volume(BOX), "")
     after, before = (
         told(each)["quality"]["predicted_error_mm"]["rms"] for each in (alignment, good)
     )
@@ -146,13 +146,13 @@ def test_an_error_of_the_detectable_size_is_found_four_times_out_of_five():
     n, hits = 300, 0
     off = size_mm * transformation().rotation.T @ way
     for seed in range(n):
-        given = common(WIDE, seed=1000 + seed)
+        points = common(WIDE, seed=1000 + seed)
         moved = Place(
-            given.measured[1].place_mm + off, given.measured[1].covariance_mm2
+            points.measured[1].place_mm + off, points.measured[1].covariance_mm2
         )
-        measured = (given.measured[0], moved, *given.measured[2:])
+        measured = (points.measured[0], moved, *points.measured[2:])
         again = best_fit_alignment(
-            CommonPoints(given.names, measured, given.nominal), fixed_volume(BOX), ""
+            CommonPoints(points.names, measured, points.nominal), fixed_volume(BOX), ""
         )
         # the residual caused by this error, in standard deviations
         seen = again.points[1].residual_mm @ way

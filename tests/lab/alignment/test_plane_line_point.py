@@ -40,8 +40,8 @@ def drawn():
     return Helmert(rotation, np.array([300.0, -50.0, 120.0]))
 
 
-def aligned(given, std_mm=0.01):
-    return align_plane_line_point(given, NOMINAL, BOX, "test", std_mm=std_mm)
+def aligned(touches, std_mm=0.01):
+    return align_plane_line_point(touches, NOMINAL, BOX, "test", std_mm=std_mm)
 
 
 @pytest.mark.parametrize("shanks", [True, False])
@@ -73,12 +73,12 @@ def test_by_hand_a_part_beside_the_arm():
         "l": [(10, 30, 25), (10, 70, 25)],
         "p": [(0, 20, 25)],
     }
-    given = [
+    touches = [
         Touch((name,), np.array(place, dtype=float), shank=np.array([0.0, 0, -1]))
         for name, group in places.items()
         for place in group
     ]
-    alignment = align_plane_line_point(given, nominal, BOX, "", std_mm=0.01)
+    alignment = align_plane_line_point(touches, nominal, BOX, "", std_mm=0.01)
     expected = [[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]
     np.testing.assert_allclose(alignment.transformation.rotation, expected, atol=1e-15)
     moved = alignment.transformation.places_mm(np.array([[10.0, 20, 30]]))
@@ -160,9 +160,9 @@ def test_touches_that_nothing_checks_are_blind():
 
 
 def test_centres_of_a_ball_are_flagged_as_they_are_no_surface():
-    given = [
+    centres = [
         Touch(t.names, t.place_mm, shank=t.shank, off_mm=3.0) for t in touches(drawn())
     ]
-    flags = {flag.code: flag.text for flag in aligned(given).flags}
+    flags = {flag.code: flag.text for flag in aligned(centres).flags}
     assert "ball of 3 mm radius" in flags["ball_centres"]
     assert "ball_centres" not in {flag.code for flag in aligned(touches(drawn())).flags}

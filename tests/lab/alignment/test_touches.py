@@ -34,8 +34,8 @@ def touch(name, place, **more):
 
 
 def test_repeated_touches_are_a_mean_whose_error_is_not_divided():
-    given = [touch("A", (0, 0, 0)), touch("A", (0, 0, 0.2)), touch("B", (1, 1, 1))]
-    places, remarks = places_by_name(given, ["A"], std_mm=0.1, spheres=False)
+    touches = [touch("A", (0, 0, 0)), touch("A", (0, 0, 0.2)), touch("B", (1, 1, 1))]
+    places, remarks = places_by_name(touches, ["A"], std_mm=0.1, spheres=False)
     assert places["A"].touches == 2
     assert places["A"].spread_mm == pytest.approx(0.1)
     np.testing.assert_allclose(places["A"].covariance_mm2, 0.01 * np.eye(3))
@@ -46,34 +46,34 @@ def test_repeated_touches_are_a_mean_whose_error_is_not_divided():
 
 @pytest.mark.parametrize(("stated", "apart_mm"), [(True, 0.8), (False, 1.5)])
 def test_a_name_that_was_given_twice_is_flagged(stated, apart_mm):
-    given = common(WIDE, seed=2, stated=stated)
+    points = common(WIDE, seed=2, stated=stated)
     for spread_mm, is_flagged in ((0.1, False), (apart_mm, True)):
-        first = given.measured[0]
+        first = points.measured[0]
         twice = Place(first.place_mm, first.covariance_mm2, 2, spread_mm)
-        measured = (twice, *given.measured[1:])
+        measured = (twice, *points.measured[1:])
         alignment = best_fit_alignment(
-            CommonPoints(given.names, measured, given.nominal), fixed_volume(BOX), ""
+            CommonPoints(points.names, measured, points.nominal), fixed_volume(BOX), ""
         )
         assert ("scattered_touches" in codes(alignment)) == is_flagged
 
 
 def test_flags_of_touches_are_reported():
-    given = [touch("A", (0, 0, 0), flags=("fast",)), Touch((), np.zeros(3))]
-    _, remarks = places_by_name(given, None, std_mm=None, spheres=False)
+    touches = [touch("A", (0, 0, 0), flags=("fast",)), Touch((), np.zeros(3))]
+    _, remarks = places_by_name(touches, None, std_mm=None, spheres=False)
     assert "A: touches carry flags: fast" in remarks
     assert "left out: 1 touch without a name" in remarks
 
 
 def test_centres_of_spheres_are_fitted():
     ways = np.vstack([np.eye(3), -np.eye(3)])
-    given = [touch("ball", (5, 6, 7) + 12.7 * way) for way in ways]
-    places, _ = places_by_name(given, None, std_mm=0.01, spheres=True)
+    touches = [touch("ball", (5, 6, 7) + 12.7 * way) for way in ways]
+    places, _ = places_by_name(touches, None, std_mm=0.01, spheres=True)
     np.testing.assert_allclose(places["ball"].place_mm, (5, 6, 7), atol=1e-9)
     # Each coordinate of the centre is determined by two touches.
     expected = 0.5e-4 * np.eye(3)
     np.testing.assert_allclose(places["ball"].covariance_mm2, expected, atol=1e-12)
     with pytest.raises(ValueError, match=r"ball: .*at least 4"):
-        places_by_name(given[:3], None, std_mm=0.01, spheres=True)
+        places_by_name(touches[:3], None, std_mm=0.01, spheres=True)
 
 
 def test_common_points_come_in_the_order_of_the_nominal_ones():
@@ -112,7 +112,7 @@ def test_nominal_files_in_both_forms_say_the_same(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("volume", "said"),
+    ("volume", "message"),
     [
         ({"min_mm": (0, 0, 0)}, "min_mm and max_mm, or"),
         ({"min_mm": (0, 0, 0), "max_mm": (1, 1, -1)}, "not above"),
@@ -123,8 +123,8 @@ def test_nominal_files_in_both_forms_say_the_same(tmp_path):
         ),
     ],
 )
-def test_volumes_that_are_none_are_refused(volume, said):
-    with pytest.raises(ValueError, match=said):
+def test_volumes_that_are_none_are_refused(volume, message):
+    with pytest.raises(ValueError, match=message):
         Nominal.model_validate({"schema": "traverse/nominal/1", "volume": volume})
 
 

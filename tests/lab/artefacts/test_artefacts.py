@@ -157,7 +157,7 @@ def test_equations_leave_their_inputs_alone(table):
 
 
 @pytest.mark.parametrize(
-    ("table", "what"),
+    ("table", "message"),
     [
         ({}, "needs distance_mm"),
         ({"distance_mm": 5.0, "distances": [["A", "B"]]}, "distances"),
@@ -175,8 +175,8 @@ def test_equations_leave_their_inputs_alone(table):
         ),
     ],
 )
-def test_distances_of_seats_that_make_no_sense_are_refused(table, what):
-    with pytest.raises(ValueError, match=what):
+def test_distances_of_seats_that_make_no_sense_are_refused(table, message):
+    with pytest.raises(ValueError, match=message):
         artefact_from_table({"id": "x", "kind": "seats", **table})
 
 

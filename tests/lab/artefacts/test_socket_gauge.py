@@ -89,7 +89,7 @@ def test_a_ball_in_a_socket_touches_its_walls_and_nothing_else():
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         ("--distance-mm 10", "too short"),
         ("--clearance-mm 2", "expected 0 to 1.04 mm"),
@@ -99,10 +99,10 @@ def test_a_ball_in_a_socket_touches_its_walls_and_nothing_else():
         ("--distance-std-mm nan", "at most 100"),
     ],
 )
-def test_what_cannot_be_printed_is_refused(tmp_path, words, told):
+def test_what_cannot_be_printed_is_refused(tmp_path, words, message):
     out = tmp_path / "gauge"
     ran = invoke("artefact", "--out", out, *words.split(), status=2)
-    assert told in ran.stderr
+    assert message in ran.stderr
     assert not out.exists()
 
 

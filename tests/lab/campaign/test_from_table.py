@@ -67,14 +67,14 @@ def made(tmp_path):
     return make
 
 
-def assert_campaign(folder, said, n=24, **expected):
+def assert_campaign(folder, ran, n=24, **expected):
     names = [joint.name for joint in parse_arm(ARM).joints]
     campaign = read_campaign(folder / "out", names, orientations=True)
     np.testing.assert_allclose(campaign.poses.angles_rad, ANGLES_RAD[:n], atol=1e-9)
     (artefact,) = campaign.artefacts
     places = np.array(list(artefact.points_mm.values()))
     np.testing.assert_allclose(places, TARGETS_MM[:n], atol=1e-6)
-    report = json.loads(said.stdout)
+    report = json.loads(ran.stdout)
     assert report["rms_mm"] < 1e-4
     assert expected.items() <= report.items()
     return campaign
@@ -107,9 +107,9 @@ def test_columns_and_units_are_guessed(made, tmp_path, layout):
     header, angle, length = LAYOUTS[layout]
     write(tmp_path / "t.csv", header, angle * ANGLES_RAD, length * TARGETS_MM)
     options = ("--joints", "a,b,c", "--position", "u,v,w")
-    said = made("t.csv", "--yes", *(options if layout == "other names" else ()))
+    ran = made("t.csv", "--yes", *(options if layout == "other names" else ()))
     units = {1: "rad", DEG: "deg"}[angle], {1: "mm", 1e-3: "m"}.get(length, "inch")
-    assert_campaign(tmp_path, said, angles=units[0], lengths=units[1])
+    assert_campaign(tmp_path, ran, angles=units[0], lengths=units[1])
 
 
 def test_decimal_commas_times_temperatures_names_and_quaternions(made, tmp_path):
@@ -130,22 +130,22 @@ def test_decimal_commas_times_temperatures_names_and_quaternions(made, tmp_path)
     extra = ["temperature_c", "vx", "vy", "vz"]
     times = 1000.0 * np.arange(n)
     quaternions = np.tile([0.5, 0.5, -0.5, 0.5], (n, 1))
-    rest = np.column_stack([np.full(n, 20.5), np.zeros((n, 3))])
-    columns = (times, ANGLES_RAD[:n], TARGETS_MM[:n], quaternions, rest)
+    turns = np.column_stack([np.full(n, 20.5), np.zeros((n, 3))])
+    columns = (times, ANGLES_RAD[:n], TARGETS_MM[:n], quaternions, turns)
     write(tmp_path / "t.csv", header + extra, *columns, separator=";", decimal=",")
-    said = made("t.csv", "--yes", "--angles", "rad")
-    campaign = assert_campaign(tmp_path, said, n, time="timestamp_ms")
+    ran = made("t.csv", "--yes", "--angles", "rad")
+    campaign = assert_campaign(tmp_path, ran, n, time="timestamp_ms")
     assert campaign.poses.time_s.tolist() == [0, 1, 2, 3, 4]
     assert campaign.poses.temperature_c.tolist() == [20.5] * n
     assert campaign.poses.orientations[0].tolist() == [0.5, 0.5, -0.5, 0.5]
-    assert json.loads(said.stdout)["left_out"] == ["vx", "vy", "vz"]
+    assert json.loads(ran.stdout)["left_out"] == ["vx", "vy", "vz"]
 
 
 def test_a_file_of_matlab_is_read(made, tmp_path):
     variables = {"q": np.degrees(ANGLES_RAD), "p": TARGETS_MM.T / 1000, "note": "text"}
     scipy.io.savemat(tmp_path / "t.mat", variables)
-    said = made("t.mat", "--yes")
-    assert_campaign(tmp_path, said, angles="deg", lengths="m")
+    ran = made("t.mat", "--yes")
+    assert_campaign(tmp_path, ran, angles="deg", lengths="m")
     scipy.io.savemat(tmp_path / "t.mat", {"q": ANGLES_RAD, "p": TARGETS_MM[:5]})
     assert "of one number of rows" in made("t.mat", "--yes", status=2).stderr
     (tmp_path / "t.mat").write_bytes(b"MATLAB 5.0 nothing")
@@ -153,8 +153,8 @@ def test_a_file_of_matlab_is_read(made, tmp_path):
 
 
 def cdr_time(stamp_s):
-    whole = int(stamp_s)
-    return struct.pack("<iI", whole, round(1e9 * (stamp_s - whole)))
+    seconds = int(stamp_s)
+    return struct.pack("<iI", seconds, round(1e9 * (stamp_s - seconds)))
 
 
 class Cdr:
@@ -207,10 +207,12 @@ def write_bag(path, targets_m):
         ):
             schema = writer.register_schema(kind, "ros2msg", text.encode())
             channels[topic] = writer.register_channel(topic, "cdr", schema)
-        for at, (angles, target) in enumerate(zip(ANGLES_RAD, targets_m, strict=True)):
+        for index, (angles, target) in enumerate(
+            zip(ANGLES_RAD, targets_m, strict=True)
+        ):
             # The arm rests from 0.1 s before to 0.1 s after each target.
             for later_s in (-0.1, 0.1):
-                state = Cdr().header(1e9 + at + later_s)
+                state = Cdr().header(1e9 + index + later_s)
                 state.align(4)
                 state.body += struct.pack("<I", 3)
                 for name in ("J1", "J2", "J3"):
@@ -219,7 +221,7 @@ def write_bag(path, targets_m):
                 state.doubles([], counted=True)
                 state.doubles([], counted=True)
                 add(writer, channels["/joint_states"], state)
-            point = Cdr().header(1e9 + at)
+            point = Cdr().header(1e9 + index)
             point.doubles(target, counted=False)
             add(writer, channels["/tracker"], point)
         writer.finish()
@@ -232,8 +234,8 @@ def add(writer, channel, cdr):
 def test_a_bag_of_ros_is_read(made, tmp_path):
     pytest.importorskip("mcap_ros2", reason="the extra ros is not installed")
     write_bag(tmp_path / "t.mcap", TARGETS_MM / 1000)
-    said = made("t.mcap", "--yes")
-    assert_campaign(tmp_path, said, angles="rad", lengths="m", time="time_s")
+    ran = made("t.mcap", "--yes")
+    assert_campaign(tmp_path, ran, angles="rad", lengths="m", time="time_s")
     (tmp_path / "t.mcap").write_bytes(b"\x89MCAP0\r\n")
     assert "is no bag of ROS 2 in MCAP" in made("t.mcap", "--yes", status=2).stderr
 
@@ -241,14 +243,14 @@ def test_a_bag_of_ros_is_read(made, tmp_path):
 def test_it_asks_and_writes_nothing_without_an_answer(made, tmp_path):
     header = ["J1_rad", "J2_rad", "J3_rad", "x_mm", "y_mm", "z_mm"]
     write(tmp_path / "t.csv", header, ANGLES_RAD, TARGETS_MM)
-    said = made("t.csv", status=2).stderr
-    assert "joints      J1: J1_rad, J2: J2_rad, J3: J3_rad [rad]" in said
-    assert "nobody can be asked; give --yes if this is right" in said
+    message = made("t.csv", status=2).stderr
+    assert "joints      J1: J1_rad, J2: J2_rad, J3: J3_rad [rad]" in message
+    assert "nobody can be asked; give --yes if this is right" in message
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
-    ("header", "options", "said"),
+    ("header", "options", "message"),
     [
         (
             ["a", "b", "c", "x", "y", "z"],
@@ -270,13 +272,13 @@ def test_it_asks_and_writes_nothing_without_an_answer(made, tmp_path):
         (["q1", "q2", "q3", "x", "y", "z"], ("--angles", "gon"), "expected rad or deg"),
     ],
 )
-def test_what_stays_open_is_refused(made, tmp_path, header, options, said):
+def test_what_stays_open_is_refused(made, tmp_path, header, options, message):
     write(tmp_path / "t.csv", header, ANGLES_RAD, TARGETS_MM)
-    assert said in made("t.csv", "--yes", *options, status=2).stderr
+    assert message in made("t.csv", "--yes", *options, status=2).stderr
 
 
 def test_another_arm_is_told(made, tmp_path):
     header = ["J1_rad", "J2_rad", "J3_rad", "x_mm", "y_mm", "z_mm"]
     write(tmp_path / "t.csv", header, ANGLES_RAD[::-1], TARGETS_MM)
-    said = made("t.csv", status=2).stderr
-    assert "that is far: mind the units, signs and zeros of the readings" in said
+    message = made("t.csv", status=2).stderr
+    assert "that is far: mind the units, signs and zeros of the readings" in message

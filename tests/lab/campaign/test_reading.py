@@ -156,9 +156,9 @@ x,cone-1,,0.1,0.2,21.5,-1,,,
         ("line 8", "give all three components or none"),
     ]
     assert len(lines) == len(expected)
-    for text, (where, what) in zip(lines, expected, strict=True):
+    for text, (where, message) in zip(lines, expected, strict=True):
         assert text.startswith(where)
-        assert what in text
+        assert message in text
 
 
 def test_a_bad_row_far_down_is_found(folder):
@@ -190,7 +190,7 @@ def test_all_mistakes_of_a_header_are_reported(folder):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "where", "what"),
+    ("old", "new", "where", "message"),
     [
         ('kind = "cone"', 'kind = "kone"', "artefacts[0].kind", "did you mean 'cone'?"),
         ('id = "bar"', 'id = "cone-1"', "artefacts[1].id", "ids must differ"),
@@ -203,14 +203,14 @@ def test_all_mistakes_of_a_header_are_reported(folder):
         ("start_utc", 'time = "rows"\nstart_utc', "time", "'order'"),
     ],
 )
-def test_mistakes_of_the_campaign_file_are_named(folder, old, new, where, what):
+def test_mistakes_of_the_campaign_file_are_named(folder, old, new, where, message):
     (folder / "campaign.toml").write_text(CAMPAIGN.replace(old, new))
     lines = problems(folder)
-    assert any(text.startswith(f"{where}: ") and what in text for text in lines)
+    assert any(text.startswith(f"{where}: ") and message in text for text in lines)
 
 
 @pytest.mark.parametrize(
-    ("grid", "what"),
+    ("grid", "message"),
     [
         ("name,x,y,z\nA,0,0,0\n", "line 1: columns are"),
         (GRID + "A,1,2,3\n", "line 5: 'A' was given before"),
@@ -219,9 +219,9 @@ def test_mistakes_of_the_campaign_file_are_named(folder, old, new, where, what):
         ("feature,x_mm,y_mm,z_mm\n", "holds no points"),
     ],
 )
-def test_mistakes_of_a_list_of_points_are_named(folder, grid, what):
+def test_mistakes_of_a_list_of_points_are_named(folder, grid, message):
     (folder / "grid.csv").write_text(grid)
-    assert any(what in text for text in problems(folder))
+    assert any(message in text for text in problems(folder))
 
 
 @pytest.mark.parametrize("name", ["campaign.toml", "poses.csv", "grid.csv"])
@@ -269,7 +269,7 @@ def test_poses_name_tools_where_that_is_requested(folder):
 
 
 @pytest.mark.parametrize(
-    ("tools", "names", "what"),
+    ("tools", "names", "message"),
     [
         (TOOLS, ["hihg"], "unknown tool 'hihg'; did you mean 'high'?; say it in [[too"),
         ("", ["high"], "unknown tool 'high'; known here: ; say it in [[tools]]"),
@@ -277,9 +277,9 @@ def test_poses_name_tools_where_that_is_requested(folder):
         (TOOLS.replace("low", "l.w"), [], "tools[0].name: 'l.w' is not a tool's name"),
     ],
 )
-def test_mistakes_about_tools_are_named(folder, tools, names, what):
+def test_mistakes_about_tools_are_named(folder, tools, names, message):
     with_tools(folder, tools, *names)
-    assert any(what in text for text in problems(folder))
+    assert any(message in text for text in problems(folder))
 
 
 def test_the_same_readings_with_another_tool_are_no_copy(folder):
@@ -327,7 +327,7 @@ def test_other_separators_and_decimal_commas_are_read(folder, mark, decimal):
 
 
 @pytest.mark.parametrize(
-    ("header", "row", "what"),
+    ("header", "row", "message"),
     [
         (
             HEADER.replace(",", ";"),
@@ -356,9 +356,9 @@ def test_other_separators_and_decimal_commas_are_read(folder, mark, decimal):
         ),
     ],
 )
-def test_ambiguous_separators_are_named(folder, header, row, what):
+def test_ambiguous_separators_are_named(folder, header, row, message):
     (folder / "poses.csv").write_text(header + row)
-    assert any(what in text for text in problems(folder))
+    assert any(message in text for text in problems(folder))
 
 
 def test_a_copied_line_counts_once_and_is_reported(folder):
@@ -394,7 +394,10 @@ ORIENTED += "orientation_y,orientation_z\n"
 
 
 def write_oriented(folder, *cells, artefact="grid,A", header=ORIENTED):
-    rows = [f"{at}.5,{artefact},0.{at},0.2,{cell}\n" for at, cell in enumerate(cells)]
+    rows = [
+        f"{index}.5,{artefact},0.{index},0.2,{cell}\n"
+        for index, cell in enumerate(cells)
+    ]
     (folder / "poses.csv").write_text(header + "".join(rows))
 
 
@@ -408,7 +411,7 @@ def test_orientations_are_read_as_unit_quaternions(folder):
 
 
 @pytest.mark.parametrize(
-    ("cells", "artefact", "what"),
+    ("cells", "artefact", "message"),
     [
         ("0.5,0.5,0.5,0.6", "grid,A", "orientation has the length 1.05357; expected 1"),
         ("0.5,0.5,0.5,0.6", "grid,A", "a unit quaternion w, x, y, z"),
@@ -417,11 +420,11 @@ def test_orientations_are_read_as_unit_quaternions(folder):
         ("1,0,0,0", "cone-1,", "only points have a frame to measure it in"),
     ],
 )
-def test_orientations_that_are_none_are_refused(folder, cells, artefact, what):
+def test_orientations_that_are_none_are_refused(folder, cells, artefact, message):
     write_oriented(folder, cells, artefact=artefact)
     with pytest.raises(FileError) as caught:
         read_campaign(folder, ["J1", "J2"], orientations=True)
-    assert any(what in str(problem) for problem in caught.value.problems)
+    assert any(message in str(problem) for problem in caught.value.problems)
     assert all("line 2" in str(problem) for problem in caught.value.problems)
 
 

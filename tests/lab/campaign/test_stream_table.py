@@ -130,8 +130,8 @@ def test_gaps_divide_and_long_ones_are_noted(tmp_path):
 
 def test_a_torn_recording_is_used_up_to_the_tear(tmp_path):
     folder = folder_of(tmp_path, [at(0, "seat")])
-    whole = (folder / "scan.mcap").read_bytes()
-    (folder / "scan.mcap").write_bytes(whole[:-30])
+    recording = (folder / "scan.mcap").read_bytes()
+    (folder / "scan.mcap").write_bytes(recording[:-30])
     campaign = read_campaign(folder, JOINTS)
     assert len(campaign.poses) == N - 8
     assert "torn after" in campaign.notes[0]

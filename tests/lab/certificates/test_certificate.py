@@ -131,7 +131,7 @@ def with_a_second_tool(poses: Path, tool: str) -> None:
         rows = list(csv.reader(file))
     w, x = (rows[0].index(f"orientation_{part}") for part in "wx")
     rows[-1][w], rows[-1][x] = rows[-1][x], rows[-1][w]
-    named = [[*row, tool if at % 2 else ""] for at, row in enumerate(rows[1:])]
+    named = [[*row, tool if index % 2 else ""] for index, row in enumerate(rows[1:])]
     with poses.open("w", newline="") as file:
         csv.writer(file).writerows([[*rows[0], "tool"], *named])
 
@@ -303,7 +303,7 @@ def test_figures_that_do_not_follow_are_not_certified(
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "what"),
+    ("old", "new", "message"),
     [
         ('country = "DE"', 'country = "Germany"', "laboratory.country"),
         ('number = "2026-0417"', 'number = " "', "number"),
@@ -312,13 +312,13 @@ def test_figures_that_do_not_follow_are_not_certified(
         ('role = "head"', 'rôle = "head"', "file"),
     ],
 )
-def test_the_laboratorys_file_is_read_strictly(tmp_path, old, new, what):
+def test_the_laboratorys_file_is_read_strictly(tmp_path, old, new, message):
     path = tmp_path / "laboratory.toml"
     path.write_text(LABORATORY.replace(old, new, 1), "utf-8")
     with pytest.raises(FileError) as refused:
         read_strict(path, Laboratory)
     assert str(path) in str(refused.value)
-    assert what == "file" or what in str(refused.value)
+    assert message == "file" or message in str(refused.value)
 
 
 def test_untrusted_xml_is_refused(tmp_path):
@@ -338,15 +338,15 @@ def test_schema_of_a_folder_wherever_its_imports_come_from(
     signed_verification, tmp_path
 ):
     """The standard's schema imports by addresses; no network is asked."""
-    own = Path(schema_problems.__code__.co_filename).parent / "schemas"
-    text = (own / "dcc.xsd").read_text()
+    packaged = Path(schema_problems.__code__.co_filename).parent / "schemas"
+    text = (packaged / "dcc.xsd").read_text()
     moved = text.replace('"si.xsd"', '"https://ptb.example/si/v2/SI_Format.xsd"')
     assert moved != text
     (tmp_path / "dcc.xsd").write_text(moved)
     root = read_xml((signed_verification / "dcc.xml").read_bytes(), "dcc.xml")
     with pytest.raises(FileError, match="no schema that can be used"):
         list(schema_problems(root, tmp_path))
-    shutil.copy(own / "si.xsd", tmp_path / "SI_Format.xsd")
+    shutil.copy(packaged / "si.xsd", tmp_path / "SI_Format.xsd")
     assert list(schema_problems(root, tmp_path)) == []
     core = root.find(".//{*}uniqueIdentifier")
     assert core is not None

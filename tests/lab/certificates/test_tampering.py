@@ -166,13 +166,13 @@ def test_a_certificate_of_other_figures_signed_by_another(
 def test_an_authority_vouches_for_a_signer(verified, laboratory, tmp_path, is_rsa):
     folder = shutil.copytree(verified, tmp_path / "copy")
     authority = issued("Authority", is_authority=True, is_rsa=is_rsa)
-    own = issued("Laboratory", authority, is_rsa=is_rsa)
-    certify(folder, laboratory, SigningKey(own.key, own.certificate))
+    issued_key = issued("Laboratory", authority, is_rsa=is_rsa)
+    certify(folder, laboratory, SigningKey(issued_key.key, issued_key.certificate))
     assert problems(folder, authority) == []
     # A colleague, no authority, who issued a certificate vouches for nobody.
     colleague = issued("Laboratory 1")
-    own = issued("Laboratory 2", colleague)
-    certify(folder, laboratory, SigningKey(own.key, own.certificate))
+    issued_key = issued("Laboratory 2", colleague)
+    certify(folder, laboratory, SigningKey(issued_key.key, issued_key.certificate))
     assert "not trusted" in problems(folder, colleague)[0]
 
 
@@ -212,9 +212,9 @@ def test_a_signature_moved_doubled_or_over_a_part(signed_verification, tmp_path)
 
 def test_keys_that_cannot_sign(tmp_path):
     day = "2026-11-23"
-    own, other = issued("A"), issued("B")
+    first, other = issued("A"), issued("B")
     late = issued("C", days=(1, 10))
-    key, certificate = own.write(tmp_path, "own")
+    key, certificate = first.write(tmp_path, "own")
     _, another = other.write(tmp_path, "other")
     from datetime import date  # noqa: PLC0415
 

@@ -39,8 +39,8 @@ def states(path: Path, *folders: Path) -> dict[str, str]:
 
 
 def test_a_whole_chain(chain: Path) -> None:
-    whole = states(chain / "results")
-    assert whole == {
+    by_name = states(chain / "results")
+    assert by_name == {
         "identification": "whole",
         "arm file demo-7": "whole",
         "arm.cov.npz": "whole",
@@ -59,21 +59,21 @@ def test_a_whole_chain(chain: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("gone", "what"),
+    ("gone", "link"),
     [
         ("campaign", "campaign"),
         ("design.toml", "design"),
         ("results/arm.cov.npz", "arm.cov.npz"),
     ],
 )
-def test_what_is_missing_is_named(chain: Path, gone: str, what: str) -> None:
+def test_what_is_missing_is_named(chain: Path, gone: str, link: str) -> None:
     moved = chain.parent / f"{chain.name}-moved"
     moved.mkdir()
     shutil.move(chain / gone, moved / Path(gone).name)
     # The verification has the design, too.
     shutil.rmtree(chain / "certificate")
     path = chain / "results" / "arm.toml"
-    assert states(path, chain)[what] == "missing"
+    assert states(path, chain)[link] == "missing"
     assert "missing" not in states(path, chain, moved).values()
 
 

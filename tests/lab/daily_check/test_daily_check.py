@@ -92,7 +92,7 @@ def _unknown():
 
 
 @pytest.mark.parametrize(
-    ("parts", "told"),
+    ("parts", "message"),
     [
         (
             (cone(np.vstack([SEAT_MM, [453.0, 0.0, 0.0]])), ball()),
@@ -108,8 +108,8 @@ def _unknown():
         ),
     ],
 )
-def test_a_check_of_something_else_is_no_check(parts, told):
-    with pytest.raises(IncompleteError, match=told):
+def test_a_check_of_something_else_is_no_check(parts, message):
+    with pytest.raises(IncompleteError, match=message):
         daily_check_figures(measured(*parts))
 
 
@@ -159,18 +159,18 @@ def test_a_damaged_history_is_refused_and_nothing_else(tmp_path):
     path, damaged = tmp_path / "interim.db", tmp_path / "damaged.db"
     for day in range(8):
         add_check(path, check(day))
-    whole, rng = path.read_bytes(), np.random.default_rng(5)
+    undamaged, rng = path.read_bytes(), np.random.default_rng(5)
     for _ in range(60):
-        content = bytearray(whole)
-        start = int(rng.integers(len(whole)))
+        content = bytearray(undamaged)
+        start = int(rng.integers(len(undamaged)))
         length = int(rng.integers(1, 300))
         content[start : start + length] = rng.bytes(length)
         damaged.write_bytes(content)
         with contextlib.suppress(HistoryRefusedError):
             assert len(checks_of(damaged, "arm-7")) <= 8
     # Not text where the message of SQLite is made of it.
-    name = whole.index(b"CREATE TABLE checks")
-    damaged.write_bytes(whole[: name + 20] + b"\xd8" * 40 + whole[name + 60 :])
+    name = undamaged.index(b"CREATE TABLE checks")
+    damaged.write_bytes(undamaged[: name + 20] + b"\xd8" * 40 + undamaged[name + 60 :])
     with pytest.raises(HistoryRefusedError, match="is no history of checks"):
         checks_of(damaged, "arm-7")
     with closing(sqlite3.connect(path)) as connection, connection:
@@ -281,9 +281,9 @@ def test_beside_the_acceptance_and_its_limits(tmp_path):
     wide = report_of([check(0)], limits(spat_2s_mm=0.5), certificate)
     assert wide.outcome.state is State.DOUBT
     # A check is with the arm's own probe, whatever else an acceptance was made with.
-    own = {**certificate["figures"][0], "tool": "own probe"}
+    of_own_probe = {**certificate["figures"][0], "tool": "own probe"}
     star = {"key": "spat_2s", "value_mm": 0.5, "limit_mm": 0.02, "tool": "star"}
-    both = {**certificate, "figures": [own, star]}
+    both = {**certificate, "figures": [of_own_probe, star]}
     report = report_of([check(0)], certificate=both)
     assert report.charts[0].accepted_mm == pytest.approx(0.028)
     path = tmp_path / "certificate.json"

@@ -336,10 +336,10 @@ def test_the_gap_is_that_of_the_arm_that_is_written(wished):
 
 def test_progress_rises_and_equal_seeds_decide_equally():
     progress = []
-    given = measured()
+    measurement = measured()
     again = diagnose(
-        given.campaign,
-        given.arm,
+        measurement.campaign,
+        measurement.arm,
         diagnosed.DECISION,
         lambda _, part: progress.append(part),
     )

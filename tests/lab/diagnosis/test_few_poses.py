@@ -29,10 +29,10 @@ MOST_REFUSED = 8
 
 def every(step: int, *, stated: bool = True) -> Campaign:
     """Take each so-manieth pose of a campaign with ball bar, sphere and cones."""
-    whole = measured_with()
+    campaign = measured_with()
     if not stated:
-        whole = replace(whole, encoder_rad=None, contact_mm=None)
-    return whole.part(np.arange(0, len(whole.poses), step))
+        campaign = replace(campaign, encoder_rad=None, contact_mm=None)
+    return campaign.part(np.arange(0, len(campaign.poses), step))
 
 
 @pytest.mark.parametrize("stated", [True, False])
@@ -60,11 +60,11 @@ def test_few_poses_give_a_report_or_a_reason(tmp_path, step, stated):
 
 
 def test_poses_that_are_nearly_the_same_are_called_so():
-    whole = measured_with()
-    posture_rad = whole.poses.angles_rad[:1]
+    varied = measured_with()
+    posture_rad = varied.poses.angles_rad[:1]
     rng = np.random.default_rng(1)
-    angles_rad = posture_rad + 1e-4 * rng.standard_normal(whole.poses.angles_rad.shape)
-    campaign = replace(whole, poses=replace(whole.poses, angles_rad=angles_rad))
+    angles_rad = posture_rad + 1e-4 * rng.standard_normal(varied.poses.angles_rad.shape)
+    campaign = replace(varied, poses=replace(varied.poses, angles_rad=angles_rad))
     with pytest.raises(IdentificationError, match="nearly the same: no joint turned"):
         diagnose(campaign, poses().arm, OPTIONS)
 

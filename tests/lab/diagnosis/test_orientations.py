@@ -86,8 +86,8 @@ def test_nothing_is_found_where_nothing_is_and_blunders_are_no_effects(poses):
         assert set(lines[diagnosis.turned].tolist()) == wrong
         listed = diagnosis_json(diagnosis)["orientations"]["excluded"]
         assert {row["line"] for row in listed} == wrong
-        said = "\n".join(summary_lines(diagnosis))
-        assert ("Orientations that contradict the rest" in said) == bool(wrong)
+        text = "\n".join(summary_lines(diagnosis))
+        assert ("Orientations that contradict the rest" in text) == bool(wrong)
     assert wrong
 
 
@@ -110,21 +110,21 @@ def test_columns_of_effects_are_what_they_do_to_the_rows(poses):
             continue
         looked_at.add(kind)
         sizes = dict.fromkeys(candidate.parameters, 0.0)
-        for at, name in enumerate(candidate.parameters):
-            step = 0.1 * candidate.scales[at]
+        for index, name in enumerate(candidate.parameters):
+            step = 0.1 * candidate.scales[index]
             ends = []
             for sign in (1.0, -1.0):
                 table = {"kind": kind, "joint": joint, **sizes, name: sign * step}
                 arm = with_other_effects(ARM, (effect_from_table(table),))
                 problem = Problem.of(campaign, arm, Options())
                 amplitudes = problem.design.amplitudes
-                there = replace(state.arm, amplitudes=amplitudes)
+                moved = replace(state.arm, amplitudes=amplitudes)
                 other = replace(network, parameters=problem.parameters)
-                misclosures = other.all_misclosures(station, there, unknowns)
+                misclosures = other.all_misclosures(station, moved, unknowns)
                 ends.append((white @ misclosures[:, :, None]).ravel())
             # A model that has the effect misses by less where the arm has it.
             slope = (ends[0] - ends[1]) / 0.2
-            column = bank.columns[:, columns][: len(slope), at]
+            column = bank.columns[:, columns][: len(slope), index]
             assert column == pytest.approx(slope, abs=5e-3 * np.abs(slope).max())
     assert looked_at == {
         "encoder_eccentricity",

@@ -132,8 +132,8 @@ def conditions(travel, seed):
             coarse_start=False,
             n_suggestions=0,
         )
-        wanted = design.model_copy(update={"effects": harmonics(orders)})
-        result = identify(campaign, wanted, options)
+        with_effects = design.model_copy(update={"effects": harmonics(orders)})
+        result = identify(campaign, with_effects, options)
         assert result.undetermined == ()
         n_free = result.adjustment.network.parameters.n_free
         assert n_free == 4 * 7 - 3 + 14 * len(orders)

@@ -72,8 +72,10 @@ def test_without_uncertainties_it_is_students_test():
     population = population_of(values, np.zeros(20), 1e-12)
     assert population.mean == pytest.approx(values.mean())
     assert population.spread == pytest.approx(values.std(ddof=1))
-    others = np.delete(values, 3)
-    expected = (values[3] - others.mean()) / (others.std(ddof=1) * np.sqrt(1 + 1 / 19))
+    without_fourth = np.delete(values, 3)
+    expected = (values[3] - without_fourth.mean()) / (
+        without_fourth.std(ddof=1) * np.sqrt(1 + 1 / 19)
+    )
     assert population.spreads[3] == pytest.approx(expected)
 
 
@@ -110,23 +112,23 @@ def run(*words, status=0):
 
 
 def test_the_command_names_who_leaves_the_family(tmp_path):
-    given = folders(tmp_path, np.random.default_rng(5))
-    ran = run(*given, status=1)
+    arms = folders(tmp_path, np.random.default_rng(5))
+    ran = run(*arms, status=1)
     assert "40 arms of the design dddddddddddd" in ran.output
-    assert f"{given[5]}: J3.link.v is +" in ran.output
+    assert f"{arms[5]}: J3.link.v is +" in ran.output
     assert "spreads from its family" in ran.output
-    values = json.loads(run(*given, "--json", status=1).stdout)
+    values = json.loads(run(*arms, "--json", status=1).stdout)
     assert [(value["arm"], value["parameter"]) for value in values["alarms"]] == [
-        (str(given[5]), "J3.link.v")
+        (str(arms[5]), "J3.link.v")
     ]
-    good = [path for path in given if path.name != "arm-5"]
+    good = [path for path in arms if path.name != "arm-5"]
     assert "no arm leaves its family" in run(*good).output
     assert values["parameters"][2]["arms"] == N_ARMS - 1
-    assert family_values(read_family(given))["alarms"] == values["alarms"]
+    assert family_values(read_family(arms))["alarms"] == values["alarms"]
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"schema": "x"}, "is no result of `traverse identify`: its schema is not"),
         ({"converged": False}, "the adjustment did not converge"),
@@ -135,14 +137,14 @@ def test_the_command_names_who_leaves_the_family(tmp_path):
         ({"inputs": {"arm_digest": "other"}}, "began with 2 designs"),
     ],
 )
-def test_what_is_no_family_is_refused(tmp_path, change, said):
-    given = folders(tmp_path, np.random.default_rng(6), n=LEAST)
+def test_what_is_no_family_is_refused(tmp_path, change, message):
+    arms = folders(tmp_path, np.random.default_rng(6), n=LEAST)
     result(tmp_path / "odd", [0.0] * N_PARAMETERS, [0.1] * N_PARAMETERS, **change)
-    ran = run(*given, tmp_path / "odd", status=2)
-    assert said in " ".join(ran.output.split())
+    ran = run(*arms, tmp_path / "odd", status=2)
+    assert message in " ".join(ran.output.split())
 
 
 def test_too_few_arms_are_no_family(tmp_path):
-    given = folders(tmp_path, np.random.default_rng(6), n=LEAST - 1)
-    assert "a family has at least 8" in run(*given, status=2).output
-    run(tmp_path / "nowhere", *given, status=2)
+    arms = folders(tmp_path, np.random.default_rng(6), n=LEAST - 1)
+    assert "a family has at least 8" in run(*arms, status=2).output
+    run(tmp_path / "nowhere", *arms, status=2)

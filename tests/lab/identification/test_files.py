@@ -73,10 +73,10 @@ def test_the_covariance_is_over_components_and_free_of_any_basis(folders):
     assert np.allclose(covariance, covariance.T, atol=0)
     assert np.linalg.matrix_rank(covariance, tol=1e-18) == 25
     for k, joint in enumerate(arm.joints):
-        own = slice(3 * k, 3 * k + 3)
-        assert values[own].tolist() == list(joint.axis)
+        of_joint = slice(3 * k, 3 * k + 3)
+        assert values[of_joint].tolist() == list(joint.axis)
         # No axis varies along itself.
-        assert np.allclose(covariance[own].T @ np.array(joint.axis), 0, atol=1e-12)
+        assert np.allclose(covariance[of_joint].T @ np.array(joint.axis), 0, atol=1e-12)
     trace = np.trace(covariance[:21, :21])
     stds = [entry.std for entry in result.parameters if ".axis." in entry.name]
     assert trace == pytest.approx(np.sum(np.square(stds)))

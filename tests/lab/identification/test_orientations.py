@@ -134,16 +134,16 @@ def turn_misfit(result, truth):
 
 def test_orientations_make_the_last_axis_ten_times_better_known():
     campaign, _ = measured(1)
-    given = identify(campaign, ARM, QUICK)
+    result = identify(campaign, ARM, QUICK)
     bare = identify(without(campaign), ARM, QUICK)
-    both, positions = stds_of(given), stds_of(bare)
+    both, positions = stds_of(result), stds_of(bare)
     assert set(both) - set(positions) == {f"probe.mounting.{a}" for a in "xyz"}
     assert all(both[name] < positions[name] for name in positions)
     for name in ("J7.axis.v", "J7.axis.w", "J7.link.v", "J7.link.w"):
         assert 10.0 * both[name] < positions[name]
-    assert given.orientations.sigma0["orientations"] == pytest.approx(1.0, abs=0.15)
-    assert given.orientations.rms_after_rad == pytest.approx(5e-5, rel=0.1)
-    assert given.orientations.rms_before_rad > 20 * given.orientations.rms_after_rad
+    assert result.orientations.sigma0["orientations"] == pytest.approx(1.0, abs=0.15)
+    assert result.orientations.rms_after_rad == pytest.approx(5e-5, rel=0.1)
+    assert result.orientations.rms_before_rad > 20 * result.orientations.rms_after_rad
     assert bare.orientations is None
 
 
@@ -159,8 +159,8 @@ def test_what_positions_do_not_determine_orientations_do():
     of = make_poses(arm, spec, 4)
     campaign, _ = measured(2, of=of)
     bare = identify(without(campaign), arm, QUICK)
-    given = identify(campaign, arm, QUICK)
-    assert given.undetermined == ()
+    result = identify(campaign, arm, QUICK)
+    assert result.undetermined == ()
     directions = [entry.direction for entry in (*bare.undetermined, *bare.weak)]
     names = {name for direction in directions for name in direction}
     assert any(name.startswith(("J6.axis", "J7.axis")) for name in names)
@@ -269,8 +269,8 @@ def scipy_fit(campaign, arm, result):
     points_mm = known[campaign.poses.features[at]]
     seen = Rotation.from_quat(campaign.poses.orientations[at], scalar_first=True)
     free = network.parameters.free_names
-    given = geometry_from_arm(arm)
-    basis = network.parameters.basis(given)
+    geometry = geometry_from_arm(arm)
+    basis = network.parameters.basis(geometry)
     frame = adjustment.state.unknowns[0]
     mounted = Rotation.from_quat(state.mountings[0], scalar_first=True)
     placed = Rotation.from_quat(frame[:4], scalar_first=True)
@@ -280,16 +280,16 @@ def scipy_fit(campaign, arm, result):
         turn, shift_mm = Rotation.from_rotvec(x[-6:-3]) * placed, x[-3:] + frame[4:7]
         mounting = [values[f"probe.mounting.{axis}"] for axis in "xyz"]
         body = Rotation.identity(len(at))
-        centres_mm = np.tile(given.origin_mm, (len(at), 1))
+        centres_mm = np.tile(geometry.origin_mm, (len(at), 1))
         for k in range(n):
-            axis, link_mm = given.axes[k], given.links_mm[k]
+            axis, link_mm = geometry.axes[k], geometry.links_mm[k]
             for part, direction in zip("vw", basis[k], strict=True):
                 axis = axis + values.get(f"J{k + 1}.axis.{part}", 0.0) * direction
                 link_mm = link_mm + values.get(f"J{k + 1}.link.{part}", 0) * direction
-            angles_rad = readings_rad[:, k] - given.zeros_rad[k]
+            angles_rad = readings_rad[:, k] - geometry.zeros_rad[k]
             unit = axis / np.linalg.norm(axis)
             body = body * Rotation.from_rotvec(angles_rad[:, None] * unit)
-            beyond_mm = given.probe_vector_mm if k == n - 1 else 0.0
+            beyond_mm = geometry.probe_vector_mm if k == n - 1 else 0.0
             centres_mm = centres_mm + body.apply(link_mm + beyond_mm)
         off_mm = centres_mm - shift_mm - turn.apply(points_mm)
         probe = body * Rotation.from_rotvec(mounting) * mounted
@@ -464,9 +464,9 @@ def test_orientations_of_poses_kept_aside_are_predicted():
     kept = np.zeros(120, dtype=np.bool_)
     kept[::4] = True
     result = identify(campaign.part(~kept), ARM, QUICK)
-    others = campaign.part(kept)
+    kept_aside = campaign.part(kept)
     prediction = predict(
-        others, result.arm, places_of(result), result.tools_mm, mountings_of(result)
+        kept_aside, result.arm, places_of(result), result.tools_mm, mountings_of(result)
     )
     figures = prediction.figures()["orientation"]
     assert figures["n"] == 30
@@ -475,7 +475,7 @@ def test_orientations_of_poses_kept_aside_are_predicted():
     assert figures["rms_deg"] == pytest.approx(np.degrees(figures["rms_rad"]))
     assert figures["mean_rad"] < figures["rms_rad"] < figures["largest_rad"]
     # By themselves they fit at least as well.
-    itself = predict(others, result.arm, {}).figures()["orientation"]
+    itself = predict(kept_aside, result.arm, {}).figures()["orientation"]
     assert itself["rms_rad"] < figures["rms_rad"]
-    given = predict(others, ARM, places_of(result)).figures()["orientation"]
-    assert given["rms_rad"] > 20 * figures["rms_rad"]
+    predicted = predict(kept_aside, ARM, places_of(result)).figures()["orientation"]
+    assert predicted["rms_rad"] > 20 * figures["rms_rad"]

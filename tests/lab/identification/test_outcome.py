@@ -56,8 +56,10 @@ def test_another_arms_file_is_bad_and_makes_no_arm_file():
     """The same number of joints, but hinges where the other has rolls."""
     axes = [(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
     joints = tuple(
-        joint.model_copy(update={"axis": axes[at % 2], "link_mm": (40.0, 30.0, 150.0)})
-        for at, joint in enumerate(DESIGN_ARM.joints)
+        joint.model_copy(
+            update={"axis": axes[index % 2], "link_mm": (40.0, 30.0, 150.0)}
+        )
+        for index, joint in enumerate(DESIGN_ARM.joints)
     )
     other = DESIGN_ARM.model_copy(update={"joints": joints})
     options = replace(NO_SEARCH, snooping=False)

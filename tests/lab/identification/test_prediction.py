@@ -161,8 +161,8 @@ def test_the_tool_is_found_where_it_is_requested(exact):
     )
     with_tool = placed(exact, other, with_tool=True).arm
     assert np.allclose(with_tool.probe.vector_mm, 0.0, atol=1e-6)
-    for joint, given in zip(with_tool.joints, arm.joints, strict=True):
-        assert joint.link_mm == pytest.approx(given.link_mm, abs=1e-12)
+    for joint, designed in zip(with_tool.joints, arm.joints, strict=True):
+        assert joint.link_mm == pytest.approx(designed.link_mm, abs=1e-12)
     assert predict(exact, with_tool, {}).distances_mm.max() < 1e-6
     assert predict(exact, other, {}).distances_mm.max() > 0.1
 
@@ -244,12 +244,12 @@ def seen_by_a_tracker(true, n_poses, seed, *, travel_rad, noise, fault=None):
 def ours(angles_rad, places_mm, options=QUICK, true_mm=None):
     """The result, and rms distance of the judges [mm]; by true_mm they are placed."""
     used = slice(0, len(angles_rad) - N_JUDGES)
-    given = seen_places(angles_rad[used], places_mm[used])
-    result = identify(given, DESIGN_ARM, options)
+    campaign = seen_places(angles_rad[used], places_mm[used])
+    result = identify(campaign, DESIGN_ARM, options)
     judges = seen_places(angles_rad[used.stop :], places_mm[used.stop :])
     if true_mm is not None:
-        given = seen_places(angles_rad[used], true_mm[used])
-    prediction = predict(judges, result.arm, places_of(placed(given, result.arm)))
+        campaign = seen_places(angles_rad[used], true_mm[used])
+    prediction = predict(judges, result.arm, places_of(placed(campaign, result.arm)))
     return result, float(np.sqrt(np.mean(prediction.distances_mm**2)))
 
 

@@ -143,8 +143,8 @@ def test_who_left_the_family_in_one_parameter_keeps_the_others():
     moved[at] += 1.0
     odd = replace(prior, changes=moved)
     result = identify(replace(campaign_of(81, 48), prior=odd), demo_arm())
-    (name, sigmas), *others = result.campaign.prior.contradicted
-    assert (name, others) == ("J4.link.w", [])
+    (name, sigmas), *further = result.campaign.prior.contradicted
+    assert (name, further) == ("J4.link.w", [])
     assert sigmas > 8.0
     plain = identify(
         replace(campaign_of(81, 48), prior=prior.without("J4.link.w", 0.0)), demo_arm()
@@ -207,28 +207,34 @@ def folder(tmp_path_factory):
 
 @pytest.mark.slow
 def test_the_commands_take_a_family_and_say_so(folder):
-    given = (folder / "short", "--arm", folder / "design.toml")
+    arguments = (folder / "short", "--arm", folder / "design.toml")
     family = ("--family", folder / "family.toml")
-    ran = run("identify", *given, *family, "--out", folder / "out", "--json")
-    said = json.loads(ran.stdout)["family"]
-    assert (said["file"], said["arms"], said["contradicted"]) == ("family.toml", 8, [])
-    assert len(said["parameters"]) == 25
-    ran = run("identify", *given, *family, "--prior", "J3.*", "--out", folder / "out3")
+    ran = run("identify", *arguments, *family, "--out", folder / "out", "--json")
+    of_family = json.loads(ran.stdout)["family"]
+    assert (of_family["file"], of_family["arms"], of_family["contradicted"]) == (
+        "family.toml",
+        8,
+        [],
+    )
+    assert len(of_family["parameters"]) == 25
+    ran = run(
+        "identify", *arguments, *family, "--prior", "J3.*", "--out", folder / "out3"
+    )
     assert "Family family.toml (8 arms): 2 parameters taken as its arms have them." in (
         ran.output
     )
     page = (folder / "out3" / "report.html").read_text()
     assert "Family family.toml (8 arms)" in page
-    ran = run("diagnose", *given, *family, "--out", folder / "found", "--json")
+    ran = run("diagnose", *arguments, *family, "--out", folder / "found", "--json")
     assert json.loads(ran.stdout)["family"]["arms"] == 8
-    ran = run("diagnose", *given, *family, "--plan")
+    ran = run("diagnose", *arguments, *family, "--plan")
 
 
 @pytest.mark.slow
 def test_what_a_family_told_is_no_evidence_of_the_arm_alone(folder):
     out = folder / "evidence"
-    given = (folder / "short", "--arm", folder / "design.toml", "--out", out)
-    run("identify", *given, "--family", folder / "family.toml")
+    arguments = (folder / "short", "--arm", folder / "design.toml", "--out", out)
+    run("identify", *arguments, "--family", folder / "family.toml")
     add_data(out, folder / "short", folder / "design.toml")
     assert list(evidence_problems(out)) == [
         "what its family says took part; identify from its own poses alone"
@@ -236,14 +242,14 @@ def test_what_a_family_told_is_no_evidence_of_the_arm_alone(folder):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("schema = 'traverse/family/2'\n", "schema: 'traverse/family/2'"),
         ("a = [", "family.toml"),
         (None, "std: 0.0 is too small; it must be greater than 0"),
     ],
 )
-def test_a_wrong_file_is_refused_in_words(folder, tmp_path, text, told):
+def test_a_wrong_file_is_refused_in_words(folder, tmp_path, text, message):
     if text is None:
         lines = (folder / "family.toml").read_text().splitlines()
         place = next(n for n, line in enumerate(lines) if line.startswith("std"))
@@ -251,9 +257,15 @@ def test_a_wrong_file_is_refused_in_words(folder, tmp_path, text, told):
         text = "\n".join(lines)
     file = tmp_path / "family.toml"
     file.write_text(text)
-    given = (folder / "short", "--arm", folder / "design.toml", "--out", tmp_path / "o")
-    ran = run("identify", *given, "--family", file, status=2)
-    assert told in ran.output, ran.output
+    arguments = (
+        folder / "short",
+        "--arm",
+        folder / "design.toml",
+        "--out",
+        tmp_path / "o",
+    )
+    ran = run("identify", *arguments, "--family", file, status=2)
+    assert message in ran.output, ran.output
     assert "Traceback" not in ran.output
 
 
@@ -264,6 +276,12 @@ def test_another_design_and_unknown_patterns_are_refused(folder):
         read_prior(folder / "family.toml", other)
     with pytest.raises(FileError, match=r"'J9\.\*' fits no parameter; there are J1"):
         read_prior(folder / "family.toml", design, ("J9.*",))
-    given = (folder / "short", "--arm", folder / "design.toml", "--out", folder / "o")
-    ran = run("identify", *given, "--prior", "J3.*", status=2)
+    arguments = (
+        folder / "short",
+        "--arm",
+        folder / "design.toml",
+        "--out",
+        folder / "o",
+    )
+    ran = run("identify", *arguments, "--prior", "J3.*", status=2)
     assert "give --family, too" in ran.output

@@ -113,15 +113,15 @@ def test_the_answer_does_not_depend_on_the_datum():
     angles = np.random.default_rng(1).uniform(-3, 3, (10, 7))
     first = identify(campaign, DESIGN_ARM, PLAIN)
     used = first.adjustment.network.parameters
-    others = np.array(
+    moved = np.array(
         [
-            used.free[at] or name.startswith(("origin", "probe")) or ".zero" in name
-            for at, name in enumerate(used.names)
+            used.free[index] or name.startswith(("origin", "probe")) or ".zero" in name
+            for index, name in enumerate(used.names)
         ]
     )
     joints = np.array([".axis." in n or ".link." in n for n in used.names])
     freed = used.with_free(used.free | joints)
-    changed = with_datum(freed, DESIGN.geometry(), preferred=others)
+    changed = with_datum(freed, DESIGN.geometry(), preferred=moved)
     hold = tuple(np.array(used.names)[joints & ~changed.free])
     assert len(hold) == 3
     assert not set(hold) & set(np.array(used.names)[~used.free])

@@ -147,7 +147,7 @@ def test_long_combinations_are_cut_after_the_largest() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value_mm", "said"),
+    ("value_mm", "text"),
     [
         (0.0, "0.0000 mm"),
         (0.00012, "0.00012 mm"),
@@ -157,8 +157,8 @@ def test_long_combinations_are_cut_after_the_largest() -> None:
         (float("nan"), "nan mm"),
     ],
 )
-def test_lengths_have_digits_that_matter(value_mm: float, said: str) -> None:
-    assert length_mm(value_mm) == said
+def test_lengths_have_digits_that_matter(value_mm: float, text: str) -> None:
+    assert length_mm(value_mm) == text
 
 
 def test_small_probabilities_are_not_spelled_out() -> None:

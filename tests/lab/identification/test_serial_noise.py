@@ -173,8 +173,8 @@ def test_the_test_of_sigma0_counts_samples_by_what_they_say(shared, single):
     # The same residuals, but each unknown took more of them.
     alone = single.adjustment
     n_unknowns = alone.network.n_rows - single.redundancy
-    taken = alone.network.n_rows - shared.redundancy
-    assert taken == pytest.approx(serial.samples_per_mean * n_unknowns, abs=1)
+    n_estimated = alone.network.n_rows - shared.redundancy
+    assert n_estimated == pytest.approx(serial.samples_per_mean * n_unknowns, abs=1)
     total = alone.system.sum_of_squares
     assert shared.sigma0**2 * shared.redundancy == pytest.approx(total)
     theta = serial.samples_per_square
@@ -184,12 +184,12 @@ def test_the_test_of_sigma0_counts_samples_by_what_they_say(shared, single):
 
 
 def test_it_is_reported_on_the_terminal_and_in_the_file(shared, single):
-    said = "Neighbouring samples of the stream share noise"
-    assert said in WORDS.serial(shared)
+    sentence = "Neighbouring samples of the stream share noise"
+    assert sentence in WORDS.serial(shared)
     uncertainty = result_map(shared)
     assert WORDS.serial(shared) in summary_lines(shared, uncertainty)
     values = identification_json(shared)["serial_noise"]
     assert set(values) == {"lasts_s", "samples_per_mean", "samples_per_square"}
     assert WORDS.serial(single) == ""
-    assert not any(said in line for line in summary_lines(single, uncertainty))
+    assert not any(sentence in line for line in summary_lines(single, uncertainty))
     assert identification_json(single)["serial_noise"] is None

@@ -44,11 +44,11 @@ def dense(result):
     rows, right, poses = [], [], []
     at = 0
     for index, station in enumerate(network.stations):
-        unknowns, own = state.unknowns[index], slice(at, at + widths[index])
+        unknowns, columns = state.unknowns[index], slice(at, at + widths[index])
         certificate = station.artefact.certificate(unknowns, station.touches)
         for value in range(len(certificate.std_mm)):
             row = np.zeros(n_all)
-            row[own] = certificate.by_unknowns[value] / certificate.std_mm[value]
+            row[columns] = certificate.by_unknowns[value] / certificate.std_mm[value]
             rows.append(row)
             right.append(certificate.misclosures_mm[value] / certificate.std_mm[value])
             poses.append(-1)
@@ -57,7 +57,7 @@ def dense(result):
             for pose in range(len(part.misclosures)):
                 for equation in range(part.misclosures.shape[1]):
                     row = np.zeros(n_all)
-                    row[own] = part.by_unknowns[pose, equation]
+                    row[columns] = part.by_unknowns[pose, equation]
                     row[n_unknowns:] = part.by_parameters[pose, equation]
                     rows.append(row)
                     right.append(part.misclosures[pose, equation])
@@ -111,8 +111,12 @@ def test_sigma0_is_the_weighted_sum_over_the_redundancy(result, dense):
 
 def test_controllability_is_one_without_competition(result):
     normal = np.linalg.inv(result.covariance / result.variance_factor)
-    for at, entry in enumerate(result.parameters):
-        product = normal[at, at] * result.covariance[at, at] / result.variance_factor
+    for index, entry in enumerate(result.parameters):
+        product = (
+            normal[index, index]
+            * result.covariance[index, index]
+            / result.variance_factor
+        )
         assert entry.controllability == pytest.approx(1.0 / product, rel=1e-3)
 
 
@@ -196,9 +200,9 @@ def test_elimination_solves_like_the_whole_system():
     rows = rng.normal(size=(40, 3 + 5 + 1)) * 10
     eliminated = eliminate_unknowns(sequential_qr([rows], 9), np.full(3, 100.0))
     arm = np.linalg.lstsq(eliminated.reduced[:, :5], eliminated.reduced[:, 5])[0]
-    whole = np.linalg.lstsq(rows[:, :8], rows[:, 8])[0]
-    assert arm == pytest.approx(whole[3:])
-    assert eliminated.step(arm) == pytest.approx(whole[:3])
+    solution = np.linalg.lstsq(rows[:, :8], rows[:, 8])[0]
+    assert arm == pytest.approx(solution[3:])
+    assert eliminated.step(arm) == pytest.approx(solution[:3])
 
 
 def test_unknowns_that_nothing_determines_are_held():

@@ -154,8 +154,8 @@ def test_tools_that_are_held_count_as_known(campaign):
 def test_a_prediction_takes_the_tools_that_others_gave():
     exact = measured(["", "low", "far"], 12, Noise(0.0, 0.0))
     first = np.arange(len(exact.poses)) % 12 < 8
-    given = placed(exact.part(first), arm_value(TRUE))
-    for places, tools in ((places_of(given), given.tools_mm), ({}, None)):
+    campaign = placed(exact.part(first), arm_value(TRUE))
+    for places, tools in ((places_of(campaign), campaign.tools_mm), ({}, None)):
         prediction = predict(exact.part(~first), arm_value(TRUE), places, tools)
         assert prediction.distances_mm.max() < 1e-5
 

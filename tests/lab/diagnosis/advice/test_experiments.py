@@ -99,15 +99,15 @@ def test_further_contacts_touch_within_the_travelled_ranges():
     network = replace(
         adjustment.network, campaign=campaign, weights=np.ones(len(further))
     )
-    for at, station in enumerate(adjustment.network.stations):
+    for index, station in enumerate(adjustment.network.stations):
         mine = np.flatnonzero(further.artefacts == station.index)
-        there = replace(
+        moved = replace(
             station, poses=mine, touches=campaign.touches(station.index, mine, 3.0)
         )
-        centres_mm = network.centres_mm(there, adjustment.state.arm)
+        centres_mm = network.centres_mm(moved, adjustment.state.arm)
         # Standards are as warm as in the pose that was taken as a model.
         equations = station.artefact.equations(
-            adjustment.state.unknowns[at], centres_mm, there.touches
+            adjustment.state.unknowns[index], centres_mm, moved.touches
         )
         assert np.max(np.abs(equations.misclosures_mm)) < 1e-3
     travelled_rad = measured().campaign.poses.angles_rad
@@ -129,10 +129,10 @@ def found_experiment():
 def test_the_separation_is_that_of_all_equations_together():
     effects, amplitudes, proposed = found_experiment()
     rows = extended_rows(measured_rows().adjustment, proposed.poses)
-    own = columns_of(rows, effects[0]) @ (amplitudes / effects[0].scales)
-    own = rows.project(own[:, np.newaxis])
+    signal = columns_of(rows, effects[0]) @ (amplitudes / effects[0].scales)
+    signal = rows.project(signal[:, np.newaxis])
     other = rows.project(columns_of(rows, effects[1]))
-    left = own - other @ np.linalg.lstsq(other, own, rcond=None)[0]
+    left = signal - other @ np.linalg.lstsq(other, signal, rcond=None)[0]
     assert proposed.separations[-1, 0] == pytest.approx(
         float(np.sum(left**2)), rel=0.01
     )
@@ -244,7 +244,7 @@ def test_a_curve_is_no_alias_by_structure():
     everyone = np.ones(len(of.campaign.poses), dtype=np.bool_)
     decision = decide(of.campaign, of.arm, everyone, DiagnosisOptions(n_draws=200))
     naming = decision.names[0]
-    curve = replace(naming.own.candidate, kind="empirical", covariate="J3_rad")
+    curve = replace(naming.choice.candidate, kind="empirical", covariate="J3_rad")
     naming = replace(
         naming, alternatives=(Alternative(curve, 1.0, correlation=1.0, alias=True),)
     )

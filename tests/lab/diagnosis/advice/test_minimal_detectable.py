@@ -31,9 +31,9 @@ def all_found():
 
 
 def found_of(kind, joint=None, order=None, component=None):
-    wanted = (kind, joint, order, component, None)
+    identity = (kind, joint, order, component, None)
     places = [c.identity for c in bank().candidates]
-    at = places.index(wanted)
+    at = places.index(identity)
     return all_found()[at], bank().columns[:, bank().slices[at]]
 
 
@@ -146,10 +146,10 @@ def test_what_the_campaign_lacks_is_reported():
     rows = equations_of(fitted(campaign, arm, everyone).adjustment)
     absent = absent_candidates(rows, arm)
     sizes = detectable(rows, library_bank(rows, arm), absent)
-    whole = [size for size in sizes if size.candidate.name == "thermal_expansion"]
-    assert whole[0].minimum is None
-    assert "temperature" in whole[0].why
-    assert "block" not in whole[0].why
+    of_links = [size for size in sizes if size.candidate.name == "thermal_expansion"]
+    assert of_links[0].minimum is None
+    assert "temperature" in of_links[0].why
+    assert "block" not in of_links[0].why
 
 
 def test_nothing_is_left_of_what_the_arm_absorbs():

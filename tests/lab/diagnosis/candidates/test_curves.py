@@ -228,8 +228,8 @@ def test_the_base_moves_in_three_directions():
     for axis in range(3):
         moves = np.zeros((len(curves), 3, N_KNOTS))
         moves[:, axis] = 0.01 * curves
-        own = columns[:, N_KNOTS * axis : N_KNOTS * (axis + 1)]
-        np.testing.assert_allclose(own, rows.moved(moves), atol=1e-12)
+        of_axis = columns[:, N_KNOTS * axis : N_KNOTS * (axis + 1)]
+        np.testing.assert_allclose(of_axis, rows.moved(moves), atol=1e-12)
 
 
 def test_only_curves_of_angles_have_an_entry_in_the_arm_file():
@@ -247,9 +247,9 @@ def test_a_curve_that_is_applied_leaves_nothing_of_itself():
     effect = effect_of_candidate(candidate, np.zeros(candidate.size), rows)
     again = equations_of(measured().fit((effect,)).adjustment)
     bank = generic_bank(again)
-    own = bank.candidates.index(candidate)
+    index = bank.candidates.index(candidate)
     for at, projection in enumerate(project(again, bank)):
-        assert (len(projection.singular_values) == 0) == (at == own)
+        assert (len(projection.singular_values) == 0) == (at == index)
 
 
 @given(

@@ -36,12 +36,12 @@ def test_low_harmonics_are_those_of_the_library():
     shared = [c for c in harmonics.candidates if c.identity in identities]
     assert len(shared) == 7 * 4
     for harmonic in shared:
-        wanted = {
+        of_library = {
             "kind": harmonic.kind,
             "joint": harmonic.joint,
             "order": harmonic.order,
         }
-        same, expected = chosen(library, **wanted)
+        same, expected = chosen(library, **of_library)
         assert (same.scales, same.log_prior) == (harmonic.scales, harmonic.log_prior)
         columns = harmonics.slices[harmonics.candidates.index(harmonic)]
         np.testing.assert_allclose(

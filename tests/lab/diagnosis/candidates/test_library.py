@@ -27,12 +27,12 @@ NOT_LISTED = {
 }
 
 
-def chosen(bank, **wanted):
+def chosen(bank, **keys):
     """The first candidate with some attributes, and its columns."""
-    for candidate, own in zip(bank.candidates, bank.slices, strict=True):
-        if all(getattr(candidate, key) == value for key, value in wanted.items()):
-            return candidate, bank.columns[:, own]
-    raise LookupError(wanted)
+    for candidate, columns in zip(bank.candidates, bank.slices, strict=True):
+        if all(getattr(candidate, key) == value for key, value in keys.items()):
+            return candidate, bank.columns[:, columns]
+    raise LookupError(keys)
 
 
 def moved_by_differences(arm, rows, candidate, column, applied=()):
@@ -68,7 +68,7 @@ def test_the_library_has_every_kind_but_those_found_elsewhere():
 def test_every_column_is_the_difference_of_the_whole_model():
     arm, rows = measured().arm, measured_rows()
     bank = library_bank(rows, arm)
-    for candidate, own in zip(bank.candidates, bank.slices, strict=True):
+    for candidate, part in zip(bank.candidates, bank.slices, strict=True):
         if candidate.kind == "artefact_length":
             continue
         for column in range(candidate.size):
@@ -77,7 +77,7 @@ def test_every_column_is_the_difference_of_the_whole_model():
             # A turn about an axis that is nearly upright meets hardly any weight.
             assert size > 1e-3 or candidate.name == "joint_compliance J1"
             np.testing.assert_allclose(
-                bank.columns[:, own][:, column],
+                bank.columns[:, part][:, column],
                 expected,
                 atol=3e-4 * size + 1e-6,
                 err_msg=candidate.name,
@@ -106,7 +106,7 @@ def test_columns_stand_beside_effects_that_are_applied():
 
 
 @pytest.mark.parametrize(
-    ("wanted", "sizes"),
+    ("keys", "sizes"),
     [
         ({"kind": "encoder_eccentricity", "joint": "J3"}, (1.0, -0.5)),
         ({"kind": "axis_wobble", "joint": "J5", "order": 2}, (1.0, -2.0, 0.5, 1.0)),
@@ -117,28 +117,28 @@ def test_columns_stand_beside_effects_that_are_applied():
         ({"kind": "joint_compliance", "joint": "J2"}, (0.5,)),
     ],
 )
-def test_amplitudes_of_a_simulated_effect_come_back(wanted, sizes):
+def test_amplitudes_of_a_simulated_effect_come_back(keys, sizes):
     rows = measured_rows()
-    candidate, _ = chosen(library_bank(rows, measured().arm), **wanted)
+    candidate, _ = chosen(library_bank(rows, measured().arm), **keys)
     truth = 2.0 * np.array(sizes)
     effect = effect_of_candidate(candidate, truth * candidate.scales, rows)
-    assert_recovered(measured().with_effect(effect), wanted, truth)
+    assert_recovered(measured().with_effect(effect), keys, truth)
 
 
 def test_an_error_of_a_standard_is_recovered():
-    given = measured()
-    campaign = given.campaign
-    *others, bar = campaign.artefacts
+    measurement = measured()
+    campaign = measurement.campaign
+    *unchanged, bar = campaign.artefacts
     wrong = bar.model_copy(update={"distance_mm": bar.distance_mm / (1 + 40e-6)})
-    stated = replace(campaign, artefacts=(*others, wrong))
-    wanted = {"kind": "artefact_length", "artefact": bar.id}
-    assert_recovered(replace(given, campaign=stated), wanted, np.array([4.0]))
+    stated = replace(campaign, artefacts=(*unchanged, wrong))
+    keys = {"kind": "artefact_length", "artefact": bar.id}
+    assert_recovered(replace(measurement, campaign=stated), keys, np.array([4.0]))
 
 
-def assert_recovered(given, wanted, truth):
+def assert_recovered(measurement, keys, truth):
     """In each visible direction z is s times the truth, with unit noise."""
-    rows = given.rows()
-    candidate, columns = chosen(library_bank(rows, given.arm), **wanted)
+    rows = measurement.rows()
+    candidate, columns = chosen(library_bank(rows, measurement.arm), **keys)
     (projection,) = project(rows, Bank((candidate,), columns))
     visible = projection.singular_values * (projection.combinations.T @ truth)
     noise = projection.directions.T @ rows.residuals - visible
@@ -156,7 +156,7 @@ def test_serial_correlation_is_taken_out_of_the_columns():
 
 
 def test_what_the_campaign_does_not_say_is_absent_with_a_reason():
-    given = measured().with_poses(
+    measurement = measured().with_poses(
         temperature_c=None,
         joint_temperatures_c=None,
         speeds_rad_s=None,
@@ -164,10 +164,10 @@ def test_what_the_campaign_does_not_say_is_absent_with_a_reason():
         approaches=np.ones_like(measured().campaign.poses.approaches),
     )
     arm = arm_value(seven_joints())
-    first, *others = arm.joints
+    first, *further = arm.joints
     first = first.model_copy(update={"mass_kg": 1.0})
-    arm = arm.model_copy(update={"joints": (first, *others)})
-    rows = given.rows()
+    arm = arm.model_copy(update={"joints": (first, *further)})
+    rows = measurement.rows()
     reasons = {c.kind: why for c, why in absent_candidates(rows, arm)}
     assert reasons == {
         "encoder_temperature": "the block has no temperature",
@@ -187,10 +187,10 @@ def test_what_the_campaign_does_not_say_is_absent_with_a_reason():
 
 def test_a_temperature_that_is_constant_says_nothing():
     n = len(measured().campaign.poses)
-    given = measured().with_poses(
+    measurement = measured().with_poses(
         temperature_c=np.full(n, 23.4), joint_temperatures_c=None
     )
-    absent = absent_candidates(given.rows(), given.arm)
+    absent = absent_candidates(measurement.rows(), measurement.arm)
     reasons = {candidate.name: why for candidate, why in absent}
     assert reasons["thermal_expansion"] == "the temperature does not vary"
     assert len(reasons) == 7 + 8
@@ -253,17 +253,19 @@ def test_without_any_mass_other_moments_than_assumed_are_columns_beside():
     effect = effect_of_candidate(compliance, np.array(compliance.scales), rows)
     assert effect.values == {"compliance_rad_nm": compliance.scales[0]}
     geometry = rows.adjustment.state.arm.geometry
-    own = effects_of(arm, (effect, *moments), rows.adjustment.network.campaign.span)
-    plain_mm = corrected_pose(geometry, own, rows.block)[0]
-    for at, (moment, axis) in enumerate(
+    of_effect = effects_of(
+        arm, (effect, *moments), rows.adjustment.network.campaign.span
+    )
+    plain_mm = corrected_pose(geometry, of_effect, rows.block)[0]
+    for index, (moment, axis) in enumerate(
         [(m, a) for m in moments[2:] for a in range(3)]
     ):
         changed = np.array(moment.moment_kg_m)
-        changed[axis] += compliance.scales[1 + at] / compliance.scales[0]
+        changed[axis] += compliance.scales[1 + index] / compliance.scales[0]
         other = moment.model_copy(update={"moment_kg_m": tuple(changed)})
         swapped = tuple(other if each is moment else each for each in moments)
         heavier = effects_of(arm, (effect, *swapped))
         moves_mm = corrected_pose(geometry, heavier, rows.block)[0] - plain_mm
-        wanted = rows.moved(moves_mm[:, :, np.newaxis])[:, 0]
-        scale = np.abs(wanted).max() + 1e-6
-        np.testing.assert_allclose(columns[:, 1 + at], wanted, atol=1e-3 * scale)
+        expected = rows.moved(moves_mm[:, :, np.newaxis])[:, 0]
+        scale = np.abs(expected).max() + 1e-6
+        np.testing.assert_allclose(columns[:, 1 + index], expected, atol=1e-3 * scale)

@@ -50,7 +50,7 @@ def bank_of(columns, scale=1.0):
         covariate=None,
         artefact=None,
         at_s=None,
-        parameters=tuple(f"p{at}" for at in range(n)),
+        parameters=tuple(f"p{index}" for index in range(n)),
         scales=(scale,) * n,
         log_prior=0.0,
     )
@@ -61,9 +61,9 @@ def bank_of(columns, scale=1.0):
 @pytest.mark.parametrize("degrees", [1, 2, 4, 10])
 def test_p_values_are_those_of_f_tests(degrees, redundancy):
     for part in (0.0, 1e-6, 0.003, 0.02, 0.1):
-        rest = redundancy - degrees
-        f = part / degrees / ((1.0 - part) / rest)
-        expected = stats.f.logsf(f, degrees, rest)
+        degrees_left = redundancy - degrees
+        f = part / degrees / ((1.0 - part) / degrees_left)
+        expected = stats.f.logsf(f, degrees, degrees_left)
         assert log_p(part, degrees, redundancy) == pytest.approx(expected, rel=1e-8)
 
 
@@ -198,8 +198,8 @@ def test_a_statistic_is_the_drop_of_the_sum_of_squares():
     drop = without @ without - left @ left
     scores = judge(rows, project(rows, bank_of(columns)))
     assert scores.statistics[0] == pytest.approx(drop, rel=1e-8)
-    rest = rows.redundancy - 3
-    expected = stats.f.logsf(drop / 3 / (left @ left / rest), 3, rest)
+    degrees_left = rows.redundancy - 3
+    expected = stats.f.logsf(drop / 3 / (left @ left / degrees_left), 3, degrees_left)
     assert scores.log_p[0] == pytest.approx(expected, rel=1e-7)
     projection = scores.projected[0]
     amplitudes, covariance = projection.amplitudes(rows.residuals)
@@ -220,12 +220,12 @@ def test_a_statistic_is_the_drop_of_the_sum_of_squares():
 )
 def test_a_statistic_is_what_a_whole_new_fit_gains(table, joint):
     # Iterated, with the effect as a term of the model: no linear algebra in common.
-    whole = table if joint is None else {**table, "joint": joint}
-    effect = effect_from_table(whole)
+    with_joint = table if joint is None else {**table, "joint": joint}
+    effect = effect_from_table(with_joint)
     given_here = measured().with_effect(effect)
     without = given_here.fit()
     sizes = {key: 0.0 for key in table if key != "kind"}
-    with_it = given_here.fit((effect_from_table({**whole, **sizes}),))
+    with_it = given_here.fit((effect_from_table({**with_joint, **sizes}),))
     assert np.array_equal(without.included, with_it.included)
     drop = (
         without.adjustment.system.sum_of_squares

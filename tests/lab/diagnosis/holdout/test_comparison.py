@@ -69,17 +69,17 @@ def test_statistics_are_those_of_the_dense_predictive_covariance():
     network, state = adjustment.network, adjustment.state
     n_free = network.parameters.n_free
     first = n_free
-    for at, station in enumerate(network.stations_of(held_out)):
-        own = slice(first, first + len(station.scales))
-        first = own.stop
-        unknowns = state.unknowns[at]
+    for index, station in enumerate(network.stations_of(held_out)):
+        of_station = slice(first, first + len(station.scales))
+        first = of_station.stop
+        unknowns = state.unknowns[index]
         for rows in network.white_rows(station, state.arm, unknowns):
             for pose in range(0, len(station.poses), 5):
                 full = np.zeros((rows.misclosures.shape[1], len(cofactors)))
                 full[:, :n_free] = (
                     rows.by_parameters[pose] * network.parameters.free_tolerances
                 )
-                full[:, own] = rows.by_unknowns[pose] * station.scales
+                full[:, of_station] = rows.by_unknowns[pose] * station.scales
                 covariance = np.eye(len(full)) + full @ cofactors @ full.T
                 v = rows.misclosures[pose]
                 assert prediction.statistics[station.poses[pose]] == pytest.approx(
@@ -140,11 +140,11 @@ def test_blunders_are_counted_and_left_out_only_beside():
     assert gap.after.n_poses == np.count_nonzero(held_out)
     assert gap.after.chi2 > 5.0
     assert gap.closed < 0.6
-    rest = gap.after.without_blunders
-    assert rest.n_poses == np.count_nonzero(held_out) - 2
-    assert rest.without_blunders is None
-    assert rest.rms_mm < gap.after.rms_mm
-    part = closed(gap.before.without_blunders.chi2, rest.chi2, rest.n)
+    others_alone = gap.after.without_blunders
+    assert others_alone.n_poses == np.count_nonzero(held_out) - 2
+    assert others_alone.without_blunders is None
+    assert others_alone.rms_mm < gap.after.rms_mm
+    part = closed(gap.before.without_blunders.chi2, others_alone.chi2, others_alone.n)
     assert part == pytest.approx(1.0, abs=0.2)
     assert find_misfit(after, held_out, blunders) is None
 
@@ -166,13 +166,13 @@ def test_an_artefact_that_is_held_out_whole_is_predicted_but_for_its_place():
     statistics, degrees = 0.0, 0.0
     of = measured()
     for index in range(4):
-        whole = of.campaign.poses.artefacts == index
-        fit = fitted(of.campaign, of.arm, ~whole)
-        prediction = fit.adjustment.predicted(whole)
-        assert np.sum(prediction.degrees[whole]) == pytest.approx(3 * 40 - 3)
-        assert np.all(np.isnan(prediction.statistics[~whole]))
-        statistics += float(np.sum(prediction.statistics[whole]))
-        degrees += float(np.sum(prediction.degrees[whole]))
+        at_artefact = of.campaign.poses.artefacts == index
+        fit = fitted(of.campaign, of.arm, ~at_artefact)
+        prediction = fit.adjustment.predicted(at_artefact)
+        assert np.sum(prediction.degrees[at_artefact]) == pytest.approx(3 * 40 - 3)
+        assert np.all(np.isnan(prediction.statistics[~at_artefact]))
+        statistics += float(np.sum(prediction.statistics[at_artefact]))
+        degrees += float(np.sum(prediction.degrees[at_artefact]))
     assert statistics / degrees == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / degrees))
 
 

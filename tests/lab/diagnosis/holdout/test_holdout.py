@@ -103,10 +103,10 @@ def test_whole_artefacts_are_held_out_and_one_is_kept(seed):
 
 
 def test_of_many_poses_so_many_choose_of_all_artefacts_alike():
-    given = measured().campaign
+    short = measured().campaign
     n_times = 20
-    poses = given.poses.part(np.tile(np.arange(len(given.poses)), n_times))
-    campaign = replace(given, poses=poses)
+    poses = short.poses.part(np.tile(np.arange(len(short.poses)), n_times))
+    campaign = replace(short, poses=poses)
     choosing, held_out = split(campaign, seed=1)
     chosen = at_most(campaign, choosing, seed=1)
     assert np.count_nonzero(choosing) > MOST_CHOOSING
@@ -116,5 +116,5 @@ def test_of_many_poses_so_many_choose_of_all_artefacts_alike():
     part = np.bincount(poses.artefacts[chosen]) / np.bincount(poses.artefacts[choosing])
     assert part == pytest.approx(part.mean(), rel=0.02)
     np.testing.assert_array_equal(chosen, at_most(campaign, choosing, seed=1))
-    few, _ = split(given, seed=1)
-    np.testing.assert_array_equal(few, at_most(given, few, seed=1))
+    few, _ = split(short, seed=1)
+    np.testing.assert_array_equal(few, at_most(short, few, seed=1))

@@ -57,12 +57,12 @@ def test_poses_at_random_are_no_cluster(n):
 def test_poses_at_one_angle_are_reported_with_joint_and_place(n_blunders):
     rows, choosing = scene()
     reading = rows.block.angles_rad[:, 2]
-    there = choosing & (np.abs(reading - 0.4) < 0.12)
-    place = place_of(there | some(choosing, n_blunders, 5))
+    at_angle = choosing & (np.abs(reading - 0.4) < 0.12)
+    place = place_of(at_angle | some(choosing, n_blunders, 5))
     assert (place.covariate, place.joint) == ("J3_rad", "J3")
-    assert place.low == reading[there].min()
-    assert place.high == reading[there].max()
-    assert place.n_excluded == place.n_poses == there.sum()
+    assert place.low == reading[at_angle].min()
+    assert place.high == reading[at_angle].max()
+    assert place.n_excluded == place.n_poses == at_angle.sum()
     assert place.log_p < np.log(1e-3)
 
 
@@ -147,8 +147,8 @@ def test_the_place_is_reported_in_words_and_files():
     _, diagnosis = narrow()
     place = diagnosis.terms[0].cluster
     low, high = np.degrees([place.low, place.high])
-    (said,) = WORDS.lines("missing", diagnosis)
-    assert f"where the reading of J2 is {low:.4g} to {high:.4g} degrees" in said
+    (words,) = WORDS.lines("missing", diagnosis)
+    assert f"where the reading of J2 is {low:.4g} to {high:.4g} degrees" in words
     (terms,) = diagnosis_json(diagnosis)["terms"]
     assert (terms["kind"], terms["joint"]) == ("empirical", "J2")
     assert terms["covariate"] == "J2_rad"

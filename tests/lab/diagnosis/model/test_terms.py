@@ -64,10 +64,10 @@ COMPLIANCE = {"kind": "bearing_compliance", "joint": "J2", "compliance_rad_nm": 
 def fit_with(*tables):
     """A fit with some effects of a campaign in which there are these."""
     effects = tuple(effect_from_table(dict(table)) for table in tables)
-    given = measured()
+    measurement = measured()
     for effect in effects:
-        given = given.with_effect(effect)
-    return given, given.fit(effects)
+        measurement = measurement.with_effect(effect)
+    return measurement, measurement.fit(effects)
 
 
 def frozen(table):
@@ -83,8 +83,8 @@ def frozen(table):
     ids=lambda t: t["kind"],
 )
 def test_a_term_taken_out_leaves_the_rows_of_a_fit_without_it(table):
-    given, fit = fit_with(frozen(table))
-    with_term, plain = equations_of(fit.adjustment), given.fit()
+    measurement, fit = fit_with(frozen(table))
+    with_term, plain = equations_of(fit.adjustment), measurement.fit()
     left, expected = rows_without(with_term, 0), equations_of(plain.adjustment)
     if np.array_equal(fit.included, plain.included):
         assert left.redundancy == expected.redundancy
@@ -96,28 +96,30 @@ def test_a_term_taken_out_leaves_the_rows_of_a_fit_without_it(table):
 
 
 def test_the_other_term_stays():
-    given, fit = fit_with(frozen(ECCENTRICITY), frozen(DRIFT))
+    measurement, fit = fit_with(frozen(ECCENTRICITY), frozen(DRIFT))
     rows = equations_of(fit.adjustment)
     effects = tuple(effect_from_table(t) for t in (ECCENTRICITY, DRIFT))
     for index in (0, 1):
-        expected = equations_of(given.fit((effects[1 - index],)).adjustment)
+        expected = equations_of(measurement.fit((effects[1 - index],)).adjustment)
         left = rows_without(rows, index)
         assert left.redundancy == expected.redundancy
         np.testing.assert_allclose(left.residuals, expected.residuals, atol=0.05)
 
 
 def test_a_term_taken_out_is_found_again_with_its_size():
-    given, fit = fit_with(frozen(ECCENTRICITY), frozen(DRIFT))
+    measurement, fit = fit_with(frozen(ECCENTRICITY), frozen(DRIFT))
     rows = rows_without(equations_of(fit.adjustment), 0)
-    scores = judge(rows, project(rows, library_bank(rows, given.arm)))
+    scores = judge(rows, project(rows, library_bank(rows, measurement.arm)))
     best = scores.projected[int(np.argmax(scores.scores))]
     assert best.candidate.name == "encoder_eccentricity J3"
     assert best.candidate.bank is BankName.LIBRARY
     amplitudes, covariance = best.amplitudes(rows.residuals)
     estimates = estimates_of(equations_of(fit.adjustment), 0)
-    for at, key in enumerate(("cos_rad", "sin_rad")):
-        assert amplitudes[at] == pytest.approx(estimates[key].value, abs=2e-7)
-        assert covariance[at, at] ** 0.5 == pytest.approx(estimates[key].std, rel=0.1)
+    for index, key in enumerate(("cos_rad", "sin_rad")):
+        assert amplitudes[index] == pytest.approx(estimates[key].value, abs=2e-7)
+        assert covariance[index, index] ** 0.5 == pytest.approx(
+            estimates[key].std, rel=0.1
+        )
 
 
 @pytest.mark.parametrize(
@@ -139,14 +141,14 @@ def test_standard_deviations_are_those_of_the_adjustment(table):
 
 def test_without_any_length_misclosures_say_nothing_of_it():
     """They grow with the arm: a column of its length would explain all of them."""
-    given = measured().with_effect(effect_from_table(dict(ECCENTRICITY)))
-    campaign = given.campaign
+    measurement = measured().with_effect(effect_from_table(dict(ECCENTRICITY)))
+    campaign = measurement.campaign
     kinds = np.array([artefact.kind for artefact in campaign.artefacts])
     on_cones = kinds[campaign.poses.artefacts] == "cone"
     # Stated noise that is too small makes misclosures as large as many poses do.
     campaign = replace(campaign.part(on_cones), encoder_rad=2e-7, contact_mm=1e-4)
     everyone = np.ones(len(campaign.poses), dtype=np.bool_)
-    arm = with_effects(given.arm, (effect_from_table(dict(ECCENTRICITY)),))
+    arm = with_effects(measurement.arm, (effect_from_table(dict(ECCENTRICITY)),))
     adjustment = fitted(campaign, arm, everyone, snooping=False).adjustment
     assert not adjustment.network.has_length()
     rows = equations_of(adjustment)
@@ -179,11 +181,11 @@ def test_slow_noise_widens_what_is_slow():
     rows = equations_of(fit.adjustment)
     slow = without_serial_noise(rows, SerialCorrelation(0.5, 0.95))
     plain, wide = (
-        np.linalg.norm(estimates_of(given, 1)["rate_mm_s"].std)
-        for given in (rows, slow)
+        np.linalg.norm(estimates_of(equations, 1)["rate_mm_s"].std)
+        for equations in (rows, slow)
     )
     assert wide > 1.5 * plain
-    fast = [estimates_of(given, 0)["cos_rad"].std for given in (rows, slow)]
+    fast = [estimates_of(equations, 0)["cos_rad"].std for equations in (rows, slow)]
     assert fast[1] < 1.2 * fast[0]
 
 

@@ -111,8 +111,8 @@ def test_a_reading_that_is_too_large_shows_as_just_that(fit, compared):
     before_rad, _ = compared.reading_errors_rad(2)
     after_rad, _ = changed.reading_errors_rad(2)
     assert np.allclose(after_rad[spoilt] - before_rad[spoilt], 4e-5, rtol=2e-3)
-    others = np.setdiff1d(np.flatnonzero(poses.artefacts == CONE), spoilt)
-    assert np.array_equal(after_rad[others], before_rad[others])
+    unchanged = np.setdiff1d(np.flatnonzero(poses.artefacts == CONE), spoilt)
+    assert np.array_equal(after_rad[unchanged], before_rad[unchanged])
 
 
 def test_a_move_of_the_ball_is_told_as_the_reading_that_does_the_same(fit, compared):

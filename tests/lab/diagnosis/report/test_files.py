@@ -112,10 +112,10 @@ def test_the_covariance_is_that_of_what_was_estimated(folder):
         assert std_rad == pytest.approx(term.parameters[key].std, rel=0.1)
 
 
-def test_the_json_follows_the_contract(said):
-    assert said["schema"] == "traverse/diagnosis/1"
-    assert said["verdict"] == "named"
-    (term,) = said["terms"]
+def test_the_json_follows_the_contract(diagnosis):
+    assert diagnosis["schema"] == "traverse/diagnosis/1"
+    assert diagnosis["verdict"] == "named"
+    (term,) = diagnosis["terms"]
     assert term["status"] == "named"
     assert (term["kind"], term["joint"]) == ("encoder_eccentricity", "J3")
     assert term["order"] is None
@@ -129,25 +129,25 @@ def test_the_json_follows_the_contract(said):
     assert isinstance(term["separate_by"], str)
     for rival in term["alternatives"]:
         assert rival.keys() >= {"kind", "joint", "order", "log_bayes_factor", "alias"}
-    assert said["sigma0"]["after"] < said["sigma0"]["before"]
-    gap = said["gap"]
+    assert diagnosis["sigma0"]["after"] < diagnosis["sigma0"]["before"]
+    gap = diagnosis["gap"]
     for key in ("held_out_rms_mm", "held_out_chi2"):
         assert gap[key]["after"] < gap[key]["before"]
     assert 0.5 < gap["closed"] < 1.2
     assert "held_out_mean_distance_mm" not in gap
     blunder = int(eccentric().campaign.poses.lines[100])
-    (excluded,) = said["excluded"]
+    (excluded,) = diagnosis["excluded"]
     assert excluded["line"] == blunder
     assert (excluded["choosing"], excluded["final"]) == (True, True)
     assert excluded["w"] > 10.0
-    assert (said["state"], said["reasons"]) == ("good", [])
-    assert [step["effect"] for step in said["ledger"]] == [
+    assert (diagnosis["state"], diagnosis["reasons"]) == ("good", [])
+    assert [step["effect"] for step in diagnosis["ledger"]] == [
         None,
         "encoder_eccentricity J3",
     ]
-    assert said["ledger"][0]["held_out_rms_mm"] == gap["held_out_rms_mm"]["before"]
-    assert said["ledger"][1]["held_out_rms_mm"] == gap["held_out_rms_mm"]["after"]
-    for entry in said["detectable"]:
+    assert diagnosis["ledger"][0]["held_out_rms_mm"] == gap["held_out_rms_mm"]["before"]
+    assert diagnosis["ledger"][1]["held_out_rms_mm"] == gap["held_out_rms_mm"]["after"]
+    for entry in diagnosis["detectable"]:
         assert entry.keys() >= {"kind", "joint", "minimum"}
         minimum = entry["minimum"]
         assert minimum is None or minimum.keys() == {"value", "unit"}
@@ -157,9 +157,9 @@ def test_the_json_follows_the_contract(said):
 def test_a_p_value_below_all_numbers_is_zero_beside_its_logarithm():
     diagnosis = eccentric()
     term = replace(diagnosis.terms[0], log10_p=-1234.5)
-    (told,) = diagnosis_json(replace(diagnosis, terms=(term,)))["terms"]
-    assert told["p_value"] == 0.0
-    assert told["log10_p"] == -1234.5
+    (values,) = diagnosis_json(replace(diagnosis, terms=(term,)))["terms"]
+    assert values["p_value"] == 0.0
+    assert values["log10_p"] == -1234.5
 
 
 def test_a_gap_that_cannot_be_told_is_null():

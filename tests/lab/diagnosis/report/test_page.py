@@ -91,9 +91,9 @@ def test_figures_are_those_of_the_result(page):
         assert f"{step.held_out.chi2:.3f}" in page.cells
     (term,) = diagnosis.terms
     at = page.cells.index("cos_rad")
-    told = [float(cell) for cell in page.cells[at + 1 : at + 3]]
+    shown = [float(cell) for cell in page.cells[at + 1 : at + 3]]
     expected = [term.parameters["cos_rad"].value, term.parameters["cos_rad"].std]
-    assert told == pytest.approx(expected, rel=0.05)
+    assert shown == pytest.approx(expected, rel=0.05)
     assert page.cells[at + 3] == "rad"
     line = str(int(diagnosis.campaign.poses.lines[100]))
     assert line in page.cells
@@ -101,8 +101,8 @@ def test_figures_are_those_of_the_result(page):
     assert "encoder eccentricity [µrad]" in page.cells
     at = page.cells.index("drift of the base")
     assert page.cells[at + 1 : at + 3] == ["10 nm/s", "3 µm"]
-    (told,) = (words for words in page.words if words.startswith("Not detectable"))
-    assert told == (
+    (shown,) = (words for words in page.words if words.startswith("Not detectable"))
+    assert shown == (
         "Not detectable. J1 is vertical: gravity does not twist it: torsion under "
         "gravity, joint J1."
     )
@@ -183,12 +183,12 @@ EFFECTS = [
 def test_every_kind_is_reported_over_what_matters_for_it(table, plots):
     diagnosis = eccentric()
     started = diagnosis.campaign.start_utc
-    given = dict(table)
-    if given["kind"] in ("base_drift", "base_step", "count_slip"):
-        given["epoch_utc"] = started
-    if given["kind"] == "encoder_harmonic":
-        given |= {"cos_rad": 1e-5, "sin_rad": 0.0}
-    effect = effect_from_table(given)
+    keys = dict(table)
+    if keys["kind"] in ("base_drift", "base_step", "count_slip"):
+        keys["epoch_utc"] = started
+    if keys["kind"] == "encoder_harmonic":
+        keys |= {"cos_rad": 1e-5, "sin_rad": 0.0}
+    effect = effect_from_table(keys)
     numbers = {
         key: value
         for key, value in effect.values.items()
@@ -200,8 +200,8 @@ def test_every_kind_is_reported_over_what_matters_for_it(table, plots):
         candidate=candidate(
             effect.kind,
             effect.joint,
-            order=given.get("order"),
-            covariate=given.get("covariate"),
+            order=keys.get("order"),
+            covariate=keys.get("covariate"),
         ),
         parameters={
             key: Estimate(

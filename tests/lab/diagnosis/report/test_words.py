@@ -41,7 +41,7 @@ def candidate(kind, joint=None, **more) -> Candidate:
 
 
 @pytest.mark.parametrize(
-    ("made", "said"),
+    ("made", "text"),
     [
         (candidate("encoder_eccentricity", "J3"), "encoder eccentricity, joint J3"),
         (
@@ -65,12 +65,12 @@ def candidate(kind, joint=None, **more) -> Candidate:
         ),
     ],
 )
-def test_effects_have_names_for_people(made, said):
-    assert candidate_label(made) == said
+def test_effects_have_names_for_people(made, text):
+    assert candidate_label(made) == text
 
 
 @pytest.mark.parametrize(
-    ("numbers", "said"),
+    ("numbers", "text"),
     [
         ((2.31e-5, 1.2e-6, "rad"), "23.1 ± 1.2 µrad"),
         ((-1.475e-5, 4e-7, "1/C"), "-14.75 ± 0.40 ppm/°C"),
@@ -82,8 +82,8 @@ def test_effects_have_names_for_people(made, said):
         ((0.0, None, "rad"), "0 rad"),
     ],
 )
-def test_numbers_have_units_and_as_many_digits_as_are_known(numbers, said):
-    assert quantity(*numbers) == said
+def test_numbers_have_units_and_as_many_digits_as_are_known(numbers, text):
+    assert quantity(*numbers) == text
 
 
 def test_the_size_of_cosine_and_sine_is_their_amplitude():
@@ -162,24 +162,24 @@ def test_statuses_have_their_own_words():
     diagnosis = eccentric()
     term = diagnosis.terms[0]
     tentative = replace(term, status="tentative", accepted=False)
-    said = " ".join(WORDS.lines("missing", replace(diagnosis, terms=(tentative,))))
-    assert "tentatively" in said
-    assert "It is not in the adapted arm." in said
+    text = " ".join(WORDS.lines("missing", replace(diagnosis, terms=(tentative,))))
+    assert "tentatively" in text
+    assert "It is not in the adapted arm." in text
     unknown = replace(
         term,
         status="unknown",
         harmonic=3,
         candidate=candidate("empirical", "J3", covariate="J5_rad"),
     )
-    said = " ".join(WORDS.lines("missing", replace(diagnosis, terms=(unknown,))))
-    assert "no known effect explains it: something over the reading of J5" in said
-    assert "repeats 3 times a turn" in said
+    text = " ".join(WORDS.lines("missing", replace(diagnosis, terms=(unknown,))))
+    assert "no known effect explains it: something over the reading of J5" in text
+    assert "repeats 3 times a turn" in text
 
 
 def test_a_veto_is_reported():
-    said = " ".join(summary_lines(replace(eccentric(), vetoed=True)))
-    assert "state: bad" in said
-    assert "nothing was added" in said
+    text = " ".join(summary_lines(replace(eccentric(), vetoed=True)))
+    assert "state: bad" in text
+    assert "nothing was added" in text
 
 
 def test_the_gap_is_reported_with_its_part_or_without():
@@ -194,8 +194,8 @@ def test_the_gap_is_reported_with_its_part_or_without():
 def test_an_experiment_is_proposed_where_there_is_one():
     diagnosis = eccentric()
     term = replace(diagnosis.terms[0], separate_by="hang a known mass at the wrist")
-    said = WORDS.lines("verdict", replace(diagnosis, terms=(term,)))
-    assert "To separate: hang a known mass at the wrist" in said
+    text = WORDS.lines("verdict", replace(diagnosis, terms=(term,)))
+    assert "To separate: hang a known mass at the wrist" in text
 
 
 def test_what_is_bound_to_an_unknown_time_is_reported():
@@ -207,9 +207,9 @@ def test_what_is_bound_to_an_unknown_time_is_reported():
 def test_times_that_are_an_order_are_called_so():
     diagnosis = drifting()
     order = replace(diagnosis, campaign=replace(diagnosis.campaign, time_is_order=True))
-    said = "\n".join(summary_lines(order))
-    assert "The campaign's times are the order of its poses" in said
-    assert "start_utc" not in said
+    text = "\n".join(summary_lines(order))
+    assert "The campaign's times are the order of its poses" in text
+    assert "start_utc" not in text
     assert dict(conditions(order.campaign)).keys() >= {"number of the pose"}
 
 
@@ -220,10 +220,10 @@ def test_a_move_of_the_base_names_that_of_the_artefacts():
     )
     assert "all artefacts, together, moved against the base" in line
     campaign = replace(diagnosis.campaign, artefacts=diagnosis.campaign.artefacts[:1])
-    said = " ".join(WORDS.lines("missing", replace(diagnosis, campaign=campaign)))
-    assert f"that {campaign.artefacts[0].id} moved against the base" in said
-    said = " ".join(WORDS.lines("missing", eccentric()))
-    assert "moved against" not in said
+    text = " ".join(WORDS.lines("missing", replace(diagnosis, campaign=campaign)))
+    assert f"that {campaign.artefacts[0].id} moved against the base" in text
+    text = " ".join(WORDS.lines("missing", eccentric()))
+    assert "moved against" not in text
 
 
 def test_excluded_poses_are_named_by_their_lines():
@@ -308,5 +308,5 @@ def test_a_curve_says_where_it_was_seen():
     )
     words = " ".join(summary_lines(replace(diagnosis, terms=(curve,))))
     assert "seen where the reading of J3 is -28.65 to 57.3 degrees" in words
-    (told,) = diagnosis_json(replace(diagnosis, terms=(curve,)))["terms"]
-    assert told["seen"] == {"low": -0.5, "high": 1.0}
+    (values,) = diagnosis_json(replace(diagnosis, terms=(curve,)))["terms"]
+    assert values["seen"] == {"low": -0.5, "high": 1.0}

@@ -107,7 +107,7 @@ def test_latency_and_backlash_are_found(folders, tmp_path):
 
 def test_noise_lasts_as_long_as_was_simulated(folders):
     arm, campaign = read(folders())
-    whole, thinning = decimated(campaign, arm)
+    thinned, thinning = decimated(campaign, arm)
     # Correlated until share phi^n is a fiftieth: 32 samples; a bit less, since
     # the mean over the motion is taken out.
     expected = np.log(0.02 / SHARE) / np.log(PHI) / 200.0
@@ -115,10 +115,10 @@ def test_noise_lasts_as_long_as_was_simulated(folders):
         assert 0.5 * expected < lasting_s < 1.2 * expected
     lines = campaign.poses.lines[thinning.poses]
     assert np.min(np.diff(lines)) >= round(min(thinning.apart_s) * 200.0)
-    touched = np.isfinite(whole.poses.directions[:, 0])
-    names = np.array([artefact.id for artefact in whole.artefacts])
-    assert set(names[whole.poses.artefacts[touched]]) == {"ball"}
-    lengths = np.linalg.norm(whole.poses.directions[touched], axis=1)
+    touched = np.isfinite(thinned.poses.directions[:, 0])
+    names = np.array([artefact.id for artefact in thinned.artefacts])
+    assert set(names[thinned.poses.artefacts[touched]]) == {"ball"}
+    lengths = np.linalg.norm(thinned.poses.directions[touched], axis=1)
     assert np.allclose(lengths, 1.0)
 
 
@@ -251,8 +251,8 @@ def with_late_joint(campaign, joint, n_samples):
 def test_a_reading_that_is_late_by_samples_is_that_joints_latency_alone(folders):
     arm, campaign = read(folders())
     late = with_late_joint(campaign, joint=3, n_samples=3)
-    whole, thinning = decimated(late, arm, most_poses=600)
-    poses = whole.part(thinning.poses)
+    thinned, thinning = decimated(late, arm, most_poses=600)
+    poses = thinned.part(thinning.poses)
     diagnosis = diagnose(poses, arm, OPTIONS)
     (term,) = diagnosis.terms
     assert term.candidate.name == "encoder_latency J4"

@@ -13,10 +13,10 @@ KNOTS = [-2.0, -1.0, 0.0, 1.0, 2.0]
 
 
 def stage_with(*tables):
-    given = measured()
+    measurement = measured()
     for table in tables:
-        given = given.with_effect(effect_from_table(table))
-    return score_candidates(equations_of(given.fit().adjustment), given.arm)
+        measurement = measurement.with_effect(effect_from_table(table))
+    return score_candidates(equations_of(measurement.fit().adjustment), measurement.arm)
 
 
 def test_a_curve_over_the_own_reading_belies_an_eccentricity():

@@ -96,11 +96,11 @@ def test_shifts_are_those_of_least_squares():
     assert shifts.sum_of_squares == pytest.approx(left @ left)
     assert shifts.cost == pytest.approx(left @ left + 2 * 28.0 + 20.0)
     # Taking one shift away raises the squares by its statistic.
-    for at, pose in enumerate(shifts.poses):
+    for index, pose in enumerate(shifts.poses):
         fewer = spoilt.copy()
         fewer[pose] = False
         more = shifted(groups, rows.basis, residuals, fewer).sum_of_squares
-        assert more - shifts.sum_of_squares == pytest.approx(shifts.statistics[at])
+        assert more - shifts.sum_of_squares == pytest.approx(shifts.statistics[index])
 
 
 def test_blunders_are_found_from_any_start():

@@ -62,9 +62,9 @@ def test_fresh_noise_alarms_as_often_as_said():
         if q == 0:
             continue
         explained = np.sum((candidate.directions.T @ fresh) ** 2, axis=0)
-        rest = rows.redundancy - q
-        f = explained / q / ((totals - explained) / rest)
-        lowest = np.minimum(lowest, stats.f.logsf(f, q, rest))
+        degrees_left = rows.redundancy - q
+        f = explained / q / ((totals - explained) / degrees_left)
+        lowest = np.minimum(lowest, stats.f.logsf(f, q, degrees_left))
     for level in (0.01, 0.05):
         rate = np.mean(lowest < log_p_threshold(rows, bank, draws, level))
         assert 0.5 * level < rate < 1.8 * level
