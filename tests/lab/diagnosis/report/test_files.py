@@ -61,7 +61,7 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def said(folder) -> Any:
+def written(folder) -> Any:
     return json.loads((folder / "diagnosis.json").read_text("utf-8"))
 
 
@@ -112,10 +112,10 @@ def test_the_covariance_is_that_of_what_was_estimated(folder):
         assert std_rad == pytest.approx(term.parameters[key].std, rel=0.1)
 
 
-def test_the_json_follows_the_contract(diagnosis):
-    assert diagnosis["schema"] == "traverse/diagnosis/1"
-    assert diagnosis["verdict"] == "named"
-    (term,) = diagnosis["terms"]
+def test_the_json_follows_the_contract(written):
+    assert written["schema"] == "traverse/diagnosis/1"
+    assert written["verdict"] == "named"
+    (term,) = written["terms"]
     assert term["status"] == "named"
     assert (term["kind"], term["joint"]) == ("encoder_eccentricity", "J3")
     assert term["order"] is None
@@ -129,25 +129,25 @@ def test_the_json_follows_the_contract(diagnosis):
     assert isinstance(term["separate_by"], str)
     for rival in term["alternatives"]:
         assert rival.keys() >= {"kind", "joint", "order", "log_bayes_factor", "alias"}
-    assert diagnosis["sigma0"]["after"] < diagnosis["sigma0"]["before"]
-    gap = diagnosis["gap"]
+    assert written["sigma0"]["after"] < written["sigma0"]["before"]
+    gap = written["gap"]
     for key in ("held_out_rms_mm", "held_out_chi2"):
         assert gap[key]["after"] < gap[key]["before"]
     assert 0.5 < gap["closed"] < 1.2
     assert "held_out_mean_distance_mm" not in gap
     blunder = int(eccentric().campaign.poses.lines[100])
-    (excluded,) = diagnosis["excluded"]
+    (excluded,) = written["excluded"]
     assert excluded["line"] == blunder
     assert (excluded["choosing"], excluded["final"]) == (True, True)
     assert excluded["w"] > 10.0
-    assert (diagnosis["state"], diagnosis["reasons"]) == ("good", [])
-    assert [step["effect"] for step in diagnosis["ledger"]] == [
+    assert (written["state"], written["reasons"]) == ("good", [])
+    assert [step["effect"] for step in written["ledger"]] == [
         None,
         "encoder_eccentricity J3",
     ]
-    assert diagnosis["ledger"][0]["held_out_rms_mm"] == gap["held_out_rms_mm"]["before"]
-    assert diagnosis["ledger"][1]["held_out_rms_mm"] == gap["held_out_rms_mm"]["after"]
-    for entry in diagnosis["detectable"]:
+    assert written["ledger"][0]["held_out_rms_mm"] == gap["held_out_rms_mm"]["before"]
+    assert written["ledger"][1]["held_out_rms_mm"] == gap["held_out_rms_mm"]["after"]
+    for entry in written["detectable"]:
         assert entry.keys() >= {"kind", "joint", "minimum"}
         minimum = entry["minimum"]
         assert minimum is None or minimum.keys() == {"value", "unit"}
