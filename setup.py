@@ -30,7 +30,7 @@ class OptionalBuild(build_ext):
 
 
 def extensions() -> list[Extension]:
-    """Describe what there is to build."""
+    """Describe the extension module."""
     if cythonize is None:
         return []
     kernel = Extension(

@@ -46,7 +46,7 @@ def certify(
     Args:
         results: Folder of `traverse verify` or `identify`.
         laboratory: Who certifies, for whom, TOML.
-        campaign: Of an identification, the first time: what it was made from.
+        campaign: The source of an identification, at the first certificate.
         arm: Of an identification: the arm file that it began with.
         key: Private key to sign with, PEM.
         certificate: X.509 certificate of the key, PEM.

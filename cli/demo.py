@@ -1,7 +1,7 @@
 """`traverse demo`: a whole measuring arm on this machine, nothing to configure.
 
 Starts the simulated arm and the daemon as programs of their own, follows them over
-MQTT like any client, and judges what it received against the certificates.
+MQTT like any client, and judges the points against the certificates.
 """
 
 import asyncio

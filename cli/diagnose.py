@@ -1,4 +1,4 @@
-"""`traverse diagnose`: what the model of an arm lacks, from a campaign."""
+"""`traverse diagnose`: effects missing in the model of an arm, from a campaign."""
 
 import sys
 from pathlib import Path
@@ -122,7 +122,7 @@ class _Progress:
 
 
 def _plan(arm: "Arm", campaign: "Campaign", *, as_json: bool) -> None:
-    """Print what a campaign could detect, without its measured misclosures."""
+    """Print the effects that a campaign could detect, without its misclosures."""
     from traverse.lab.diagnosis.advice.minimal_detectable import planned
     from traverse.lab.diagnosis.report.names import detectable_lines
     from traverse.lab.diagnosis.scans.decimation import decimated

@@ -1,4 +1,4 @@
-"""`traverse extensions`: what other packages add, and whether it can be used."""
+"""`traverse extensions`: additions of other packages, and whether they can be used."""
 
 import dataclasses
 from collections.abc import Callable, Collection

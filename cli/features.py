@@ -79,7 +79,7 @@ def features(
 
 
 def _shared(points: "list[Point]", arm: Path | None) -> "Mapping[str, Floats] | str":
-    """Return what points share by the arm, or why it is not known."""
+    """Return the points' common errors by the arm, or why they are unknown."""
     if arm is None:
         return "--arm is not given"
     from traverse.kinematics.arm_file.arm import read_arm

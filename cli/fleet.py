@@ -112,7 +112,7 @@ CampaignFolders = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """Where results go, what counts beside the campaigns, and who does the work.
+    """Folder of results, files beside the campaigns, and workers.
 
     Attributes:
         out: Folder for the results, NAME/ each.

@@ -1,4 +1,4 @@
-"""`traverse store`: what all arms publish, into a database and into files."""
+"""`traverse store`: messages of all arms, into a database and into files."""
 
 import asyncio
 import re

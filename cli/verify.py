@@ -189,7 +189,7 @@ def _certificate(inputs: _Inputs, computed_by: str | None) -> "SealedCertificate
 
 
 def _ask_before(data: Path, standard: str, arm: "Arm", limits: "Limits") -> None:
-    """Name what a verdict lacks while nothing has been measured."""
+    """Name the missing parts of a verdict while nothing has been measured."""
     from traverse.lab.acceptance.statements import absent_before
     from traverse.lab.campaign.campaign_file import read_campaign_file
 

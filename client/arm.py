@@ -204,7 +204,7 @@ class Arm(ArmCommands):
     ) -> ScanBlocks:
         """Run a scan within an `async with`; iterate over its blocks.
 
-        The arguments are those of the command `scan`.
+        Arguments as of the command `scan`.
         """
         return ScanBlocks(
             self.scans, lambda: self.start_scan(mode, **options), self.stop_scan

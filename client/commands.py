@@ -163,7 +163,7 @@ class ArmCommands:
             utc: accept the UTC of the daemon's computer, and no positions.
 
         Returns:
-            What was accepted, in words, for each device that was in doubt.
+            A sentence on each device that was in doubt and is accepted.
         """
         args = ReferenceArgs(
             action="confirm", at_xyz_mm=at_xyz_mm, tolerance_mm=tolerance_mm, utc=utc

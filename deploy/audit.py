@@ -1,4 +1,4 @@
-"""`make audit`: known advisories of what requirements.lock names, by pip-audit.
+"""`make audit`: known advisories of packages in requirements.lock, by pip-audit.
 
 Where its data cannot be reached it says so, and exits with 3: silence is no all-clear.
 Then the review that docs/security.md records is what there is. Standard library only.

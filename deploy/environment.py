@@ -99,7 +99,7 @@ def install(arguments: list[str], uv: Mapping[str, str] | None) -> None:
 
 
 def say(text: str) -> None:
-    """Print a line now, before what the next command prints."""
+    """Print a line now, before the next command's output."""
     print(text, flush=True)  # noqa: T201 - this is a program
 
 

@@ -113,7 +113,7 @@ def timed(commands: list[str], execute: Callable[[str], int]) -> tuple[bool, str
 
 
 def say(text: str) -> None:
-    """Print a line now, before what the next command prints."""
+    """Print a line now, before the next command's output."""
     print(text, flush=True)  # noqa: T201 - this is a program
 
 

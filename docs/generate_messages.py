@@ -176,7 +176,7 @@ def _word_list(title: str, words: dict[str, str]) -> list[str]:
 
 
 def _compare(files: dict[Path, str], old: set[Path]) -> int:
-    """Print what differs on disk from what the definitions say."""
+    """Print differences of files from the definitions."""
     n_differing = len(old)
     for path in sorted(old):
         sys.stdout.write(f"{path}: no message has this schema\n")

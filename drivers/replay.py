@@ -66,7 +66,7 @@ class ReplayDriver(Driver):
         self._is_asked = False
 
     def request_stream(self, rate_hz: float) -> None:
-        """Report the stream again: the rate is that of the recording."""
+        """Report the stream again, at the recording's rate."""
         self._is_asked = True
 
     def _connect(self) -> None:

@@ -1,4 +1,4 @@
-"""Which channel a hand has turned, by how much, and what its counts are at rest."""
+"""Which channel a hand has turned, by how much, and its counts at rest."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field

@@ -62,7 +62,7 @@ class Standing:
 
 
 class Follower:
-    """Draws what an arm measures into a collection of the scene."""
+    """Draws an arm's points into a collection of the scene."""
 
     def __init__(self, arm: BlockingArm) -> None:
         self.arm = arm

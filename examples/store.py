@@ -1,4 +1,4 @@
-"""Every point of an arm exactly once in a database, whatever is killed in between.
+"""Every point of an arm exactly once in a database, even if programs are killed.
 
 Points and the place where to go on are written in one transaction.
 """

@@ -70,7 +70,7 @@ class Outcome:
     Attributes:
         verdict: In words, or why there is none.
         good: Whether the command for this campaign alone would exit with 0.
-        files: What was written, by name.
+        files: Written ones, by name.
     """
 
     name: str

@@ -20,7 +20,7 @@ Run = Callable[..., list[tuple[Any, ...]]]
 
 
 class StoreRefusedError(Exception):
-    """A store cannot be used as it is; says what to do."""
+    """A store cannot be used as it is; names the remedy."""
 
 
 class StoreAwayError(Exception):

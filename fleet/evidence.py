@@ -24,7 +24,7 @@ _CHECKS = """SELECT time_utc, arm, arm_digest, data_digest, begins, figures
 
 
 def add_evidence(database: Database, path: Path) -> str:
-    """Bring in a verification, or a history of daily checks; return what it was.
+    """Bring in a verification, or a history of daily checks; return a description.
 
     A verification is checked first: digests, and every figure from its data.
 

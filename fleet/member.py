@@ -1,4 +1,4 @@
-"""A member of a group of consumers: what the broker gives it goes into the store.
+"""A member of a group of consumers: puts its messages into the store.
 
 A message is acknowledged once it is committed. What a member had when it died comes
 again, to it or to another one, or is found missing in the store and asked for; the
@@ -67,7 +67,7 @@ class MemberSettings:
     Attributes:
         member: unique in the group, the same after a restart.
         gap_s: after this time a missing number is asked for.
-        list_s: interval at which an arm is asked what it has.
+        list_s: interval at which an arm is asked which points it has.
         keep_s: how long the broker keeps messages for a member that is away.
     """
 
@@ -370,7 +370,7 @@ class Member:
                 log.info("gaps are looked for later: %s", error)
 
     async def _list_arms(self) -> None:
-        """Ask what arms have, so that what came last is missed too."""
+        """Ask arms which points they have, so that a lost last one is noticed too."""
         now_s = asyncio.get_running_loop().time()
         due = [
             arm

@@ -66,7 +66,7 @@ class Rows:
     series: dict[tuple[str, str, str], tuple[int, int]] = field(default_factory=dict)
 
     def add(self, kind: str, arm: str, payload: bytes) -> None:
-        """Add the rows of a message; `add_block` adds those of scans, which are files.
+        """Add the rows of a message; `add_block` adds scans, which are files.
 
         Raises:
             MessageError: the payload is no message of this kind.

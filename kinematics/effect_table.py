@@ -1,7 +1,7 @@
 """The table of effects: one row for each kind, with all its properties.
 
 The correction of a kind is its class in `traverse.kinematics.effects`. This table has
-its keys, where it can be applied, and what the laboratory needs: plausible size,
+its keys, where it can be applied, and values for the laboratory: plausible size,
 similar kinds, plots, labels. A new effect needs its class, its row, and the simulator's
 own law; another package offers these three by entry points.
 """
@@ -74,7 +74,7 @@ class EffectKind:
         log_prior_of_joint: instead, for one of several alike joints.
         log_prior_per_order: for each order above 2.
         covariates: columns of a campaign that it is a function of, {} for the joint:
-            the joint's own one first, then that of the whole arm.
+            the joint's own one first, then the whole arm's.
         is_function: it is a function of that column alone.
         bank: where the diagnosis looks for it; "none": nowhere.
         absorbed_by: equal parameters where a campaign cannot see it.

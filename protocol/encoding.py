@@ -60,7 +60,7 @@ def decode(
     Args:
         message_type: as by the topic.
         payload: from anybody, trusted in nothing.
-        encoding: None takes what begins with a brace as JSON, else as MessagePack.
+        encoding: None: JSON if it begins with a brace, else MessagePack.
         max_bytes: a longer payload is refused unread.
         max_elements: of one array or map in MessagePack.
 

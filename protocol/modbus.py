@@ -1,6 +1,6 @@
-"""Registers of Modbus encoders: words of 16 bits, and what they make.
+"""Registers of Modbus encoders: words of 16 bits, and their values.
 
-Frames are the business of pymodbus; here is only what their data mean.
+pymodbus deals with the frames; this module with the meaning of their data.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ class PositionRegisters:
         first: Number of the first register, from 0.
         word_order: The first word, "high" or "low".
         signed: The highest bit means minus.
-        scale: Counts for one unit of what is read.
+        scale: Counts for one unit of the read value.
         modulus: Count at which it wraps to 0.
     """
 

@@ -4,7 +4,7 @@ _FORMULA = tuple("=+-@")
 
 
 def printable(text: str) -> str:
-    r"""Escape what does not print, such as `\n` and `\x1b`, as Python writes it.
+    r"""Escape unprintable characters, such as `\n` and `\x1b`, as Python does.
 
     So no text can begin a line, move the cursor or turn the direction of writing.
     """
@@ -16,5 +16,5 @@ def printable(text: str) -> str:
 
 
 def spreadsheet_cell(text: str) -> str:
-    """The same for a cell of CSV: an apostrophe precedes what looks like a formula."""
+    """The same for a cell of CSV: an apostrophe precedes a text like a formula."""
     return printable(f"'{text}" if text.startswith(_FORMULA) else text)

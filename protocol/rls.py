@@ -167,7 +167,7 @@ class Replies:
         self._in_step = False
 
     def feed(self, data: bytes) -> list[Position]:
-        """Take what was read; the replies that it completes."""
+        """Take read bytes; return the replies that they complete."""
         kept = self._kept + data
         positions: list[Position] = []
         offset = 0

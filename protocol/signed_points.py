@@ -1,4 +1,4 @@
-"""Points in a signed chain: what is signed, and what a reader checks.
+"""Points in a signed chain: the signed bytes, and a reader's checks.
 
 The content of a point is its MessagePack form with `signature` null. Its link is the
 SHA-256 of that, in hexadecimal; `previous` is the link of the point before it in the
@@ -24,7 +24,7 @@ MOST_LINKS = 100_000
 
 
 def first_link(session: str) -> str:
-    """Return what the first point of a session links to."""
+    """Return the link of the first point of a session."""
     return hashlib.sha256(session.encode()).hexdigest()
 
 
@@ -33,7 +33,7 @@ def content_of(point: Point) -> bytes:
 
 
 def link_to(content: bytes) -> str:
-    """Return what the next point links to."""
+    """Return the link of the next point."""
     return hashlib.sha256(content).hexdigest()
 
 
@@ -57,7 +57,7 @@ class PointChain:
         self._sessions: OrderedDict[str, _Session] = OrderedDict()
 
     def problem(self, point: Point) -> str | None:
-        """Say what is wrong with the next point, or with those before it; else None.
+        """Name a fault of the next point, or of those before it; else None.
 
         A repeated point is no problem. After a problem the chain goes on from the
         point, if its own signature is right.

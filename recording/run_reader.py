@@ -19,7 +19,7 @@ class RunReader:
         path: An MCAP file that `traverse.recording.run_writer` has written.
 
     Attributes:
-        files: By name: those of the head, and those attached so far.
+        files: By name: of the head, and those attached so far.
 
     Raises:
         ValueError: It is no such recording, or a file in it is damaged.

@@ -29,7 +29,7 @@ class Entry:
     """One message of a recording.
 
     Attributes:
-        topic: Of what kind it is.
+        topic: Its kind.
         log_ns: When, in ns since 1970 UTC.
         content: MessagePack or JSON, by the topic.
     """

@@ -45,7 +45,7 @@ def lock_alone(descriptor: int, path: Path, use: str) -> None:
     Args:
         descriptor: Of the open file or folder.
         path: Its name, for people.
-        use: What the other program does with it, for people ("appends to it").
+        use: The other program's use of it, for people ("appends to it").
 
     Raises:
         OSError: Another program has it locked.

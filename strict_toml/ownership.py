@@ -6,14 +6,14 @@ from pathlib import Path
 
 
 def reason_of_owner(error: BaseException) -> str:
-    """Return what `refused_owner` says of an error's file; empty for other errors."""
+    """Return `refused_owner` of an error's file; empty for other errors."""
     if not isinstance(error, PermissionError) or error.filename is None:
         return ""
     return refused_owner(Path(os.fsdecode(error.filename)))
 
 
 def refused_owner(path: Path) -> str:
-    """Return what keeps this program from a file, whose it is, and what to do.
+    """Return why this program may not use a file, whose it is, and the remedy.
 
     It is the first folder above the file that cannot be entered, else the file, or the
     folder that it would be made in. Empty where their rights allow all.

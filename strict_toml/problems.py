@@ -74,7 +74,7 @@ class Problem:
     Attributes:
         where: Key path such as `joints[2].axis`, list indices from 0 in the order
             of the file; a line and column for syntax; empty for the whole file.
-        message: What was found there, what was expected.
+        message: The value there, and the expectation.
     """
 
     where: str
@@ -149,7 +149,7 @@ def odd_characters(text: str) -> str:
 
 
 def system_reason(error: OSError) -> str:
-    """Return why the system did not read or write a file, and what to do."""
+    """Return why the system did not read or write a file, and the remedy."""
     if owner := reason_of_owner(error):
         return f"{error.strerror}: {owner}"
     remedy = _REMEDIES.get(error.errno or 0, "check the path")
@@ -339,7 +339,7 @@ def is_number(value: float) -> bool:
 
 
 def tables_in(value: object) -> list[Mapping[str, Any]]:
-    """Take a list of tables; what is not a table counts as an empty one."""
+    """Take a list of tables; other values count as empty tables."""
     if not isinstance(value, Sequence) or isinstance(value, str):
         return []
     return [entry if isinstance(entry, Mapping) else {} for entry in value]

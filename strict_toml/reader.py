@@ -46,7 +46,7 @@ class StrictModel(BaseModel):
 
     @classmethod
     def from_table(cls, table: object) -> Self:
-        """Validate a table by its `variant`; what is one already is passed on.
+        """Validate a table by its `variant`; an instance is passed on.
 
         Raises:
             pydantic.ValidationError: with everything that is wrong with it.
@@ -70,9 +70,9 @@ def parse_strict(
 
     Args:
         text: TOML.
-        source: What to call the file in errors.
+        source: The file's name in errors.
         model: Usually a child of `StrictModel`. Lists arrive as tuples.
-        cross_check: Yields what is wrong between keys, from the raw table, whether or
+        cross_check: Yields faults between keys, from the raw table, whether or
             not single keys are wrong; its word precedes ours on the same key.
 
     Raises:

@@ -24,7 +24,7 @@ def rewritten_text(values: Mapping[str, Any], before: str | None = None) -> str:
 
 
 def _fill(table: MutableMapping[str, Any], values: Mapping[str, Any]) -> None:
-    """Make a table hold just these values; what holds already is not touched."""
+    """Make a table hold just these values; equal ones are not touched."""
     new_values = {key: value for key, value in values.items() if value is not None}
     for key in [key for key in table if key not in new_values]:
         del table[key]

@@ -1,6 +1,6 @@
 """How a table is written: bytes to lines, and the mark between its columns.
 
-The detection, in this order; what is left in doubt is refused:
+The detection, in this order; remaining doubts are refused:
 
 1. Encoding: by a byte order mark (UTF-8, UTF-16, UTF-32), UTF-16 without one by the
    zero byte in the first character, else UTF-8.

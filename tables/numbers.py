@@ -43,7 +43,7 @@ _REMEDY = "write it like -1234.5, without unit"
 
 
 def unit_of(column: str) -> Unit:
-    """Return in what the angles of a column are, by its name."""
+    """Return the unit of a column's angles, by its name."""
     if column.endswith("_rad"):
         return "rad"
     return "deg" if column.endswith("_deg") else "other"
@@ -99,7 +99,7 @@ class NumberReader:
 
         Raises:
             ValueError: It is not a finite number; says which characters it has.
-            MixedMarksError: Its decimal mark is not that of the numbers before it.
+            MixedMarksError: Its decimal mark differs from the numbers before it.
         """
         bare = text.strip()
         if not _PLAIN.fullmatch(bare):
@@ -130,12 +130,12 @@ class NumberReader:
         """Read the cells of a column, fast where they are plain.
 
         Args:
-            cells: n of them; what is empty is NaN.
+            cells: n of them; an empty one is NaN.
             unit: Of the column.
             lines: Of each cell.
 
         Returns:
-            Numbers, (n,), and by the index of a cell what is wrong with it; it is NaN.
+            Numbers, (n,), and by the index of a cell its fault; it is NaN.
 
         Raises:
             MixedMarksError: See `number`.

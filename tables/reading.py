@@ -56,11 +56,11 @@ class Table:
         self._surplus_line: int | None = None  # the first with a doubtful last cell
 
     def refuse(self, line: int, message: str, column: str | None = None) -> None:
-        """Note what is wrong with a line, or with the cell of a column in it.
+        """Note a fault of a line, or of the cell of a column in it.
 
         Args:
             line: Number of the line; 0 for the whole file.
-            message: What was read, what was expected, what to do.
+            message: The read value, the expectation, the remedy.
             column: Its name.
         """
         self._n_problems += 1
@@ -70,7 +70,7 @@ class Table:
             self._problems.append((line, Problem(where, message)))
 
     def refuse_header(self, message: str, column: str | None = None) -> None:
-        """Note what is wrong with the header, or with one of its columns."""
+        """Note a fault of the header, or of one of its columns."""
         self.refuse(self.dialect.header_line, message, column)
 
     def check(self) -> None:
@@ -100,7 +100,7 @@ class Table:
     def rows(self, filled: Collection[str] = ()) -> Iterator[tuple[int, list[str]]]:
         """Yield the number of the line and the cells of every row, without blanks.
 
-        What has not as many cells as the header is refused and left out.
+        A line with another number of cells than the header is refused and left out.
 
         Args:
             filled: Columns that are never empty; a table whose last column is one may
@@ -135,7 +135,7 @@ class Table:
             line: Of the cell.
             column: Its name.
             cell: Its text.
-            unit: What an angle is in; by default as the column's name says.
+            unit: Of an angle; by default as the column's name says.
 
         Raises:
             FileError: The table has decimal commas and decimal points.
@@ -183,10 +183,10 @@ class Table:
         Args:
             lines: Of each cell.
             column: Its name.
-            cells: n of them; what is empty is NaN.
+            cells: n of them; an empty one is NaN.
 
         Returns:
-            Numbers, (n,), and by the index of a cell what is wrong with it.
+            Numbers, (n,), and by the index of a cell its fault.
 
         Raises:
             FileError: The table has decimal commas and decimal points.

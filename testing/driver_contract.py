@@ -79,7 +79,7 @@ class KeptEdgeRig(EdgeRig, Protocol):
         """Send n samples."""
 
     def break_next(self) -> None:
-        """Spoil whatever is sent next."""
+        """Spoil the next bytes."""
 
     def unacknowledged(self) -> set[int]:
         """Tokens of the edges that the device still keeps."""

@@ -78,7 +78,7 @@ class PtyPeer(Peer):
         self.link = link
 
     def receive(self, seconds: float) -> bytes:
-        """Return what the host has sent; nothing if it does not within a time."""
+        """Return bytes that the host has sent; none if it does not within a time."""
         until_s = time.monotonic() + seconds
         while (left_s := until_s - time.monotonic()) > 0:
             if select.select([self._master], [], [], left_s)[0]:
@@ -89,7 +89,7 @@ class PtyPeer(Peer):
         return b""
 
     def send(self, data: bytes) -> None:
-        """Send to the host; what does not fit into the line is lost."""
+        """Send to the host; bytes that do not fit into the line are lost."""
         with contextlib.suppress(OSError):
             os.write(self._master, data)
 

@@ -1,4 +1,4 @@
-"""Waiting for what another thread, program or computer does."""
+"""Waiting for another thread, program or computer."""
 
 import asyncio
 import time

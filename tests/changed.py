@@ -3,7 +3,7 @@
 Changed is what differs from the main branch, committed or not. Selected are test files
 that changed, those named like a changed module, those that name a changed file of
 another kind, and those that import a changed module, nearest first and at most
-`MOST_FILES`. What is left out is said; `make test` runs it.
+`MOST_FILES`. It prints the tests that it leaves out; `make test` runs them.
 """
 
 import ast
@@ -125,7 +125,7 @@ def selected(root: Path, changed: set[str]) -> list[str]:
 
 
 def main(root: Path, options: list[str]) -> None:
-    """Print what is selected, then become pytest."""
+    """Print the selection, then become pytest."""
     chosen = selected(root, changed_files(root))
     selected_files, left = chosen[:MOST_FILES], chosen[MOST_FILES:]
     lines = [

@@ -168,14 +168,14 @@ def no_task_is_left(
 def pytest_xdist_make_scheduler(
     config: pytest.Config, log: Any
 ) -> LoadFileScheduling | None:
-    """Give each worker a file at a time; those of the browser, which starts once."""
+    """Give each worker a file at a time; one gets all tests with the browser."""
     if config.getoption("dist") != "loadfile":
         return None
     return FileScheduling(config, log)
 
 
 class FileScheduling(LoadFileScheduling):
-    """A worker's next tests: those of a file, or of the folder `browser`."""
+    """A worker's next tests: of a file, or of the folder `browser`."""
 
     def _split_scope(self, nodeid: str) -> str:
         before, browser, _ = nodeid.partition("/browser/")
@@ -212,7 +212,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_sessionfinish() -> None:
-    """End what programs were forked from."""
+    """End the processes that programs were forked from."""
     warm_start.close()
 
 

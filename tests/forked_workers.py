@@ -26,7 +26,7 @@ class ForkedWorkers:
 
     Args:
         folder: for its socket.
-        arguments: what pytest collects.
+        arguments: of pytest, to collect.
     """
 
     def __init__(self, folder: Path, arguments: list[str]) -> None:
@@ -55,7 +55,7 @@ class ForkedWorkers:
 
 
 def _serve(listener: socket.socket, arguments: list[str]) -> None:
-    """Import what pytest collects; then fork a worker for each connection."""
+    """Import the modules that pytest collects; fork a worker for each connection."""
     import pytest  # noqa: PLC0415 - the interpreter of a worker does not need it
 
     sys.path[0] = os.getcwd()

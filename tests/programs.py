@@ -40,7 +40,7 @@ def missing(group: str) -> list[str]:
 
 
 def search_path(needed: frozenset[str], folder: Path) -> str:
-    """Make a PATH with what every Debian has and the programs of the groups.
+    """Make a PATH with the programs of every Debian and of the groups.
 
     Args:
         needed: names of groups.

@@ -50,7 +50,7 @@ def measured() -> Path:
 
 @shared
 def identified() -> Path:
-    """The same with results in `out`, and what was printed in `said` and `errors`."""
+    """The same with results in `out`, and the output in `said` and `errors`."""
     folder = shutil.copytree(measured(), new_folder(), dirs_exist_ok=True)
     words = ("identify", "campaign", "--arm", "arm.toml", "--out", "out")
     ran = run_traverse(folder, *words)
@@ -61,7 +61,7 @@ def identified() -> Path:
 
 @shared
 def verified() -> Path:
-    """A stated acceptance `campaign`, `limits.toml`, and what verify wrote in `out`."""
+    """A stated acceptance `campaign`, `limits.toml`, and files of verify in `out`."""
     folder, arm = new_folder(), read_arm(ARM)
     poses = drawn_acceptance(acceptance_poses(arm, "vdi2617-9", 3), 3)
     write_campaign(folder / "campaign", poses, arm)

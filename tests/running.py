@@ -16,7 +16,7 @@ END_S = 120.0
 
 
 def invoke(*words: object, status: int | None = 0, **options: Any) -> Result:
-    """Run `traverse` in this process; None: whatever status."""
+    """Run `traverse` in this process; None: any exit status."""
     ran = CliRunner().invoke(app, [str(word) for word in words], **options)
     assert status in (None, ran.exit_code), (ran.output, ran.exception)
     return ran
@@ -45,7 +45,7 @@ def run_traverse(
 def run_program(
     *words: object, status: int | None = 0, **options: Any
 ) -> subprocess.CompletedProcess[str]:
-    """Run a program; options are those of `subprocess.run`."""
+    """Run a program, with the options of `subprocess.run`."""
     ran = subprocess.run(
         [str(word) for word in words],
         capture_output=True,

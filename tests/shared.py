@@ -21,7 +21,7 @@ def new_folder() -> Path:
 def shared(function: Function) -> Function:
     """Call a module's function once in a session for each of its arguments.
 
-    Strategy: whoever comes first computes and writes a file, the others wait for it
+    Strategy: the first worker computes and writes a file, the others wait for it
     and read it. Without a session (a test module that is imported by itself) each
     process computes. Arguments are told apart by their repr.
     """

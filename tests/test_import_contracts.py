@@ -211,7 +211,7 @@ def section(reports: dict[str, str], contract: str) -> str:
 
 @pytest.fixture(scope="module")
 def planted_imports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """All forbidden imports at once: what is said of every contract."""
+    """All forbidden imports at once: the message on every contract."""
     folder = copy(tmp_path_factory.mktemp("imports"))
     for module, planted in {
         planted_one for many in PLANTED.values() for planted_one in many
@@ -233,7 +233,7 @@ def test_planted_imports_are_caught(
 
 @pytest.fixture(scope="module")
 def planted_modules(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """All modules without a layer at once: what is said of every contract."""
+    """All modules without a layer at once: the message on every contract."""
     folder = copy(tmp_path_factory.mktemp("modules"))
     for module, _ in UNKNOWN:
         (folder / "traverse" / module).write_text('"""Planted."""\n', "utf-8")

@@ -36,7 +36,7 @@ MOST_BYTES = 1 << 16
 
 
 class Process:
-    """A child process, with what the tests use of `subprocess.Popen`."""
+    """A child process, with the methods of `subprocess.Popen` that the tests use."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
@@ -188,7 +188,7 @@ def _file_of(arguments: list[str]) -> Path | None:
 
 
 def _import_as_before(arguments: list[str]) -> None:
-    """Import what a program of the same command did."""
+    """Import the modules of a program of the same command."""
     file = _file_of(arguments)
     if file is not None and file.exists():
         for name in json.loads(file.read_text("utf-8")):

@@ -50,7 +50,7 @@ class SizeScale:
     library: tuple[ProjectedCandidate, ...]
 
     def signal(self, hidden: tuple[Hidden, ...]) -> Floats:
-        """Compute what effects do to the rows beyond what is absorbed, (n_rows,)."""
+        """Compute the effects' changes of the rows that nothing absorbs, (n_rows,)."""
         rows, columns = self.rows, exact_columns(played(self.poses, hidden))
         changes_rad = columns.readings_rad - self.exact.readings_rad
         change = np.einsum("rk,rk->r", rows.by_readings, changes_rad[rows.poses])
@@ -113,9 +113,9 @@ def ruler(
 
     Args:
         poses: Without effects.
-        arm: What the arm file says.
+        arm: As in the arm file.
         choosing: Which poses are used for choosing, (n_poses,).
-        prior: What the arm's family says.
+        prior: Of the arm's family.
     """
     campaign = replace(noise_free_campaign(poses), prior=prior)
     problem = Problem.of(campaign, arm, Options(coarse_start=False))

@@ -100,7 +100,7 @@ def hide(arm: Arm, scenario: Scenario, seed: int) -> Case:
     """Draw effects, play them, measure.
 
     Args:
-        arm: What the arm file says; masses are added where it has none.
+        arm: As in the arm file; masses are added where it has none.
         scenario: How to hide.
         seed: Of everything.
     """

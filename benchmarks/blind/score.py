@@ -98,7 +98,7 @@ def scored(truths: tuple[TrueTerm, ...], diagnosis: Diagnosis) -> Score:
 def scored_terms(
     truths: tuple[TrueTerm, ...], terms: tuple[Term, ...], verdict: Verdict
 ) -> Score:
-    """Compare terms with what was hidden; see `scored`."""
+    """Compare terms with the hidden effects; see `scored`."""
     first = max(terms, key=_strength, default=None)
     names = frozenset().union(*(truth.names for truth in truths))
     joints = frozenset().union(*(truth.joints for truth in truths))

@@ -137,7 +137,7 @@ def single_round(
 ) -> None:
     """Hide an effect in a simulated campaign, let diagnosis find it, and score it.
 
-    What was hidden is revealed only at the end. Exit status 0, whatever was found.
+    Hidden effects are revealed only at the end. Exit status 0, whatever was found.
     """
     arm_in_file = _arm(arm)
     scenario = Scenario("blind", effects, size, outside=outside)

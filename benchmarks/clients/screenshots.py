@@ -1,7 +1,7 @@
 """`python -m benchmarks.clients.screenshots FOLDER`: pictures of the page for docs/.
 
 A real broker, a simulated arm that measures a ball bar, a sphere and a cone, its daemon
-and the page in Chromium: pictures of what the page shows. One for each
+and the page in Chromium: pictures of the page. One for each
 state, size of screen and theme: `page-<state>-<size>-<theme>.png`.
 """
 

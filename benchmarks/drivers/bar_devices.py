@@ -186,7 +186,7 @@ class Begun:
         self._begin_s.value = time_s
 
     def end(self) -> None:
-        """Let the devices end, whatever the script says."""
+        """Let the devices end before their script does."""
         self._ended.set()
 
     def is_over(self) -> bool:
@@ -205,7 +205,7 @@ class Stage:
     """The arm, its motion, and its devices.
 
     Attributes:
-        touched_mm: distance of the ball's centre from that of the touched sphere.
+        touched_mm: distance between the centres of the ball and the touched sphere.
     """
 
     make: Make

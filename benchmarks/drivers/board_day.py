@@ -43,7 +43,7 @@ TICKS_APART = 2
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """What a driver received at the end of an hour, and what the emulator knows.
+    """Counts of a driver and of the emulator at the end of an hour.
 
     Attributes:
         latches: every edge that was received.
@@ -64,7 +64,7 @@ def apart(value: int, other: int, modulus: int) -> int:
 
 
 def errors(edge: Edge, number: int, first: Edge) -> Iterator[str]:
-    """Name what is wrong with an edge, beside the first one."""
+    """Name an edge's faults, with the first edge as the origin of time."""
     yield from (str(report) for report in edge.reports)
     if edge.seqs != list(range(len(edge.seqs))):
         yield "samples are missing"

@@ -48,7 +48,7 @@ class Case:
     """An adapter and a motion.
 
     Attributes:
-        exchange_s: what a request and its reply take.
+        exchange_s: duration of a request and its reply.
         jitter_s: random delay of replies, one in two.
         sway_hz: of a joint's swing at 1 rad/s; 0 for a steady 1 rad/s.
     """

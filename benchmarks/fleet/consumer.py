@@ -22,7 +22,7 @@ MOST_WAITING = 100_000
 
 
 async def consume(port: int, name: str) -> dict[str, object]:
-    """Read until SIGTERM; return what was received."""
+    """Read until SIGTERM; return received messages and counts."""
     had: list[tuple[str, str, str, int, int]] = []
     losses: dict[str, tuple[int, int]] = {}
     n_bytes = 0
@@ -62,7 +62,7 @@ async def consume(port: int, name: str) -> dict[str, object]:
 
 
 def main(port: int, name: str, file: Path) -> None:
-    """Consume until ended, then write what was received."""
+    """Consume until ended, then write the received messages."""
     consumed = asyncio.run(consume(port, name))
     file.write_text(json.dumps(consumed), "utf-8")
 

@@ -25,7 +25,7 @@ N_JOINTS = 7
 
 
 class Publisher:
-    """One arm's connection and what it has sent."""
+    """One arm's connection and counts of its messages."""
 
     def __init__(self, port: int, name: str, rate_hz: float) -> None:
         self.name = name
@@ -39,7 +39,7 @@ class Publisher:
         self._point_due_s = self.due_s
 
     def serve(self) -> None:
-        """Send what is due now."""
+        """Send the messages that are due."""
         self._send("scan", encode(self._block(), "msgpack"))
         self.scan_seq += self._n_block
         if time.monotonic() >= self._point_due_s:

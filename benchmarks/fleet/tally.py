@@ -91,7 +91,7 @@ class Fleet:
         per_consumer: messages that each consumer had.
         broker_share, consumers_share, daemon_share: of one core; a daemon's is the
             mean of one.
-        broker_mb: what the broker's memory grew by.
+        broker_mb: growth of the broker's memory.
         daemon_mb, daemon_own_mb: resident of one daemon, and without shared pages.
     """
 

@@ -1,7 +1,7 @@
 """`make honesty`: a thousand worlds in which nothing unmarked may be wrong.
 
 ``python -m benchmarks.honesty --seed 37 -v`` runs world 37 alone and prints its events;
-without ``-v`` the options are those of all programs of trials.
+without ``-v`` it has the options of all programs of trials.
 """
 
 import argparse

@@ -211,7 +211,7 @@ class ArmTruth:
     """The true arm on its way.
 
     Attributes:
-        nominal: What the arm file says, for the wiring of encoders alone.
+        nominal: As in the arm file, for the wiring of encoders alone.
         course: with the arm's own probe.
         others: with those of the library, by name.
         changes: when another probe was put on, and the course with it.

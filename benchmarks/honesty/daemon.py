@@ -61,7 +61,7 @@ async def to_thread_at_once(
     /,
     *arguments: object,
 ) -> Any:  # noqa: ANN401 - what the work returns
-    """Do what `asyncio.to_thread` does; reading and writing take no virtual time."""
+    """Stand in for `asyncio.to_thread`; reading and writing take no virtual time."""
     return work(*arguments)
 
 
@@ -87,7 +87,7 @@ class DaemonRun:
     """One run of the daemon, from its start to its end.
 
     Args:
-        take_point, take_scan, take_live: Called with what is published.
+        take_point, take_scan, take_live: Called with each published message.
         is_synchronised: Whether the kernel says that a program keeps UTC.
     """
 

@@ -93,12 +93,12 @@ class MountedCounts:
 
     @property
     def is_right(self) -> bool:
-        """The arm file's zeros are those of the encoders."""
+        """The encoders have the arm file's zeros."""
         return not (self.offsets % self.encoders.counts_per_turn).any()
 
 
 class WorldTicks(TickCounter):
-    """The counter of a board whose clock is that of a timeline."""
+    """The counter of a board whose clock follows a timeline."""
 
     timeline: Timeline
     _begin_s: float
@@ -153,7 +153,7 @@ class WorldTextLine(SimulatedTextLine):
         return super()._line(at_s)
 
     def advance(self, to_s: float) -> None:
-        """Print what is due, at periods of its own clock."""
+        """Print the due lines, at periods of its own clock."""
         while self._next_s <= to_s:
             at_s = self._next_s
             shown_s = self.timeline.at(at_s) + self._period_s
@@ -163,7 +163,7 @@ class WorldTextLine(SimulatedTextLine):
 
 
 class WorldMicroscribe(SimulatedMicroscribe):
-    """A MicroScribe whose timer is that of a world."""
+    """A MicroScribe whose timer follows a world."""
 
     timeline = Timeline()
 
@@ -220,7 +220,7 @@ def mount(
     seed: tuple[int, int],
     clock: ScriptClock,
 ) -> MountedDevice:
-    """Make a device and put it on the arm; its ports are what is patched in."""
+    """Make a device and put it on the arm; its ports are patched in."""
     encoders = encoders_of(table, arm, 0.0)
     source = MountedCounts(course, encoders, np.zeros(len(encoders.joints), np.int64))
     context = DeviceContext(

@@ -22,7 +22,7 @@ class DeviceSpec:
         section: Its `[[device]]` in the daemon's.
         ports: Its ports; none on a CAN bus.
         n_joints: How many joints it reads, the next ones from the base.
-        absolute: What the arm file says of them where they are.
+        absolute: The arm file's key where they are.
     """
 
     id: str

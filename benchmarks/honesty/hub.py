@@ -77,7 +77,7 @@ class Hub:
         host: The host's clock over true time; it never runs backwards.
 
     Attributes:
-        ports: What the host finds, by path.
+        ports: The host's devices, by path.
         booted_s: Of the host's clock, when the computer was started last.
         readers_stalled_s: Until when no reader runs.
         loop_stalled_s: Until when the event loop does not run.

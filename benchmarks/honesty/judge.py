@@ -166,7 +166,7 @@ class Judge:
         self._judge(claims, std_mm, utc_offset_ns)
 
     def _judge(self, claims: Claims, std_mm: Floats, utc_offset_ns: int) -> list[Lie]:
-        """Count numbers and lies; return what would be lies but for the pardon."""
+        """Count numbers and lies; return the lies that are pardoned."""
         kind, times_ns, xyz_mm = claims.kind, claims.times_ns, claims.xyz_mm
         ok, flags = claims.ok, claims.flags
         offsets = self._offsets_ns

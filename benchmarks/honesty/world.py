@@ -521,7 +521,7 @@ def _each(cables: list[Cable], act: Any) -> None:  # noqa: ANN401 - a method of 
 
 
 def _restarts(plan: Plan) -> list[tuple[float, float, str]]:
-    """Return when the daemon ends, begins again, and what befalls devices meanwhile."""
+    """Return when the daemon ends and begins again, and a board's change meanwhile."""
     restarts: list[tuple[float, float, str]] = []
     for fault in sorted(plan.faults, key=lambda fault: fault.at_s):
         if fault.kind in ("daemon_restart", "computer_restart"):

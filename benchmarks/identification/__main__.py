@@ -150,7 +150,7 @@ def _shown(method: str, result: dict[str, Any]) -> str:
 
 
 def _distances(geometry: Geometry) -> list[float]:
-    """Distances between random postures: what does not depend on the datum."""
+    """Distances between random postures, which do not depend on the datum."""
     turns_rad = np.random.default_rng(5).uniform(-1.2, 1.2, (40, geometry.n_joints))
     centres_mm = probe_centre(geometry, geometry.zeros_rad + turns_rad)
     distances_mm = np.linalg.norm(centres_mm[::2] - centres_mm[1::2], axis=1)

@@ -1,6 +1,6 @@
 """Large simulated campaigns for timing: one set of poses, drawn again and again.
 
-Postures repeat with other noise, which costs the adjustment what new ones would.
+Postures repeat with other noise, which costs the adjustment as much as new ones.
 """
 
 from dataclasses import dataclass, replace
@@ -82,7 +82,7 @@ def large_campaign(kind: str, n_poses: int, seed: int = 1) -> Campaign:
 
 
 def problem(campaign: Campaign, arm: Arm) -> Problem:
-    """Set up what `identify` adjusts first, with the noise that the campaign states."""
+    """Set up the first adjustment of `identify`, with the campaign's stated noise."""
     geometry = geometry_from_arm(arm)
     parameters = arm_parameters(geometry, campaign.joint_names)
     design = ArmValues(geometry, np.empty(0))

@@ -60,7 +60,7 @@ def distance_errors(
     """Compare predicted distances between random posture pairs with the truth.
 
     Args:
-        result: What was identified.
+        result: The identification.
         poses: Where the true arm and its limits are.
         seed: Of the posture pairs.
         has_scale: Whether the campaign has a length; else shapes are compared.

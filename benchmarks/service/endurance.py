@@ -5,7 +5,7 @@ threads, samples lost. Exit status 1 where memory grew by more than 5 %, descrip
 threads by any, or the daemon lost samples. A run of less than ten minutes compares with
 half its time, one of less than a minute judges losses alone.
 
-The simulated board keeps what the daemon does not read for 1.3 s. Where it drops
+The simulated board keeps unread bytes for 1.3 s. Where it drops
 samples because its own program had not run for a second, on a busy computer, this is
 reported, and is not the daemon's fault.
 """

@@ -128,7 +128,7 @@ def _taken_s(chain: FilterChain, n_points: int) -> tuple[float, int]:
 
 
 async def share_of_core(folder: Path, filters: str, seconds: float) -> str:
-    """Measure the daemon's CPU use while it scans at 10 kHz, and what was received."""
+    """Measure the daemon's CPU use in a scan at 10 kHz; describe both."""
     port = rig.free_port()
     with (
         rig.mosquitto(folder, port),

@@ -3,7 +3,7 @@
 The same daemon throughout: points by command one after the other; then, while a scan
 runs and a client floods the commands as fast as the broker takes them, how late blocks
 of the scan are (commands are dropped then); then points by command again. Medians, and
-what the flood cost the daemon.
+the flood's cost to the daemon.
 """
 
 import contextlib

@@ -160,7 +160,7 @@ class Bench:
 
     Attributes:
         lives: names of the lives of the board so far.
-        witness_store: what the consumer of foreign make keeps.
+        witness_store: file of the consumer of foreign make.
     """
 
     def __init__(self, folder: Path, state: Path, rate_hz: float) -> None:

@@ -89,7 +89,7 @@ class Verdict:
 
     Attributes:
         figures: names to numbers, for the table.
-        faults: what must not be, in words; empty where all is well.
+        faults: sentences; empty where all is well.
     """
 
     figures: dict[str, int]
@@ -124,7 +124,7 @@ def stored(path: Path) -> list[tuple[str, str, int]]:
 def judge(
     folder: Path, outbox: Path, lives: list[str], span: Span, n_other: int = 0
 ) -> Verdict:
-    """Compare what was acknowledged to the operator, stored, and received.
+    """Compare acknowledged, stored and received points.
 
     Args:
         folder: of the crash test.

@@ -38,7 +38,7 @@ class Operator:
         self._running: set[asyncio.Task[None]] = set()
 
     async def work(self, rate_hz: float) -> None:
-        """Request points at a rate, whatever happens to them."""
+        """Request points at a rate, without regard to their fate."""
         connecting = asyncio.create_task(
             self._link.run(self._take, self._requests.link_changed)
         )

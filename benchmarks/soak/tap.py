@@ -107,7 +107,7 @@ def read(line: int) -> bytes:
 
 
 def pass_on(board: int, host: int, edges: Edges, is_board: Callable[[], bool]) -> None:
-    """Pass bytes until the board is gone, or what was opened is not the board."""
+    """Pass bytes until the board is gone, or the opened file is not the board."""
     poll = select.poll()
     for descriptor in (board, host):
         poll.register(descriptor, select.POLLIN)

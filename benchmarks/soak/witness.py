@@ -39,7 +39,7 @@ class Witness:
     """Follows one arm over MQTT 5, for ever.
 
     Args:
-        store: SQLite file of what arrived and of what was promised.
+        store: SQLite file of received and promised messages.
     """
 
     def __init__(self, arm: str, store: Path) -> None:

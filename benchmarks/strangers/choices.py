@@ -55,7 +55,7 @@ def compared(measured: Measured) -> Line:
 
 
 def report(lines: Sequence[Line]) -> list[str]:
-    """List the choices, and what those of the series have in common."""
+    """List the choices, and mean and spread over those across series."""
     text = [f"{line['scenario']}, {line['held_by']}: {line['text']}" for line in lines]
     each = np.array([line["mm"] for line in lines if line["scenario"].endswith(ACROSS)])
     if len(each) > 1:

@@ -128,7 +128,7 @@ def _from_sockets(positions_mm: Floats, numbers: np.ndarray) -> Floats:
 
 
 def _frame(seen_mm: Floats, positions_mm: Floats) -> tuple[Rotation, Floats]:
-    """Rigid motion of the tracker's places onto those of the arm (Kabsch 1976)."""
+    """Rigid motion of the tracker's places onto the arm's (Kabsch 1976)."""
     middle, centre = seen_mm.mean(axis=0), positions_mm.mean(axis=0)
     turn, _ = Rotation.align_vectors(positions_mm - centre, seen_mm - middle)
     return turn, centre - turn.apply(middle)

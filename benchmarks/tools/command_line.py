@@ -12,7 +12,7 @@ def run_main(main: Callable[..., Any]) -> NoReturn:
     """Call a module's function, or coroutine, with the arguments of the command line.
 
     They are positional, each of the type of its parameter; those with defaults may be
-    left out. What it returns is the exit status.
+    left out. It returns the exit status.
     """
     module = inspect.getmodule(main)
     name = (getattr(module, "__spec__", None) or module).name  # type: ignore[union-attr]

@@ -1,6 +1,6 @@
-"""`python -m benchmarks.tools.compare FOLDER`: what got worse since the last release.
+"""`python -m benchmarks.tools.compare FOLDER`: figures worse than the last release's.
 
-FOLDER holds what `make bench` wrote. Every headline figure is a ratio to its peer in
+FOLDER holds the files of `make bench`. Every headline figure is a ratio to its peer in
 the same run: other libraries, a plain loop, a plain script, the board that rests, the
 simulator that sends the stream, a bare interpreter. `--keep` stores them for the next
 release; else they are compared with the stored ones. Worse is what lies by a tenth
@@ -40,7 +40,7 @@ class Figure:
     """A ratio to a peer: median, and where most of the rounds lie.
 
     Attributes:
-        peer: what it is a ratio to.
+        peer: the ratio's denominator.
     """
 
     peer: str
@@ -134,7 +134,7 @@ def _figure(
 
 
 def machine() -> dict[str, str]:
-    """Identify what ratios depend on: the host, its processor, the interpreter."""
+    """Identify the machine: the host, its processor, the interpreter."""
     cpu = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():

@@ -1,6 +1,6 @@
 """`python -m benchmarks.tools.plots FOLDER`: pictures of docs/performance.md.
 
-FOLDER holds what the benchmarks wrote: kinematics.json, path.json, presses.json,
+FOLDER holds files of the benchmarks: kinematics.json, path.json, presses.json,
 press.json. The pictures are written beside them; `make figures` takes them into docs/.
 """
 

@@ -1,4 +1,4 @@
-"""A board that presses its button, and what a program spends on its points."""
+"""A board that presses its button, and a program's CPU time for its points."""
 
 import contextlib
 import os
@@ -24,9 +24,9 @@ def edge_board(
 ) -> Iterator[tuple[Path, "subprocess.Popen[bytes]"]]:
     """Run a board that presses; gives the file to which it writes press times, and it.
 
-    Rates are as those of `benchmarks.tools.edge_board`.
+    Rates are as in `benchmarks.tools.edge_board`.
 
-    What a program kept of an earlier board's points is not sent again.
+    Points that a program kept of an earlier board are not sent again.
     """
     shutil.rmtree(folder / "state", ignore_errors=True)
     shutil.copy(rig.ARM, folder / "arm.toml")
@@ -48,7 +48,7 @@ class Spent:
 
     @classmethod
     def by(cls, pid: int) -> "Spent":
-        """Read that of a running program."""
+        """Read the time of a running program."""
         folder, cpu_ns, switches = Path(f"/proc/{pid}/task"), [], 0
         for number in sorted(os.listdir(folder), key=int):
             words = (folder / number / "schedstat").read_text("ascii").split()
@@ -57,7 +57,7 @@ class Spent:
         return cls(tuple(cpu_ns), switches)
 
     def since(self, before: "Spent") -> "Spent":
-        """Subtract what was spent before; later threads had spent nothing."""
+        """Subtract earlier times; later threads had spent nothing."""
         begun_ns = before.cpu_ns + (0,) * (len(self.cpu_ns) - len(before.cpu_ns))
         spent_ns = tuple(
             now - earlier for now, earlier in zip(self.cpu_ns, begun_ns, strict=True)

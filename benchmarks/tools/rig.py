@@ -145,7 +145,7 @@ def daemon(
         port: of the broker.
         settings: tables of its configuration.
         run: module, and its arguments before the daemon's.
-        arm: that it measures with; else that of the board.
+        arm: replaces the board's.
     """
     if arm is None:
         shutil.copy(ARM, folder / "arm.toml")

@@ -36,8 +36,8 @@ class Task:
     """Something to be timed.
 
     Attributes:
-        n: how many poses, samples or whatever one call deals with.
-        is_peer: another library's, or what a user would write without Traverse.
+        n: poses, samples or the like of one call.
+        is_peer: another library's, or a user's own code without Traverse.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Tasks of one kind and what they took, round by round.
+    """Tasks of one kind and their durations, round by round.
 
     Attributes:
         times_s: for each, the seconds a pose (sample, ...) of every round.

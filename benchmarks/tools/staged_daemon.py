@@ -1,6 +1,6 @@
 """`python -m benchmarks.tools.staged_daemon FILE ...`: the daemon, noting instants.
 
-What follows FILE are arguments of `traverse`. Whenever a point passes one of `STAGES`
+Arguments of `traverse` follow FILE. Whenever a point passes one of `STAGES`
 the monotonic time is noted; at the end FILE has them, a line each: stage, [ns].
 """
 

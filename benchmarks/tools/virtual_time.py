@@ -28,7 +28,7 @@ class Living(Protocol):
     """An inhabitant of virtual time, such as a simulated device."""
 
     def live(self, now_s: float) -> None:
-        """Do what is due."""
+        """Call the due functions."""
 
     def next_due_s(self, block_s: float) -> float:
         """When something is due."""

@@ -52,5 +52,5 @@ def unbroken(lines: Iterable[Line]) -> list[Line]:
 
 
 def outcomes(lines: Iterable[Line], scenario: str) -> list[Any]:
-    """Return what the trials of a scenario have under "outcome"."""
+    """Return "outcome" of the trials of a scenario."""
     return [line["outcome"] for line in unbroken(lines) if line["scenario"] == scenario]

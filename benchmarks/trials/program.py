@@ -170,7 +170,7 @@ def chosen_seeds(
 def _kept(
     path: Path, counts: Sequence[tuple[Series[Any], range]], version: str | None
 ) -> tuple[list[Line], int]:
-    """Read what a file has of some series, and count what other code made.
+    """Read a file's lines of some series, and count those of other code.
 
     Args:
         path: The file.

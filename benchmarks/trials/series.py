@@ -19,7 +19,7 @@ Batch = tuple["Series[Any]", tuple[int, ...]]
 class Series(Generic[Case]):
     """Trials of one scenario.
 
-    Functions and what they are bound to travel to workers: functions of a module, or
+    Functions and their bound arguments travel to workers: functions of a module, or
     `functools.partial` of them.
 
     Attributes:
@@ -29,7 +29,7 @@ class Series(Generic[Case]):
         n: Number of trials where the user does not choose.
         first: The first seed where the user does not choose.
         batch: Trials with consecutive seeds that one worker runs one after another,
-            because they share what is expensive to prepare.
+            because they share an expensive preparation.
     """
 
     scenario: str
@@ -89,7 +89,7 @@ def _died(scenario: str, seed: int, error: WorkerDiedError) -> Line:
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - what JSON can hold
-    """Replace what JSON cannot hold: a NaN is None there, a tuple a list."""
+    """Replace a NaN by None and a tuple by a list, as JSON has neither."""
     if isinstance(value, dict):
         return {key: _plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple):

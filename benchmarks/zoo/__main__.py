@@ -37,7 +37,7 @@ TINY_FILES = 3
 
 @dataclass
 class Tally:
-    """Chains by outcome, the largest difference, and what went wrong."""
+    """Chains by outcome, the largest difference, and errors."""
 
     outcomes: Counter[str] = field(default_factory=Counter)
     largest_mm: float = 0.0
@@ -129,7 +129,7 @@ def _reasons(chain: list[walk.Joint]) -> Iterator[str]:
 
 
 def _holds(chain: list[walk.Joint], rng: np.random.Generator) -> Holds:
-    """Hold what slides, and what mimics a joint elsewhere."""
+    """Hold sliding joints, and those that mimic a joint elsewhere."""
     mm, rad = dict[str, float](), dict[str, float]()
     names = {joint.name for joint in chain}
     for joint in chain:

@@ -1,7 +1,7 @@
 """Forward kinematics of a robot description, written for this benchmark alone.
 
 Shares nothing with Traverse: `xml.etree`, four-by-four matrices in metres, Rodrigues'
-formula. What it does not understand it says.
+formula. It reports elements that it does not understand.
 """
 
 import re

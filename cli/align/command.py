@@ -42,7 +42,7 @@ def align(
         out: Folder for alignment.json and .html.
         send: Have the daemon use it, if no test failed.
         clear: Have the daemon use none from now on.
-        arm_name: To which arm to send; else that of the points.
+        arm_name: The arm to send to; else the points' arm.
     """
     if clear:
         send_command(arm_name, broker, lambda arm: arm.clear_alignment())

@@ -1,4 +1,4 @@
-"""From files to an alignment's values: what `traverse align` computes."""
+"""The computation of `traverse align`: from files to an alignment's values."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -175,7 +175,7 @@ def _touches(
     folder of a campaign that was measured with an arm.
 
     Returns:
-        The touches, and remarks on what their errors share.
+        The touches, and remarks on their common errors.
 
     Raises:
         FileError: A file was refused.

@@ -42,8 +42,8 @@ class MadeArm:
     """An arm that was made of another description.
 
     Attributes:
-        renamed: New names of joints by those of the description.
-        remarks: What was changed, and what can hardly be meant.
+        renamed: New names of joints by their names in the description.
+        remarks: Changes, and implausible values.
     """
 
     arm: Arm

@@ -118,7 +118,7 @@ def check_target(path: Path | None, *, force: bool) -> None:
 
 
 def check_results(folder: Path, arm: Path) -> None:
-    """Refuse what cannot be a folder of results of the arm file, before any work."""
+    """Refuse an impossible folder of results of the arm file, before any work."""
     if folder.exists() and not folder.is_dir():
         refuse(f"--out {folder} is no folder; name one, or one that is yet to be made")
     # os.path: Path.resolve raises RuntimeError where a link leads to itself.

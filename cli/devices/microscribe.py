@@ -99,7 +99,7 @@ def arm_file(
 def _check_names(
     out: Path, config: Path, baud_rate: int | None, device: str, *, force: bool
 ) -> None:
-    """Refuse what could only fail later, before a request to the arm."""
+    """Refuse impossible options before a request to the arm."""
     from traverse.drivers.microscribe.session import BAUD_RATES
 
     if baud_rate is not None and baud_rate not in BAUD_RATES:

@@ -1,4 +1,4 @@
-"""Read what a MicroScribe reports, and make an arm file of it.
+"""Make an arm file of the values that a MicroScribe reports.
 
 Its table has six of Craig's rows, without offsets: theta is the reading. Rows behind
 the last joint with an encoder do not turn and carry the stylus. The base posture is
@@ -119,7 +119,7 @@ def _session(
 def arm_from_microscribe(
     description: MicroscribeDescription, device: str, radius_mm: float
 ) -> Arm:
-    """Make an arm of what a MicroScribe reports; the radius is 0 for a pointed stylus.
+    """Make an arm of a MicroScribe's values; the radius is 0 for a pointed stylus.
 
     Raises:
         FileError: it cannot be such an arm.

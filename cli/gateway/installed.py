@@ -73,7 +73,7 @@ def load_gateway(name: str) -> Gateway:
 
 
 def _command(name: str, gateway: Gateway) -> Callable[..., None]:
-    """Return a command with the options of every gateway, and those of its own."""
+    """Return a command with the common options of gateways and its own."""
 
     def command(
         *,

@@ -122,7 +122,7 @@ async def _converse(
 def _print_rest(
     devices: "TurningDevices", search: "JointSearch", as_json: bool
 ) -> None:
-    """Print what the channels are like at rest."""
+    """Print the noise of the channels at rest."""
     from traverse.cli.joints.search import channel_sentence
 
     for track in devices.tracks:

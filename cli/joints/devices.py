@@ -86,7 +86,7 @@ class TurningDevices:
             refuse(f"not all devices send samples within {ANSWER_S:g} s", UNREACHABLE)
 
     async def read(self, device: Device) -> None:
-        """Take what a device delivers, until cancelled."""
+        """Take a device's samples until cancelled."""
         name = device.section.id
         while True:
             for delivery in await device.delivery_queue.take():

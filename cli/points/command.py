@@ -1,4 +1,4 @@
-"""`traverse points`: what a daemon keeps on its disk."""
+"""`traverse points`: the points on a daemon's disk."""
 
 import json
 import sys

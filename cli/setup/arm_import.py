@@ -43,7 +43,7 @@ def import_arm(
         device: Of the encoders.
 
     Returns:
-        The file, and remarks: what was changed, and what can hardly be meant.
+        The file, and remarks: changes, and implausible values.
 
     Raises:
         ValueError: The upload or a field cannot be used; says why.

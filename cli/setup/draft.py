@@ -23,7 +23,7 @@ class Draft:
         path: Of the file, which may be missing.
 
     Attributes:
-        text: What `write` would write.
+        text: As `write` would write it.
 
     Raises:
         FileError: The file is no TOML.

@@ -24,7 +24,7 @@ TURNED, LEAVE_OUT, END = "It is turned", "Leave it out", "End"
 
 
 class JointsPanel:
-    """Prompts for one joint after the other, and shows what each channel does."""
+    """Prompts for one joint after the other, and shows the channels' motions."""
 
     def __init__(self, draft: Draft, say: Say) -> None:
         self._draft = draft

@@ -110,7 +110,7 @@ class Follower:
         return False
 
     async def shared_errors(self, ids: Sequence[str]) -> Mapping[str, Floats] | str:
-        """Return what points share by the arm, by id, or why that is not known."""
+        """Return the points' common errors by id, or why they are unknown."""
         shared: dict[str, Floats] = {}
         for start in range(0, len(ids), MOST_ASKED):
             requested = ids[start : start + MOST_ASKED]

@@ -223,7 +223,7 @@ class InspectionDesk:
         """Compute all results anew if something has changed.
 
         Args:
-            share: asks the arm what points share, or says why that is not known.
+            share: asks the arm for the points' common errors; else says why not.
 
         Returns:
             Whether there are new results.

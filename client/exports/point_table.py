@@ -179,7 +179,7 @@ class Sink(ABC):
 
     Attributes:
         in_doubt: number of those in doubt.
-        lacks: what the format cannot carry, for people; may be empty.
+        lacks: properties that the format cannot carry, for people; may be empty.
     """
 
     lacks: str = ""

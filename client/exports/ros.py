@@ -6,7 +6,7 @@
     /traverse/scan                   sensor_msgs/PointCloud2
 
 Messages have no place for a quality: what is in doubt has topics of its own, below
-/traverse/doubtful. Definitions are those of ROS 2's common interfaces.
+/traverse/doubtful. Definitions are from ROS 2's common interfaces.
 """
 
 from collections.abc import Mapping, Sequence
@@ -82,7 +82,7 @@ uint32 count{_HEADER}""",
 
 
 class Ros2(Sink):
-    """Messages with the instants of measurement; the frame is that of the arm."""
+    """Messages with the instants of measurement; the frame is the arm's."""
 
     lacks = "ids, labels and sessions of points"
 

@@ -197,7 +197,7 @@ class Template(Sink):
     """Lines of a template, as a keyboard wedge would type them.
 
     Args:
-        coordinates: those of `{x}`, `{y}` and `{z}`.
+        coordinates: of `{x}`, `{y}` and `{z}`.
         template: see `LineTemplate`.
 
     Raises:

@@ -31,7 +31,7 @@ class LineForm:
 
     Args:
         undo: of a retraction's line, or None.
-        coordinates: those of x, y and z.
+        coordinates: of x, y and z.
         unit: their unit, of `UNITS_MM`.
         sends_doubtful: a point in doubt is sent, even if its line does not say so.
 

@@ -61,7 +61,7 @@ class _Listener(ServerListener):
 class LiveServer:
     """Shows one arm to viewers; use with `async with`.
 
-    Topics `point`, `pose`, `cloud`, `log` are those of a recording, with its schemas;
+    Topics `point`, `pose`, `cloud`, `log` are as in a recording, with its schemas;
     `arm` and `points` are scenes, `joints` the readings, `tf` the ball's frame,
     `status` and `health` the messages themselves. A viewer that reads too slowly loses
     the oldest of `BACKLOG` messages.
@@ -157,7 +157,7 @@ class LiveServer:
             await asyncio.to_thread(self._server.stop)
 
     async def serve(self) -> None:
-        """Show what arrives until the arm's client is closed."""
+        """Show messages until the arm's client is closed."""
         await run_together(
             *(self._show_points(), self._show_arm(), self._show_scans()),
             *(self._show_events(), self._show_state(), self._repeat()),

@@ -145,7 +145,7 @@ class OpcUaServer:
         await self._server.stop()
 
     async def serve(self) -> None:
-        """Serve what arrives until the arm's client is closed."""
+        """Serve messages until the arm's client is closed."""
         await run_together(
             self._serve_points(), self._serve_pose(), self._serve_state()
         )

@@ -112,7 +112,7 @@ class LockedOutlet(Outlet):
 
     @abstractmethod
     def _opened(self) -> object:
-        """Return what is written to, opened if it is not; for another thread.
+        """Return the open stream, opened if it is not; for another thread.
 
         Raises:
             OSError: it cannot be opened; EBUSY: another program uses it.
@@ -224,7 +224,7 @@ class UdpOutlet(Outlet, asyncio.DatagramProtocol):
     """Send a datagram a line.
 
     Args:
-        report: called with what happens.
+        report: called with each event.
     """
 
     promise = "a line was sent; UDP confirms nothing, and may lose it"

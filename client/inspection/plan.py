@@ -140,12 +140,12 @@ class Plan(StrictModel):
     """A plan, `features.toml`.
 
     Attributes:
-        part: What is inspected.
+        part: Its name.
         serial: Serial number of the part.
         operator: Who measured.
         ball_radius_std_mm: Standard uncertainty of the ball's radius.
         part_temperature: Of the part, and its expansion.
-        features: Planes before what lies in them.
+        features: Planes before the features in them.
         relations: In their order.
     """
 

@@ -56,10 +56,10 @@ def inspected(
 
     Args:
         plan: with features, relations, tolerances.
-        points: not retracted; those of no feature are left out.
-        shared_mm: factors S of what points share by the arm, (3, rank), by their ids;
+        points: not retracted; points of no feature are left out.
+        shared_mm: factors S of common errors by the arm, (3, rank), by points' ids;
             or why they are not known.
-        alignment: into the part's system; None: that of the points, if they have one.
+        alignment: into the part's system; None: the points', if they have one.
     """
     assigned = assigned_points(plan, points)
     measured = _measured(plan, assigned, shared_mm, alignment)
@@ -249,7 +249,7 @@ def _material(point: Point) -> Floats:
 
 
 def left_out(plan: Plan, *, is_of_part: bool) -> Iterator[str]:
-    """Say what U leaves out, and what to state so that figures are judged."""
+    """Say which errors U leaves out, and which to state so that figures are judged."""
     if plan.ball_radius_std_mm is None:
         yield (
             "U leaves out the ball's radius: state its standard uncertainty "

@@ -73,8 +73,8 @@ class Inspection:
         system: "part" where all points have coordinates of one alignment, else "arm".
         last_ns: time of the last point [UTC]; 0 without points.
         uncertainty_unknown: why there is no U; empty where there is.
-        left_out: what U leaves out, with the remedy; figures that depend on it are
-            not judged.
+        left_out: errors that U leaves out, with the remedy; figures that depend on
+            them are not judged.
     """
 
     part: str

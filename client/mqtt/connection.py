@@ -1,6 +1,6 @@
 """One connection to a broker: messages are handed over as they are read.
 
-Every message is passed to a function at once; those of quality of service 1 are
+Every message is passed to a function at once; messages of quality of service 1 are
 acknowledged by that function, or by a later caller: a broker stops sending when too
 many wait for that.
 """

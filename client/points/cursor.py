@@ -56,9 +56,9 @@ def write_cursor(path: Path, arm: str, place: dict[str, int]) -> None:
 def held_cursor(path: Path) -> Iterator[None]:
     """Hold a cursor's file for one consumer within the block.
 
-    The place of another one would leave out what this one still lacks. The file is
-    replaced at each change, so that a file beside it is locked, which is there only
-    meanwhile.
+    The place of another one would leave out points that this one still lacks. The
+    file is replaced at each change, so that a file beside it is locked, which is there
+    only meanwhile.
 
     Raises:
         OSError: another program holds it, or no file can be made there.

@@ -1,4 +1,4 @@
-"""Write a Debian package's copyright file: licences of Traverse and of what it brings.
+"""Write a Debian package's copyright file: licences of Traverse and of its contents.
 
 Each distribution below its root states its licence in its metadata; texts are copied.
 Ends with status 1 if one states none.

@@ -3,7 +3,7 @@
 The navigation is the map in index.md: its headings and the links in its lists. Pages
 link to files beside docs/ (the changelog, examples to copy) by their place in the
 checkout; the site has those in checkout/, and links are turned there. Each section of a
-command in reference/commands.md begins and ends with what its --help says.
+command in reference/commands.md begins and ends with its --help.
 """
 
 import html
@@ -77,7 +77,7 @@ def site_path(target: Path) -> str:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add what pages link to beside docs/."""
+    """Add the files beside docs/ that pages link to."""
     waiting = [Path(str(file.abs_src_path)) for file in files.documentation_pages()]
     known = set(waiting)
     while waiting:
@@ -121,7 +121,7 @@ def on_page_markdown(
 
 
 def with_its_help(section: re.Match[str]) -> str:
-    """A command's section with what --help says: what it does, arguments, options."""
+    """A command's section with its --help: purpose, arguments, options."""
     command: Any = typer.main.get_command(app)
     for word in section["words"].split():
         command = command.commands[word]

@@ -75,7 +75,7 @@ class CountSamples:
         fractions: (n, n_channels), to be added to ``counts``; None for 0. Only
             interpolated samples have them.
         skew_bound_ns: (n, n_channels) int32, error of each channel's time; None, or
-            0: that of the block.
+            0: the block's.
         time_bound_ns: error of the times by the present state of the device's clock;
             0: as `Identity.jitter_ns` states.
     """
@@ -295,7 +295,7 @@ Delivery = (
 
 
 class DeviceError(Exception):
-    """A device failed; states what was expected and what to do."""
+    """A device failed; states the expectation and a remedy."""
 
     def __init__(self, text: str, remedy: str) -> None:
         super().__init__(text)

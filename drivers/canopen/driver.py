@@ -192,7 +192,7 @@ class CanOpenDriver(Driver):
                 break
 
     def _read(self, limit_s: float) -> int:
-        """Process what arrives within a time; return the number of frames."""
+        """Process the frames of a time; return their number."""
         if self._bus is None:
             return 0
         cycles = None if self._supervisor is None else self._supervisor.cycles

@@ -135,7 +135,7 @@ class SyncScheduler:
 
         Args:
             cycles: notified; know whether answers are awaited.
-            read_out: reads what has arrived: it belongs to the SYNC before.
+            read_out: reads frames that have arrived: they belong to the SYNC before.
 
         Raises:
             DeviceError: the bus does not take it.

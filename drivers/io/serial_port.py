@@ -34,7 +34,7 @@ class SerialPort:
 
     Attributes:
         latency_ns: how long an adapter and the host may hold every byte back.
-        byte_ns: what a byte takes on the line; 0 where there is none.
+        byte_ns: duration of a byte on the line; 0 where there is none.
 
     Raises:
         DeviceNotFoundError: it is missing, in use, or not permitted.

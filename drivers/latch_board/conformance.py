@@ -51,7 +51,7 @@ class BoardTester:
         port: open port of the board.
         press_s: how long an operator has for a press and for its release; None: edges
             are not tested.
-        ask: tells the operator what to do.
+        ask: prompts the operator.
     """
 
     def __init__(

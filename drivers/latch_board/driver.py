@@ -168,7 +168,7 @@ class LatchBoardDriver(Driver):
         return clock
 
     def _counts_anew(self, clock: DeviceClock) -> bool:
-        """Whether a board has lost power by its counter, whatever its boot_id.
+        """Whether a board has lost power by its counter, not by its boot_id.
 
         Firmware without a source of chance may have the same one each time.
         """

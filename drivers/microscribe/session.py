@@ -248,7 +248,7 @@ class MicroscribeSession:
         return sample, implausible
 
     def doubts(self, now_ns: int) -> int:
-        """Return what marks all readings now, bits ``STATUS_*``."""
+        """Return the current marks of all readings, bits ``STATUS_*``."""
         return max(channel.status(now_ns) for channel in self.channels)
 
     def _n_spoilt_bytes(self) -> int:

@@ -167,7 +167,7 @@ class PolledChannel:
             self._doubted_until_ns = now_ns + DAMAGE_NS
 
     def status(self, now_ns: int) -> int:
-        """Return what marks its readings now, bits ``STATUS_*``."""
+        """Return the current marks of its readings, bits ``STATUS_*``."""
         return STATUS_WARNING if now_ns < self._doubted_until_ns else 0
 
     def reset(self) -> None:

@@ -105,7 +105,7 @@ class PolledDriver(Driver, Generic[LineT]):
         """Open the ports; return the device's name and channels.
 
         Raises:
-            DeviceError: it is not there, or not what was configured.
+            DeviceError: it is missing, or not as configured.
         """
 
     @abstractmethod
@@ -246,7 +246,7 @@ class PolledDriver(Driver, Generic[LineT]):
         ]
 
     def _doubts(self) -> int:
-        """Return what marks readings now, bits ``STATUS_*``."""
+        """Return the current marks of readings, bits ``STATUS_*``."""
         now_ns = self._now_ns()
         return max((channel.status(now_ns) for channel in self._channels), default=0)
 

@@ -34,7 +34,7 @@ class RlsOptions(PolledOptions):
     """Options of the driver `rls`; channel i is the encoder on ``ports[i]``.
 
     In the mode "continuous" the encoders answer by themselves, every ``period_us``.
-    ``detailed`` reads what an encoder complains of; 0 as period reads no
+    ``detailed`` reads an encoder's complaints; 0 as period reads no
     temperature.
     """
 

@@ -1,1 +1,1 @@
-"""A device's clock and sequence numbers, mapped to those of the host."""
+"""A device's clock and sequence numbers, mapped to the host's."""

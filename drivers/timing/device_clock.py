@@ -196,7 +196,7 @@ class DeviceClock:
         return self._bound_ns() + self._grain_ns
 
     def _late_by_ns(self, exchange: _Exchange) -> float:
-        """Bound the same by an exchange, and what the rate leaves open since then."""
+        """Bound the same by an exchange and the rate's uncertainty since then."""
         last = self._last or 0
         passed_ns = abs(last - exchange.ticks) * self._ns_per_tick
         open_ns = FRAME_MARGIN * self._grain_ns + BEND_MARGIN * self._line_bound_ns

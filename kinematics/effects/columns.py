@@ -8,7 +8,7 @@ With Q_k, a_k = Q_k u_k and rho_k = x - o_k of the deflected arm, an amount move
     contact    the shift itself               base     b
     moment     what yields to its weight
 
-and a column is that of the unit amount. The last body is turned by the same without
+and a column is for the unit amount. The last body is turned by the same without
 levers: - a_k d_alpha, a_k e, Q_(k-1) w and m. Left out is how the mechanical effects
 change with the corrections of the readings, and how small turns about one joint
 combine: both are of the second order, some 1e-4 of a column at amplitudes of 1e-4 rad.

@@ -34,7 +34,7 @@ _WHOLE = (Target.MOUNT, Target.BASE)
 
 @dataclass(frozen=True, eq=False)
 class Deflection:
-    """Where the bodies are; without slots, so that derivatives share what they use.
+    """Where the bodies are; without slots, so that derivatives share cached values.
 
     Attributes:
         rotations: Q_1 ... Q_n, (4, n_joints, n_samples).
@@ -55,7 +55,7 @@ class Deflection:
 
     @cached_property
     def carriers(self) -> Floats:
-        """Q_0 ... Q_(n-1), what carries each joint, (4, n_joints, n_samples)."""
+        """Q_0 ... Q_(n-1), the joints' carriers, (4, n_joints, n_samples)."""
         before = np.zeros_like(self.rotations)
         before[:, 1:] = self.rotations[:, :-1]
         if self.mount is None:

@@ -1,9 +1,8 @@
 """Features from touches: elements compensated by the side touched, and their errors.
 
 All features of a part are functions of the same touches, whose joint covariance has
-what the touches share of the arm. Each keeps its derivatives W by all touches, so that
-whatever is made of several features has the right uncertainty, also where two of them
-share touches.
+their common errors by the arm. Each keeps its derivatives W by all touches, so that
+values of several features have the right uncertainty, also where two share touches.
 
 What the stated noise does not explain is form, or worse: with residuals r of a fit, R
 its projector, C the stated covariance of the distances and nu the redundancy,
@@ -93,7 +92,7 @@ class Features:
 
     Attributes:
         elements: by name, their derivatives by all touches.
-        errors: of all touches, with what the fits found beyond the stated noise.
+        errors: of all touches, with errors that fits found beyond the stated noise.
         problems: why others could not be computed, by name.
     """
 
@@ -227,7 +226,7 @@ def _with_form(errors: JointCovariance, fits: list[Fit]) -> JointCovariance:
 def _with_tip(
     errors: JointCovariance, fits: list[Fit], tip_std_mm: float
 ) -> JointCovariance:
-    """Add the error of the ball's radius to what touches share."""
+    """Add the error of the ball's radius to the common errors of touches."""
     ways = np.zeros((len(errors.points_mm), 3, 1))
     for fit in fits:
         np.add.at(ways[..., 0], fit.rows, fit.by_tip[:, np.newaxis] * fit.normals)

@@ -286,7 +286,7 @@ class Reliability:
         seen_per_mm2: Eigenvalues of B, the least first, (n, 3); 0 where an error in
             that direction cannot be revealed by any test.
         directions: Of these, as rows, (n, 3, 3).
-        moves: Q J' P, what an error of a point does to xi, (n, p, 3).
+        moves: Q J' P, changes of xi by an error of a point, (n, p, 3).
     """
 
     shares: Floats

@@ -175,7 +175,7 @@ def _best_quaternion(moments: Floats) -> Floats:
 
 
 def mirrored_share(from_mm: Floats, to_mm: Floats) -> float:
-    """Compare the fit with that of the mirror image.
+    """Compare the fit with the mirror image's.
 
     Returns:
         Sum of squares of the best mirrored fit over that of the best proper one: far

@@ -1,4 +1,4 @@
-"""An arm file's values from a geometry and what each joint carries."""
+"""An arm file's values from a geometry and the bodies on each joint."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class JointParts:
         absolute: Whether its count is right again after a loss of power; None: not
             known, so that the daemon asks for a confirmation after each start.
         body: Mass and its centre from the joint's origin in the base posture.
-        mimic: What it follows, without an encoder.
+        mimic: The joint that it follows, without an encoder.
     """
 
     name: str

@@ -90,7 +90,7 @@ class NearestTable:
 def geometry_from_dh(table: DHTable, base_posture_rad: Floats) -> Geometry:
     """Write a table as the geometry of an arm.
 
-    A joint's origin is that of the frame behind `before`: the foot of the common
+    A joint has the origin of the frame behind `before`: the foot of the common
     normal from the hinge before.
 
     Args:

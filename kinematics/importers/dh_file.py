@@ -98,7 +98,7 @@ class Column:
 
 
 def columns_of(keys: Iterable[str], units: Units) -> tuple[dict[str, Column], Wrong]:
-    """Return what each key of a row, or of a header, holds."""
+    """Map the keys of a row, or of a header, to their columns."""
     columns: dict[str, Column] = {}
     wrong: Wrong = []
     header_of: dict[str, str] = {}
@@ -129,7 +129,7 @@ def row_of(
 
     Args:
         values: Value of each key; one that is None counts as absent.
-        columns: What the keys hold; other keys are passed over.
+        columns: By the keys; other keys are passed over.
 
     Returns:
         The row, nothing if anything is wrong; and all that is.

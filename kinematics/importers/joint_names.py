@@ -1,4 +1,4 @@
-"""Names of joints as an arm file may have them, from those of other programs."""
+"""Names of joints for an arm file, from other programs' names."""
 
 import re
 import unicodedata
@@ -11,7 +11,7 @@ from traverse.strict_toml.problems import shown, unknown_name_message
 def names_for_arm(
     names: Sequence[str], renames: Mapping[str, str]
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Map names of joints to those of an arm file.
+    """Map names of joints to names for an arm file.
 
     A name that an arm file may have stays. Of others letters lose their accents, any
     other characters become `_`; what is left of no letter is J1, J2, ... by its place.

@@ -44,7 +44,7 @@ class ChainJoint:
     Attributes:
         origin: Transform from the child's frame to the parent's, not turned, (4, 4).
         axis: In the child's frame, any length > 0, (3,); nothing for a fixed joint.
-        bodies: What the child carries, in the child's frame.
+        bodies: On the child, in the child's frame.
         mimic: Of a turning joint that follows another one of the chain.
     """
 
@@ -64,7 +64,7 @@ class ChainArm:
         names: Of the turning joints, (n_joints).
         bodies: What each joint carries as one body, from the joint's origin in the base
             posture; empty if the description has no mass, (n_joints).
-        mimics: What each joint follows, (n_joints).
+        mimics: The joint that each one follows, (n_joints).
     """
 
     geometry: Geometry

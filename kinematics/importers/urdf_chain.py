@@ -50,11 +50,11 @@ def chain_of(
     Args:
         robot: As described.
         root: Link of the arm's base; the only root if None.
-        tip: What carries the probe; the only end if None.
+        tip: The link that carries the probe; the only end if None.
         holds: Joints that count as fixed.
 
     Raises:
-        FileError: There is not one such chain, or it is no arm's; says what to choose.
+        FileError: There is not one such chain, or it is no arm's; names the choices.
     """
     robot = _held(robot, holds or Holds())
     path = _path(robot, root, tip)
@@ -232,7 +232,7 @@ def _joint_problems(joint: UrdfJoint, free: Sequence[str]) -> Iterator[Problem]:
 def _bodies(
     robot: Robot, link: str, fixed: Mapping[str, list[UrdfJoint]]
 ) -> Iterator[Body]:
-    """Return what a link carries, with all that is fixed to it beside the chain."""
+    """Return a link's bodies, with all that is fixed to it beside the chain."""
     pending = [(link, np.eye(4))]
     while pending:
         name, pose = pending.pop()

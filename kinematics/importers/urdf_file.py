@@ -75,7 +75,7 @@ class Robot:
 
     Attributes:
         links: Every link's body, if it has a mass.
-        joint_of_child: What carries each link but the root.
+        joint_of_child: The joint that carries each link but the root.
     """
 
     name: str

@@ -25,7 +25,7 @@ _AT_REST = {Covariate.TEMPERATURE, Covariate.SPEED, Covariate.APPROACH}
 
 
 def urdf_report(arm: Arm, postures: int, seed: int) -> tuple[dict[str, Any], str]:
-    """Write an arm as a robot description and measure what is lost at the probe.
+    """Write an arm as a robot description and measure its errors at the probe.
 
     A joint's value in the description is the joint's reading. Frames are those of the
     arm, turned with the joints; the link `probe` is at the ball's centre with z along
@@ -76,7 +76,7 @@ def urdf_report(arm: Arm, postures: int, seed: int) -> tuple[dict[str, Any], str
 
 
 def urdf_remarks(report: Mapping[str, Any]) -> Iterator[str]:
-    """Describe what a robot description leaves out in lines of text."""
+    """Describe effects that a robot description leaves out in lines of text."""
     loss = report["loss_mm"]
     yield (
         f"lost at the probe over {loss['postures']} random postures (seed "

@@ -1,6 +1,6 @@
 """Turning vectors about the joints from the tip inwards, by NumPy and in place.
 
-With t = tan(theta / 2), of which one call of NumPy costs less than those of sine and
+With t = tan(theta / 2), of which one call of NumPy costs less than calls of sine and
 cosine, and without dividing by what may vanish,
 
     cos theta = 2 / (1 + t^2) - 1        sin theta = 2 t / (1 + t^2)
@@ -20,7 +20,7 @@ class JointRotations:
 
     Args:
         angles_rad: Readings, (n_samples, n_joints).
-        zeros_rad: What is taken from them, (n_joints,).
+        zeros_rad: Subtracted from them, (n_joints,).
 
     Attributes:
         sines: (n_joints, n_samples).

@@ -88,7 +88,7 @@ def turn_derivatives(
 
     Returns:
         Small turns by readings, rad/rad, (n_samples, 3, n_joints), and by axes, rad,
-        (n_samples, 3, n_joints, 3), indexed as those of the ball's centre.
+        (n_samples, 3, n_joints, 3), indexed as for the ball's centre.
     """
     rotations = derivatives.by_links.swapaxes(1, 2)
     by_hinges = np.einsum("nkij,kj->nik", rotations, geometry.axes)

@@ -100,7 +100,7 @@ def read_arm_covariance(
         digest: Of the file, as stated in the arm file; None without.
 
     Raises:
-        ValueError: The file is missing, damaged, or of another arm; says what to do.
+        ValueError: The file is missing, damaged, or of another arm; names the remedy.
     """
     try:
         data = bytes_of(path)
@@ -146,7 +146,7 @@ def read_parameter_covariance(
         path: of the arm file, which names the file of the covariance.
         arm: as read.
         effects: all in the arm file.
-        inline_effects: those of poses.
+        inline_effects: of poses.
 
     Returns:
         The covariance; None if the arm file names none.

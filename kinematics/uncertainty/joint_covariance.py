@@ -51,7 +51,7 @@ class JointCovariance:
     Attributes:
         points_mm: (n_points, 3).
         covariances_mm2: Of each by itself, (n_points, 3, 3).
-        shared_mm: Factors S of what the arm contributes, (n_points, 3, rank).
+        shared_mm: Factors S of the arm's contribution, (n_points, 3, rank).
     """
 
     points_mm: Floats

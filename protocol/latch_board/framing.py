@@ -1,8 +1,8 @@
 """COBS frames with a CRC: the line discipline of docs/serial-protocol.md, section 1.
 
-A frame is ``COBS(body || crc) || 00``. `FrameSplitter` is fed with whatever a read
-returned; its output and its counters depend on the bytes only, never on how they
-were cut into reads. What it keeps between reads is at most one frame long.
+A frame is ``COBS(body || crc) || 00``. `FrameSplitter` is fed with the bytes of each
+read; its output and its counters depend on the bytes only, never on how they were cut
+into reads. It keeps at most one frame between reads.
 """
 
 from binascii import crc_hqx

@@ -1,6 +1,6 @@
 """Messages of a latching board: requests to bytes, bodies of frames to values.
 
-Numbers and layouts are those of docs/serial-protocol.md, sections 3 and 4. A parser
+Numbers and layouts are from docs/serial-protocol.md, sections 3 and 4. A parser
 returns None where the length is wrong. Bodies of timed samples that follow one another
 become one block.
 """
@@ -84,7 +84,7 @@ class SampleBlock:
     """Timed samples of one stream, in the order received.
 
     Attributes:
-        request: that of the START which began the stream.
+        request: of the START which began the stream.
         seq: (n,) uint32, ticks: (n,) uint32 at the latch, inputs: (n,) uint8 bits,
         counts: (n, n_channels) uint32, status: (n, n_channels) uint8 bits.
     """

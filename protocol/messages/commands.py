@@ -34,7 +34,7 @@ COMMANDS: dict[str, "type[Args]"] = {}
 
 
 class Args(Value):
-    """Arguments of one command; what each key means stands beside it."""
+    """Arguments of one command; the meaning of each key stands beside it."""
 
     model_config = ConfigDict(defer_build=True)  # most are never sent to a daemon
 
@@ -106,7 +106,7 @@ class UndoArgs(Args):
 
 
 class LabelArgs(Args, Label):
-    """Set what the next points are taken on; both null ends it."""
+    """Set the artefact and feature of the next points; both null ends it."""
 
     command = "label"
     is_repeatable = True
@@ -277,7 +277,7 @@ class Command(Message):
 
     @classmethod
     def carrying(cls, args: Args, request: str, expires: Expiry | None = None) -> Self:
-        """The envelope around typed arguments; what is left out stays out."""
+        """The envelope around typed arguments; omitted keys stay out."""
         values = args.model_dump(exclude_unset=True)
         return cls(request=request, args=values, expires=expires)
 

@@ -86,7 +86,7 @@ def schema_field(schema: _Schema) -> _Schema:
 
 
 class Message(Value):
-    """What one payload holds; every one begins with its `schema`."""
+    """The content of one payload; every one begins with its `schema`."""
 
     schema_: str = Field(alias="schema", description=SCHEMA_MEANING)
 

@@ -28,7 +28,7 @@ Covariance = tuple[float, float, float, float, float, float]
 
 
 class Label(Value):
-    """What a point was taken on, as in a campaign's poses."""
+    """The artefact and feature of a point, as in a campaign's poses."""
 
     artefact: Name | None = None
     """Identifier of the artefact; null: not stated."""
@@ -98,7 +98,7 @@ class Point(Message):
     def retraction(
         self, *, seq: int, point_id: str, trigger: Trigger, time_ns: int
     ) -> Self:
-        """The message that takes this point back; it repeats what was measured."""
+        """The message that takes this point back; it repeats the measurement."""
         fields: dict[str, object] = {
             **dict(self),
             "seq": seq,

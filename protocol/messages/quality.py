@@ -89,7 +89,7 @@ def flag_names(bits: int) -> tuple[str, ...]:
 
 
 class Quality(Value):
-    """Whether a measurement may be trusted, and what there is to say about it."""
+    """Whether a measurement may be trusted, and reasons for doubt."""
 
     ok: bool
     """False if any flag other than a remark is set: the accuracy is in doubt."""

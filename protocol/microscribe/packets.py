@@ -67,7 +67,7 @@ class PacketDecoder:
     """Finds packets in a stream of bytes; keeps less than one of them.
 
     Attributes:
-        faults: what else arrived, by name: "broken" packets that another one cut short,
+        faults: other bytes, by name: "broken" packets that another one cut short,
             "foreign" ones without a request, "stray" bytes outside of packets.
     """
 

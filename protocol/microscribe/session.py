@@ -87,7 +87,7 @@ def text_reply(command: int, data: bytes) -> str | None:
 
 
 def plain_text(data: bytes) -> str:
-    """A text of the arm without what cannot be shown."""
+    """A text of the arm without unprintable characters."""
     text = data[:LONGEST_TEXT].decode("latin-1")
     return "".join(c for c in text if c.isprintable()).strip()
 

@@ -55,7 +55,7 @@ class TrueArm:
 
     Attributes:
         zeros_rad: (n_joints,) readings in the base posture.
-        gearing: (n_joints, n_joints) turns of the hinges by those of the encoders.
+        gearing: (n_joints, n_joints) turns of the hinges by turns of the encoders.
         switching: the probe has a switch.
     """
 

@@ -37,10 +37,10 @@ def draw_noise(
 ) -> SimulatedCampaign:
     """Draw the errors of readings, contacts and certificates.
 
-    The true lengths of standards are those of the specification; the campaign states
+    The true lengths of standards are from the specification; the campaign states
     them with errors, so that the same poses serve for any number of draws.
 
-    Equal seeds give equal errors; ``noise`` replaces that of the specification.
+    Equal seeds give equal errors; ``noise`` replaces the specification's.
     """
     noise = poses.spec.noise if noise is None else noise
     n_joints = poses.truth.mechanism.n_joints
@@ -129,7 +129,7 @@ def _measured_orientations(
 ) -> tuple[Floats, Floats] | tuple[None, None]:
     """Return the probe's mounting (3, 3), and measured orientations (n, 4).
 
-    The axes of the system of stated points are those of the instrument. Errors turn the
+    The system of stated points has the axes of the instrument. Errors turn the
     probe about its own axes, beside others, (n, 3).
     """
     measured = oriented_poses(poses)

@@ -148,7 +148,7 @@ def workspace_of(
     travel: str,
     limits_rad: Sequence[tuple[float, float]] | None = None,
 ) -> Workspace:
-    """Use given limits, or those of a named travel."""
+    """Use given limits, or a named travel's."""
     if limits_rad is None:
         return Workspace(mechanism, travel_limits(mechanism, travel))
     return Workspace(mechanism, np.array(limits_rad, dtype=np.float64))

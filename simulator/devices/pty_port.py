@@ -140,7 +140,7 @@ class PtyPort:
         return n_dropped
 
     def drain(self, most_s: float) -> None:
-        """Send what waits, and wait up to a time for the host to take it."""
+        """Send waiting bytes, and wait up to a time for the host to take them."""
         until_s = time.monotonic() + most_s
         while (
             self._waiting and self._held and (left_s := until_s - time.monotonic()) > 0

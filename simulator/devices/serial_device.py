@@ -76,7 +76,7 @@ class SerialDevice(SimulatedDevice):
         return float("inf")
 
     def lose_host(self, line: int) -> None:
-        """Drop what was begun: the host opened or closed the line."""
+        """Drop unfinished requests: the host opened or closed the line."""
         del line  # most devices have nothing to drop
 
     @property
@@ -114,7 +114,7 @@ class SerialDevice(SimulatedDevice):
         counts: NDArray[np.uint32],
         status: NDArray[np.uint8],
     ) -> None:
-        """Note changes of inputs until an instant, with what shows them first."""
+        """Note changes of inputs until an instant, with the first reading of each."""
         while (change := self.wiring.peek_change()) and change.time_s <= at_s:
             self.wiring.take_change()
             if not isinstance(change, InputChange):

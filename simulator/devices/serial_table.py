@@ -17,7 +17,7 @@ class SerialTable(DeviceTable):
         request_delay_s: added by an adapter from the host.
         reply_delay_s: added by an adapter to the host.
         turnaround_s: from the end of a request to the begin of its answer.
-        echo: the host receives what it sends.
+        echo: the host receives its own bytes.
     """
 
     FAULTS: ClassVar[frozenset[str]] = frozenset(

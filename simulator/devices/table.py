@@ -85,7 +85,7 @@ class DeviceTable(KindTable):
         """Report mismatches with the arm file's encoders on this device.
 
         Yields:
-            A key of the table and what is wrong with it.
+            A key of the table and its fault.
         """
         del counts_per_turn
         yield from ()

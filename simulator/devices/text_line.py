@@ -1,6 +1,6 @@
 """A board that prints a line of text for each reading of all joints.
 
-Forms of lines, written from what firmware of open arms prints:
+Forms of lines, written from output of open arms' firmware:
 
 - ``toy-department``: "POS,<ms>,<x>,<y>,<z>,<deg>,..." once "START" was received; the
   coordinates are 0 here.
@@ -74,7 +74,7 @@ class SimulatedTextLine(SerialDevice):
             self.say(0, b"ERROR,Unknown command: " + command + b"\r\n", at_s)
 
     def advance(self, to_s: float) -> None:
-        """Print what is due; begin anew after a reset."""
+        """Print the due lines; begin anew after a reset."""
         while self._next_s <= to_s:
             at_s = self._next_s
             self._next_s = at_s + self._period_s

@@ -74,7 +74,7 @@ class Build:
         gravity_m_s2: (3,)
         first_moments_kg_m: (n_joints, 3) besides those masses: mass times distance
             from the joint's origin, of the element and all beyond it.
-        gearing: (n_joints, n_joints) turns of the hinges by those of the encoders.
+        gearing: (n_joints, n_joints) turns of the hinges by turns of the encoders.
     """
 
     mechanism: Mechanism
@@ -87,7 +87,7 @@ class Build:
     gearing: Floats
 
     def encoders_of(self, hinges: Floats) -> Floats:
-        """Convert turns or rates of hinges to those of encoders, (n, n_joints)."""
+        """Convert turns or rates of hinges to encoders', (n, n_joints)."""
         return np.asarray(np.linalg.solve(self.gearing, hinges.T).T, dtype=np.float64)
 
 

@@ -38,7 +38,7 @@ class Fault(KindTable):
 class LineFault(Fault):
     """Frames that are lost, corrupted, repeated, lack a byte, or follow on garbage.
 
-    With `channel` only those of one encoder, if each answers by itself.
+    With `channel` only one encoder's, if each answers by itself.
     """
 
     probability: float = Field(gt=0.0, le=1.0)
@@ -67,7 +67,7 @@ class JumpFault(EncoderFault):
 class StatusFault(EncoderFault):
     """An encoder that reports its count as invalid or doubtful.
 
-    `bits` are those of the board's status: 1 error, 2 warning.
+    `bits` as in the board's status: 1 error, 2 warning.
     """
 
     bits: int = Field(default=1, ge=1, le=0xFF)

@@ -37,7 +37,7 @@ def offered_extensions(group: str) -> Mapping[str, tuple["EntryPoint", ...]]:
 
 
 def load_extension(group: str, name: str, kind: type[Kind]) -> Kind:
-    """Import what a package offers under a name.
+    """Import a package's object under a name.
 
     Args:
         group: of the entry point.

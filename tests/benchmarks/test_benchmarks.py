@@ -1,4 +1,4 @@
-"""Benchmarks run, at sizes too small to say anything, and refuse what is not alike."""
+"""Benchmarks run, at sizes too small to say anything, and refuse unequal results."""
 
 import numpy as np
 import pytest

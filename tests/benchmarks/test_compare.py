@@ -1,4 +1,4 @@
-"""Figures of a run beside those of the last release: what got worse is said."""
+"""Figures of a run beside the last release's: worse ones are reported."""
 
 import json
 import sys

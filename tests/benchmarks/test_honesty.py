@@ -1,4 +1,4 @@
-"""Worlds of `make honesty`: that they run, and that what lies in them is caught."""
+"""Worlds of `make honesty`: that they run, and that lies in them are caught."""
 
 import logging
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The zoo of robot descriptions: its own walk, and what it calls right and wrong."""
+"""The zoo of robot descriptions: its own walk, and its verdicts."""
 
 import math
 from pathlib import Path

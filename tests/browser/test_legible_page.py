@@ -1,4 +1,4 @@
-"""The page can be read at the arm: contrast, sizes on touch screens, what is first."""
+"""The page can be read at the arm: contrast, sizes on touch screens, order."""
 
 import pytest
 from playwright.async_api import Page, expect

@@ -24,7 +24,7 @@ SIZES = {"desk": (1600, 900), "phone": (390, 844)}
 def measured() -> tuple[
     dict[str, list[Point]], dict[str, np.ndarray], dict[str, float]
 ]:
-    """Points of the part by feature, what they share, and the part's truth."""
+    """Points of the part by feature, their common errors, and the part's truth."""
     points, truth = touched_points()
     by_feature: dict[str, list[Point]] = {}
     for point in points:
@@ -34,7 +34,7 @@ def measured() -> tuple[
 
 
 async def touch_all(posed: PosedDaemon, points: list[Point], shared) -> None:
-    """The arm takes these points, and can say what they share."""
+    """The arm takes these points, and can report their common errors."""
     for point in points:
         fields = {
             name: getattr(point, name)
@@ -163,7 +163,7 @@ async def relate(page: Page, kind: str, *names: str) -> None:
 
 
 async def conditions(page: Page, *values: str) -> None:
-    """State what ball and part are like."""
+    """State the properties of ball and part."""
     await page.locator(".part").get_by_role("button", name="Conditions").click()
     dialog = page.get_by_role("dialog")
     for place, value in enumerate(values):

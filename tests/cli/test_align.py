@@ -296,7 +296,7 @@ def test_a_campaign_is_a_source_and_spheres_touched_all_around_are_no_points(tmp
 
 @pytest.fixture(scope="module")
 def same_arm(tmp_path_factory):
-    """Points of six places with their angles, by one arm of those of its file."""
+    """Points of six places with their angles, by one arm of its file."""
     folder = tmp_path_factory.mktemp("same_arm")
     path = write_uncertain_arm(folder, 0.02, 1e-5)
     arm = read_arm(path)

@@ -1,4 +1,4 @@
-"""What is often typed wrong is named, with what was expected and what to do."""
+"""Frequent typing errors are named, with the expectation and the remedy."""
 
 import os
 import shutil

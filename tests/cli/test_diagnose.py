@@ -55,7 +55,7 @@ def campaign_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def diagnosed(campaign_folder: Path) -> Path:
-    """The folder after a diagnosis, what was printed in `said` and `errors`."""
+    """The folder after a diagnosis, the output in `said` and `errors`."""
     ran = run_diagnose(campaign_folder, "campaign", "--arm", "arm.toml", "--out", "out")
     (campaign_folder / "said").write_text(ran.stdout, "utf-8")
     (campaign_folder / "errors").write_text(ran.stderr, "utf-8")

@@ -116,7 +116,7 @@ def test_a_probe_that_is_not_in_the_library_is_refused(bench, tmp_path):
 
 
 def check_like_plain(bench, folder):
-    """With the effect of this folder's arm the vector is that of the plain arm."""
+    """With the effect of this folder's arm the vector equals the plain arm's."""
     shutil.copy(bench / "campaign.toml", folder)
     with_effect = run(folder, "--cone", "cone-0", "--json")
     plain = run(bench, "--cone", "cone-0", "--json")

@@ -50,7 +50,7 @@ class VirtualDaemon:
         can_resend: whether the command is supported.
         is_deaf: commands are not carried out.
         heard: received commands.
-        commands: what was carried out.
+        commands: carried out.
         resends: requested ranges.
         scans: listed as held; none of them is ever sent again.
         shared_mm: factors of the command `covariance`, by point.

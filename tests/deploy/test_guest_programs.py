@@ -1,4 +1,4 @@
-"""What the guest of `make test-vm` runs needs nothing but the package."""
+"""The programs in the guest of `make test-vm` need nothing but the package."""
 
 import ast
 import sys

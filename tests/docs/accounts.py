@@ -88,7 +88,7 @@ NOT_RUN: Final = {
 
 
 def elsewhere(page: str, command: str) -> str | None:
-    """The test that runs what a command of a page does, other than from the page."""
+    """The test that runs a page's command, other than from the page."""
     tests = (test for p, test in ELSEWHERE.items() if re.match(p, command))
     return next(tests, None) if page not in RUN else None
 

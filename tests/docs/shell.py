@@ -36,7 +36,7 @@ class Shell(AbstractContextManager["Shell"]):
     Args:
         folder: where it runs, and where its output is stored.
         name: of the output's file.
-        line: what to run.
+        line: the command.
     """
 
     def __init__(self, folder: Path, name: str, line: str) -> None:
@@ -80,7 +80,7 @@ class Shell(AbstractContextManager["Shell"]):
         assert text in self.output, self.output
 
     async def ends(self) -> str:
-        """Wait until it has ended well; what it said."""
+        """Wait until it has ended well; return its output."""
         await until(
             lambda: self.process.poll() is not None, f"{self.line}: end", PATIENCE_S
         )
@@ -88,7 +88,7 @@ class Shell(AbstractContextManager["Shell"]):
         return self.output
 
     async def interrupt(self) -> str:
-        """Ctrl-C; what it said until it ended."""
+        """Press Ctrl-C; return its output until it ended."""
         os.killpg(self.process.pid, signal.SIGINT)
         return await self.ends()
 

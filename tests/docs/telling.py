@@ -1,4 +1,4 @@
-"""Tutorials that show what their commands print: run, and compared with it."""
+"""Tutorials that show their commands' output: run, and compared with it."""
 
 import contextlib
 import re
@@ -39,7 +39,7 @@ def printed_blocks(page: str) -> list[tuple[str, list[str]]]:
 
 
 def output_of(command: str, folder: Path, status: int = 0) -> str:
-    """Carry a line of a page out in a folder, and give what it says.
+    """Run a line of a page in a folder, and return its output.
 
     Commands of ours run here, as their programs do after the imports, which would take
     half of the time.

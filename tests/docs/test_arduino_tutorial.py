@@ -1,4 +1,4 @@
-"""From an Arduino to a calibrated arm: what the page says, from the page itself."""
+"""From an Arduino to a calibrated arm, with commands from the page itself."""
 
 import shutil
 import subprocess

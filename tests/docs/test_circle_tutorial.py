@@ -1,4 +1,4 @@
-"""The tutorial on I++ DME does what its page says, to the last printed digit."""
+"""The tutorial on I++ DME gives its page's figures, to the last printed digit."""
 
 import re
 import sys

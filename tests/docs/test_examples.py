@@ -84,7 +84,7 @@ def read_with_the_orientations_shown(path: Path) -> object:
 
 
 def read_and_identified(path: Path) -> object:
-    """What a table of artefacts says is touched with cones by a simulated arm."""
+    """A table of artefacts is touched with cones by a simulated arm."""
     tables = tomllib.loads(path.read_text("utf-8"))["artefacts"]
     arm = seven_joints()
     shown = simulate(arm, [*tables, *cones(2)], 50, seed=3, travel_rad=2.5)

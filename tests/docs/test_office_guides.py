@@ -1,4 +1,4 @@
-"""Guides that need no arm: every command of theirs, and what they show of it."""
+"""Guides that need no arm: every command of theirs, and its shown output."""
 
 import os
 import pwd

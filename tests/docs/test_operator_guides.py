@@ -45,7 +45,7 @@ class Guide:
         )
 
     async def is_followed(self) -> None:
-        """Carry the commands out; each prints what the page shows."""
+        """Run the commands; each prints as the page shows."""
         (collect,) = [line for line, _ in self.lines if "traverse collect" in line]
         with self.bench.simulator() as simulator:
             await simulator.says("ready base")

@@ -1,4 +1,4 @@
-"""How points and scans must agree with what the simulator says was true."""
+"""How points and scans must agree with the simulator's truth."""
 
 from typing import Any
 
@@ -76,7 +76,7 @@ def is_marked_for_time(point: Point) -> bool:
 
 
 def delays_s(points: list[Point], truth: list[dict[str, Any]]) -> np.ndarray:
-    """Times of points against those of the truth, up to a constant."""
+    """Times of points against the truth, up to a constant."""
     taken_s = np.array([p.time_ns - points[0].time_ns for p in points]) * 1e-9
     return taken_s - np.array([edge["time_s"] for edge in truth])
 

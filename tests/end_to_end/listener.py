@@ -176,7 +176,7 @@ async def listening(
 ) -> AsyncIterator[Listener]:
     """Follow an arm while the block lasts; reconnect when the broker returns.
 
-    ``client`` of the listener is that of the present connection.
+    ``client`` of the listener is of the present connection.
     """
     listener = Listener(None, arm)
 

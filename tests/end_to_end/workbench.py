@@ -124,7 +124,7 @@ class Workbench:
         Args:
             broker, capture, scan, quality: in tables of their names.
             trigger: of the one input.
-            read_by: driver of the device `base` and its keys; else that of the board.
+            read_by: driver of the device `base` and its keys; else the board's.
             source: device of the input.
             devices: whole tables of further devices.
         """

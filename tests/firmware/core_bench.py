@@ -43,7 +43,7 @@ class CoreBench:
         """Let ticks pass; return bodies that it sends, of one type.
 
         Args:
-            poll_every: so often the main loop runs; 0: once, at the end.
+            poll_every: interval of the main loop; 0: once, at the end.
         """
         self._core.bench_advance(n_ticks, poll_every)
         assert self._core.bench_n_locked() == 0

@@ -26,7 +26,7 @@ class Press:
     Attributes:
         contact_cycle: the processor's cycle at it, since power-up.
         mark_cycles: processor cycles from it to the mark of its latch.
-        counts: what the encoders were at it.
+        counts: of the encoders at it.
         latch_cycles: cycles to the latch of each encoder that is latched by a line.
     """
 
@@ -65,7 +65,7 @@ class ProcessorRig(HostBoardRig):
 async def pressed(
     board: EmulatedProcessor, times: int, rate_hz: float = 500.0
 ) -> tuple[list[LatchedCounts], list[Press]]:
-    """Press the button, with bounces; return what came and what was."""
+    """Press the button, with bounces; return the received and the true values."""
     rig = ProcessorRig(board, debounce_us=5000)
     presses = []
     with rig.driver:
@@ -85,10 +85,10 @@ class EncoderKind:
     """A kind of encoders at a board.
 
     Attributes:
-        settings: those of the firmware.
+        settings: of the firmware.
         model: the name of its model in the emulators.
         bits: of a count.
-        alarms: what the board says of encoders 1 to 4 when they are absent, without a
+        alarms: of encoders 1 to 4 when they are absent, without a
             magnet, weak, disturbed; `None` where it cannot know.
     """
 

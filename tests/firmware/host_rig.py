@@ -66,7 +66,7 @@ class EmulatedBoard(AbstractContextManager[Any]):
 
 
 class HostBoard(EmulatedBoard):
-    """The program `latch-board`; commands are those of ports/host/script.c."""
+    """The program `latch-board`; commands as in ports/host/script.c."""
 
     def __init__(self, link: Path, *options: str) -> None:
         program = (str(host_board()), "--link", str(link), *options)

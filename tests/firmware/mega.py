@@ -26,7 +26,7 @@ def mega_firmware(*settings: str) -> Path:
 
 
 class MegaBoard(EmulatedProcessor):
-    """The emulator; commands are those of firmware/emulators/mega/main.c."""
+    """The emulator; commands as in firmware/emulators/mega/main.c."""
 
     def __init__(self, link: Path, firmware: Path, *options: str) -> None:
         words = (str(mega_emulator()), "--link", str(link), "--elf", str(firmware))

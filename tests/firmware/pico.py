@@ -22,7 +22,7 @@ def pico_firmware(*settings: str) -> Path:
 
 
 class PicoBoard(EmulatedProcessor):
-    """The emulator; commands are those of firmware/emulators/pico/emulator.cjs."""
+    """The emulator; commands as in firmware/emulators/pico/emulator.cjs."""
 
     def __init__(self, link: Path, firmware: Path, *options: str) -> None:
         master, slave = os.openpty()

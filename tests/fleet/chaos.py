@@ -25,7 +25,7 @@ PATIENCE_S = 90.0
 
 @dataclass
 class Result:
-    """Counts of what was done, and of faults."""
+    """Counts of actions and of faults."""
 
     captured: int = 0
     kills: dict[str, int] = field(default_factory=dict)

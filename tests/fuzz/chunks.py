@@ -1,4 +1,4 @@
-"""Cuts of what is fuzzed."""
+"""Cuts of fuzzed bytes."""
 
 from collections.abc import Iterator
 

@@ -59,7 +59,7 @@ say = "cone, elbow to the left"
 
 
 def make_samples(folder: Path, *, computed: bool = True) -> Path:
-    """Write them all, or without what takes long to compute; returns the folder."""
+    """Write them all, or without slow ones; return the folder."""
     for name in ("arm.toml", "simulator.toml"):
         shutil.copyfile(DATA / name, folder / name)
     daemon = (DATA / "daemon.toml").read_text("utf-8")

@@ -5,7 +5,7 @@
 
 A run is a fork of a program that has the libraries loaded: at most `END_S` seconds of
 work, 1 GB more memory than at its start, a documented exit status and no traceback.
-What breaks that is kept in build/fuzz/files/.
+Files that break that are kept in build/fuzz/files/.
 """
 
 import argparse
@@ -243,7 +243,7 @@ def mutated(content: bytes, chance: random.Random) -> bytes:
 
 
 def mutated_inside(name: str, content: bytes, chance: random.Random) -> bytes:
-    """Damage what a container holds, so that its checksums are right."""
+    """Damage a container's contents, so that its checksums are right."""
     match Path(name).suffix:
         case ".mcap" if chance.random() < 0.7:
             return _mutated_recording(content, chance)
@@ -422,7 +422,7 @@ def _run(words: list[str], folder: Path, log: Path) -> None:
 def fuzz(
     names: list[str], mutations: int, seed: int, samples: Path, kept: Path = KEPT
 ) -> Iterator[tuple[str, int, float, int, Counter[str]]]:
-    """Damage files; per command its runs, longest time, most memory, what broke."""
+    """Damage files; return each command's runs, longest time, most memory, failures."""
     for name in names:
         file, line = COMMANDS[name]
         failures: Counter[str] = Counter()

@@ -16,7 +16,7 @@ SEEDS = tuple(
 
 
 def check(data: bytes) -> None:
-    """Two bytes of identifier, then what the frame carries."""
+    """Two bytes of identifier, then the frame's data."""
     can_id, carried = int.from_bytes(data[:2]) & 0x7FF, data[2:10]
     message = frames.decode(can_id, carried)
     assert frames.decode(can_id, bytearray(carried)) == message

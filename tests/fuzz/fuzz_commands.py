@@ -1,4 +1,4 @@
-"""Commands as anybody may send them: refused in words, or what they say."""
+"""Commands as anybody may send them: refused with a message, or understood."""
 
 import contextlib
 from pathlib import Path

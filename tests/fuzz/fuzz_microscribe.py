@@ -48,7 +48,7 @@ def check(data: bytes) -> None:
 
 
 def check_answers(heard: bytes) -> None:
-    """What the arm says of itself."""
+    """The arm's identification."""
     for command in session.TEXTS.values():
         text = session.text_reply(command, heard)
         assert text is None or text.isprintable()

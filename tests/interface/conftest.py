@@ -20,7 +20,7 @@ def node_modules(pytestconfig: pytest.Config) -> Path:
 
 @pytest.fixture
 def readers(node_modules: Path, tmp_path: Path) -> Path:
-    """A folder with the readers of the documentation and what they import."""
+    """A folder with the readers of the documentation and their imports."""
     folder = tmp_path / "readers"
     shutil.copytree(ROOT / "docs" / "integrations", folder)
     (folder / "node_modules").symlink_to(node_modules)

@@ -1,4 +1,4 @@
-"""Files that are none, too large, or hold what no file needs.
+"""Files that are none, too large, or hold needless constructs.
 
 Strict reading of files that are no arm files.
 """

@@ -1,6 +1,6 @@
 """Every reader of tables reads every dialect alike, or refuses it; never other numbers.
 
-The table of docs/reference/tables.md is what comes of it.
+The table of docs/reference/tables.md comes from it.
 """
 
 from pathlib import Path

@@ -87,7 +87,7 @@ class ArmOnBus:
         return f"{N_POINTS} points, at most {max(off_mm) * 1e6:.0f} nm beside the truth"
 
     async def go_bus_off(self) -> str:
-        """What the controller says of its bus, in the kernel's error frames."""
+        """The controller's state of its bus, in the kernel's error frames."""
         send(self._port, ERROR_FRAME | BUS_OFF, bytes(8))
         await self._listener.event("alarm.bus_off", True, SOON_S)
         send(self._port, ERROR_FRAME | RESTARTED, bytes(8))
@@ -95,7 +95,7 @@ class ArmOnBus:
         return "alarm.bus_off began and ended"
 
     async def stand_still(self) -> str:
-        """A daemon that was stopped says what it lost, and measures on."""
+        """A daemon that was stopped reports its losses, and measures on."""
         self._daemon.process.send_signal(signal.SIGSTOP)
         for _ in range(FLOOD):
             send(self._port, HEARTBEAT + NODES[0], b"\x05")

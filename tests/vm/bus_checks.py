@@ -75,7 +75,7 @@ def filters() -> str:
 
 
 def overflow() -> str:
-    """What the socket could not keep is counted to the frame."""
+    """Frames that the socket lost are counted exactly."""
     bus, port = opened(), open_raw()
     for _ in range(FLOOD):
         send(port, 0x18B, b"1234")

@@ -30,7 +30,7 @@ LATE_HZ, LATE_S = 20.0, 0.065  # answers after the next SYNC
 
 
 class Stream:
-    """A driver, and what it has handed over."""
+    """A driver, and its deliveries."""
 
     def __init__(self, sync: str) -> None:
         self._delivery_queue = DeliveryQueue(asyncio.get_running_loop())
@@ -50,7 +50,7 @@ class Stream:
         self._taken: list[object] = []
 
     async def steady(self) -> str:
-        """The fastest of some rates without loss, and what was lost at faster ones."""
+        """The fastest of some rates without loss, and the losses at faster ones."""
         lines: list[str] = []
         with self._driver:
             await self._until(lambda d: isinstance(d, DeviceUp))

@@ -1,4 +1,4 @@
-"""Table of checks: what was checked, the observation, and the verdict."""
+"""Table of checks: subject, observation, and verdict."""
 
 import json
 import traceback
@@ -28,7 +28,7 @@ class Table:
                 self.n_failed += not json.loads(line)["good"]
 
     async def check(self, title: str, check: Check) -> None:
-        """Make a check: it says what it saw, or raises where that is not good."""
+        """Make a check: it returns its observation, or raises if it is bad."""
         try:
             seen = check()
             result, good = seen if isinstance(seen, str) else await seen, True

@@ -106,7 +106,7 @@ def weighed(arm: Arm) -> Arm:
 
 
 def without_masses(arm: Arm) -> Arm:
-    """Remove from an arm file what only its designer can know."""
+    """Remove masses and centres of mass, which only the arm's designer can know."""
     unknown = {"mass_kg": None}
     joints = tuple(
         joint.model_copy(update={**unknown, "centre_of_mass_mm": None})

@@ -157,7 +157,7 @@ class ReadingCorrection(Correction):
         return weighted_sum(self.values, self.unit_amounts(geometry, block))
 
     def unseen_rad(self, block: Block) -> Floats | None:
-        """Standard deviations of d_alpha beyond what the arm was seen at, (n_samples,).
+        """Standard deviations of d_alpha beyond the campaign's range, (n_samples,).
 
         None if no sample is beyond.
         """

@@ -24,7 +24,7 @@ from traverse.kinematics.model.quaternion import (
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """Without slots, so that what is computed for one effect is kept for the next.
+    """Without slots, so that values computed for one effect are kept for the next.
 
     Attributes:
         levers_kg_mm: Contributions of the elements to the mass moment, (n_joints, 3).

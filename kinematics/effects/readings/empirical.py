@@ -68,7 +68,7 @@ class Empirical(ReadingCorrection):
 
     @classmethod
     def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
-        """Find the covariate among those of the arm."""
+        """Find the covariate among the arm's."""
         covariate = effect.values["covariate"]
         source, source_joint = _source(covariate, setting)
         return {

@@ -100,7 +100,7 @@ class Artefact(KindTable):
     Attributes:
         kind: name in campaign files.
         id: unique in the campaign.
-        contact_mm: noise of its contacts; absent: that of the campaign.
+        contact_mm: noise of its contacts; absent: the campaign's.
     """
 
     FAMILY = "artefact"

@@ -157,7 +157,7 @@ def _surroundings(
 
 
 def _senses(speed_rad_s: Floats) -> Floats:
-    """Return signs of the last motion (n, n_joints); before any, that of the first."""
+    """Return signs of the last motion (n, n_joints); before any, of the first."""
     moving = speed_rad_s != 0.0
     rows = np.where(moving, np.arange(len(speed_rad_s))[:, None], 0)
     last = np.maximum.accumulate(rows, axis=0)

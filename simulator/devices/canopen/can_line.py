@@ -91,7 +91,7 @@ class CanLine(ABC):
         """Report an error to the hosts, as their own controllers would."""
 
     def flush(self) -> None:  # noqa: B027 - on most nothing waits
-        """Send what waits."""
+        """Send the waiting frames."""
 
     @abstractmethod
     def readers(self) -> list[int]:

@@ -46,7 +46,7 @@ class EdgeQueue:
 
     @property
     def back(self) -> int:
-        """Next number minus that of the oldest waiting edge; 0 if none waits."""
+        """Next number minus the oldest waiting edge's; 0 if none waits."""
         return min(255, self.next_seq - self._waiting[0].seq) if self._waiting else 0
 
     def report(self, edge: LatchedEdge, now_s: float) -> bytes | None:
@@ -102,7 +102,7 @@ LONGEST_DEBOUNCE_US = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """The fields of CONFIGURE; the defaults are those of power-up."""
+    """The fields of CONFIGURE, with the values of power-up as defaults."""
 
     edge_mask: int = 0xFF
     heartbeat_ms: int = 1000

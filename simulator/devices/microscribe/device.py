@@ -1,7 +1,7 @@
 """A MicroScribe on a serial line: box, encoders on the virtual arm, pedals.
 
 Buttons, timer and all encoders are latched at one instant: on arrival of the request,
-or at the polls of a report of motion. Its own table is that of the configuration, which
+or at the polls of a report of motion. Its own table is the configuration's, which
 must describe the arm of the arm file.
 """
 

@@ -1,4 +1,4 @@
-"""What the blind test hides: drawn from a seed, of every kind, as arm files say it."""
+"""Hidden effects of the blind test: drawn from a seed, of every kind, in arm files."""
 
 import ast
 

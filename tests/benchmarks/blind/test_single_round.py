@@ -1,4 +1,4 @@
-"""One round of the blind test, run as a program: what it prints, writes and refuses."""
+"""One round of the blind test as a program: its output, files and refusals."""
 
 import json
 import os

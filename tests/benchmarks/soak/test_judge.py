@@ -1,4 +1,4 @@
-"""The crash test's judge finds what was lost, invented, doubled or out of order.
+"""The crash test's judge finds lost, invented, doubled and misordered messages.
 
 The crash test judges itself: a daemon that was down has shown nothing.
 The crash test's tap: what it follows is the board and nothing else.

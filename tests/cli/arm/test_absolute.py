@@ -12,7 +12,7 @@ TABLE = "alpha_rad,a_mm,d_mm\n0,0,100\n1.57,200,0\n"
 
 
 def made(tmp_path: Path, *words: str, answer: str | None = None) -> tuple[Path, str]:
-    """The arm file that `from-dh` writes, and what it says; answered at a terminal."""
+    """The arm file of `from-dh`, and its output; answered at a terminal."""
     (tmp_path / "dh.csv").write_text(TABLE, "utf-8")
     out = tmp_path / "arm.toml"
     command = [sys.executable, "-m", "traverse", "arm", "from-dh", "dh.csv", *words]

@@ -42,7 +42,7 @@ def lengthless(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def identified() -> Path:
-    """The folder with results in `out` and what was printed in `said`."""
+    """The folder with results in `out` and the output in `said`."""
     return results.identified()
 
 

@@ -1,4 +1,4 @@
-"""The part on the page: what belongs to it, and what the arm says of its points."""
+"""The part on the page: its points, and the arm's answers on them."""
 
 import asyncio
 
@@ -21,7 +21,7 @@ def desk():
 
 
 def touch(desk, feature):
-    """Touch what the demonstration's arm has touched of a feature."""
+    """Touch a feature as the demonstration's arm did."""
     points = [p for p in touched_points()[0] if p.label.feature == feature]
     for point in points:
         desk._changed(Change("point", point=point))
@@ -29,7 +29,7 @@ def touch(desk, feature):
 
 
 def shares(requests):
-    """Answer what points share; record which were requested."""
+    """Answer with common errors of points; record which were requested."""
     points, _ = touched_points()
     factors = shared_by_points(points, ARM, read_arm(ARM))
     known = {point.id: f for point, f in zip(points, factors, strict=True)}

@@ -23,7 +23,7 @@ class Desktop:
     Attributes:
         name: its DISPLAY.
         server: its X server.
-        typed: what that program has received.
+        typed: text that the program has received.
     """
 
     def __init__(self, name: str, path: Path, server: subprocess.Popen[bytes]) -> None:

@@ -42,8 +42,8 @@ class Viewer:
 
     Attributes:
         channels: by topic, as announced.
-        messages: what arrived, by topic.
-        statuses: what the server reports of itself, by id.
+        messages: by topic.
+        statuses: of the server, by id.
         assets: answers to `fetch`, by request; None: refused.
     """
 

@@ -1,4 +1,4 @@
-"""Points typed into a program under a real X server; what must not be typed."""
+"""Points typed into a program under a real X server; keys that must not be."""
 
 import asyncio
 import re

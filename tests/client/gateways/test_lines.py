@@ -1,4 +1,4 @@
-"""Points and scans of an arm as lines: what is sent, what is held back and said."""
+"""Points and scans of an arm as lines: sent, held back, and reported."""
 
 import asyncio
 import itertools

@@ -27,7 +27,7 @@ def arm() -> str:
 async def round_trip(
     broker: Mosquitto, sent: list[tuple[str, bytes]], arm: str, *kinds: str
 ) -> list[ReceivedMessage]:
-    """Publish payloads; return what a subscriber receives, up to the last one."""
+    """Publish payloads; return a subscriber's messages, up to the last one."""
     async with (
         ConfiguredClient(BrokerAddress(broker.host, broker.port)) as listening,
         ConfiguredClient(BrokerAddress(broker.host, broker.port)) as speaking,

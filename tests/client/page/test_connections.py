@@ -25,7 +25,7 @@ async def served(scope: Scope, receive: Receive, send: Send) -> None:
 
 @contextlib.asynccontextmanager
 async def serving(app: ASGIApp = served) -> AsyncIterator[int]:
-    """A server of uvicorn, as that of the page is one; gives its port."""
+    """A server of uvicorn, like the page's; gives its port."""
     BoundedHttpProtocol.open_transports.clear()
     with socket.create_server((HOST, 0)) as listener:
         config = uvicorn.Config(

@@ -62,7 +62,7 @@ class FakeEncoder:
 
 
 class FakeLine:
-    """Encoders by their addresses, and what the adapter does.
+    """Encoders by their addresses, and an adapter.
 
     Attributes:
         heard: every byte received from the host.

@@ -14,7 +14,7 @@ ADDRESSES = (0x54, 0x58, 0x5C)
 
 
 class Played(Delivered):
-    """A line with a driver on it, in virtual time, and what it has delivered."""
+    """A line with a driver on it, in virtual time, and its deliveries."""
 
     def __init__(
         self,

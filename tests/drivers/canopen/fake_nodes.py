@@ -1,7 +1,7 @@
 """CANopen encoders at the other end of a virtual bus, for tests to command.
 
 Written from the bytes of CiA 301 and 406, with expedited transfers only; it uses
-nothing of the code under test. What they do by themselves: answer questions, obey NMT,
+nothing of the code under test. By themselves they answer questions, obey NMT,
 send heartbeats, answer SYNCs where `answers_sync` says so.
 """
 

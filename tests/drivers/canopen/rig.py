@@ -75,7 +75,7 @@ async def until_status(rig: CanRig, deliveries: Deliveries, status: list[int]) -
 
 
 async def answered(rig: CanRig, deliveries: Deliveries) -> None:
-    """One SYNC, and what is delivered then."""
+    """One SYNC, and its deliveries."""
     rig.emit(1)
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(0.03):  # samples alone need not wake it

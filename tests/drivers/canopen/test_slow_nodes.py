@@ -28,7 +28,7 @@ def answer(index: int, value: int = 0) -> bytes:
 
 
 class Slow:
-    """An SDO client, and what its node says at each of the next reads of the bus."""
+    """An SDO client, and its node's frames at each of the next reads of the bus."""
 
     def __init__(self, bus: CanBus) -> None:
         self.says: list[list[bytes]] = []
@@ -127,7 +127,7 @@ FIRST = {5: 1000, 9: 1007}
 
 
 def judge(deliveries: Deliveries, synced_ns: list[int]) -> tuple[int, list[str]]:
-    """How many counts bear no flag, and those of them that are of another SYNC."""
+    """Return the number of unflagged samples, and those of them from another SYNC."""
     n_good, false = 0, []
     for block in deliveries.of(CountSamples):
         for at_ns, counts, status in zip(

@@ -38,7 +38,7 @@ class FakeBoard(PtyPeer):
     """Behind a symbolic link that keeps its name when the board is plugged again.
 
     Attributes:
-        answers: what is answered to a request's type; replace to misbehave.
+        answers: by a request's type; replace to misbehave.
         requests: received bodies, without their check sum.
         edges: edges that are not yet acknowledged, by number.
     """

@@ -1,4 +1,4 @@
-"""From the port to a board that is up: what can be wrong, and restarts."""
+"""From the port to a board that is up: faults and restarts."""
 
 import asyncio
 import fcntl

@@ -89,7 +89,7 @@ def heartbeat() -> bytes:
 
 
 def dispatched(*script: tuple[int, bytes]) -> list[tuple]:
-    """Return what is dispatched: message, time, its bytes from earlier reads."""
+    """Return the dispatched ones: message, time, its bytes from earlier reads."""
     port = ScriptedPort(*script)
     dispatched_calls: list[tuple] = []
     line = LatchBoardLine(
@@ -104,7 +104,7 @@ def dispatched(*script: tuple[int, bytes]) -> list[tuple]:
 
 
 def reads(*script: tuple[int, bytes]) -> list[tuple[int, str]]:
-    """When each message was dispatched, and what it is."""
+    """When each message was dispatched, and the message."""
     return [
         (at_ns, type(message).__name__) for message, at_ns, _ in dispatched(*script)
     ]

@@ -1,4 +1,4 @@
-"""What an identified board sends, judged: edges of another start of the board."""
+"""Messages of an identified board, judged: edges of another start of the board."""
 
 from collections import Counter
 from dataclasses import replace
@@ -180,7 +180,7 @@ def test_a_press_that_is_read_late_waits_for_the_clock(
 def test_a_press_of_before_a_step_is_in_doubt_when_the_clock_is_known_again(
     session, delivered, known
 ):
-    """Its time by the new line is off by what the counter lost."""
+    """Its time by the new line is off by the counter's loss."""
     lost_ns = 30_000_000
     for number in range(1, 500):
         beat_at(session, known + 20_000 * number, lost_ns, n_edges=1)

@@ -190,7 +190,7 @@ def test_options_are_strict(bad):
 
 
 class Written:
-    """A port that keeps what is written and answers from a list."""
+    """A port that keeps written bytes and answers from a list."""
 
     def __init__(self, *replies):
         self.written = []

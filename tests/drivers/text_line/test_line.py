@@ -1,4 +1,4 @@
-"""Lines as written by hand from what boards print, and whatever else may arrive."""
+"""Lines written by hand after boards' output, and other bytes that may arrive."""
 
 import pytest
 from hypothesis import given

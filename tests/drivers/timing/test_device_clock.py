@@ -17,7 +17,7 @@ def followed(
     largest_delay_ns: float,
     reads_hz: int = 500,
 ):
-    """A clock after a stream of reads; and how far the truth was from what it said."""
+    """A clock after a stream of reads; and its errors."""
     rng = np.random.default_rng(3)
     clock = DeviceClock(RATE_HZ)
     true_rate = RATE_HZ * (1 + ppm * 1e-6)
@@ -133,7 +133,7 @@ STALLS = st.lists(st.tuples(st.floats(0.0, 8.0), st.floats(0.05, 2.0)), max_size
 def worst_while_certain_ns(stalls: list[tuple[float, float]]) -> float:
     """Error of an untied clock whose host stands still now and then [s, s].
 
-    A device sends every 20 ms, and what was sent meanwhile is read at one time.
+    A device sends every 20 ms; the bytes of a while are read at one time.
     """
     clock, worst_ns = DeviceClock(RATE_HZ), 0.0
     for k in range(550):
@@ -152,7 +152,7 @@ def worst_while_certain_ns(stalls: list[tuple[float, float]]) -> float:
 @example([(0.0, 0.519)])
 @given(STALLS)
 def test_times_after_reads_of_a_host_that_stood_still_are_uncertain(stalls):
-    """What is last read at the end of a standstill may be a period old, no more."""
+    """The last read at the end of a standstill may be a period old, no more."""
     assert worst_while_certain_ns(stalls) < PERIOD_NS + MAX_LAG_NS + 200_000
 
 

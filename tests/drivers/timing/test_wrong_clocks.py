@@ -16,7 +16,7 @@ class World:
     """A device, its clock and its line.
 
     Attributes:
-        reads_hz: it sends so often.
+        reads_hz: rate at which it sends.
         ppm: of its clock.
         ppm_per_s: how that changes.
         delay_ms: the largest usual delay.
@@ -39,7 +39,7 @@ class World:
 
 @dataclass(frozen=True)
 class Followed:
-    """What a clock said of each latch (n,), as soon as its read had been taken."""
+    """A clock's times of latches (n,), each as its read had been taken."""
 
     at_s: np.ndarray
     errors_ns: np.ndarray

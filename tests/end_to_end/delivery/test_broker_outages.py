@@ -21,7 +21,7 @@ async def outage(
 ) -> None:
     """Kill the broker for a time; the listener is back before the daemon.
 
-    What the broker delivered and could not acknowledge any more is sent again.
+    Messages that the broker delivered but could not acknowledge are sent again.
     """
     listener.may_miss_acknowledgements = True
     broker.kill()

@@ -1,6 +1,6 @@
 """Scans while the broker is away: complete, from the disk.
 
-`benchmarks.service.scan_outage` has the long outage, and that of a live scan.
+`benchmarks.service.scan_outage` has the long outage, and a live scan's.
 """
 
 from collections.abc import Callable

@@ -153,7 +153,7 @@ def assert_true(bench: Workbench, listener: Listener, held_back_s: float = 0.0) 
 
     Args:
         bench: Of the run.
-        listener: What it published.
+        listener: Of its messages.
         held_back_s: How long the line may keep back the packet that shows a press.
     """
     presses = truth_of(bench, listener)

@@ -58,7 +58,7 @@ points = {N_POINTS}
 
 @dataclass(frozen=True)
 class Measured:
-    """Points of both daemons, and what was true at each.
+    """Points of both daemons, and the truth at each.
 
     Attributes:
         arm: With the effects.
@@ -123,7 +123,7 @@ class Daemon:
     """The daemon's measuring path, without broker and event loop.
 
     Args:
-        arm_file: what it measures with.
+        arm_file: that it measures with.
         clock: the host's.
         uncertainty: States covariances.
     """

@@ -1,4 +1,4 @@
-"""The loop closed: what the simulator plays from an arm file, the daemon takes out.
+"""The loop closed: the daemon takes out effects that the simulator plays.
 
 The simulator has its own physics, the board's bytes go through a pty, the driver and
 the daemon's measuring path; the truth log says where the ball was. Every effect is

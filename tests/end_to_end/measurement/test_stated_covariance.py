@@ -93,7 +93,7 @@ class NoisyArm:
         return self.encoders.counts(readings_rad, self.rng)
 
     def another_model(self):
-        """The daemon's arm, a little wrong within what its file states."""
+        """The daemon's arm, with errors within its file's covariance."""
         geometry, joints = self.model.geometry, self.model.geometry.n_joints
         factor = self.model.covariance.factor
         off = factor @ self.rng.normal(size=factor.shape[1])

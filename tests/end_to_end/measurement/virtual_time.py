@@ -74,7 +74,7 @@ class CountedPort(PtyPort):
         return data
 
     def await_bytes(self) -> None:
-        """Wait for what the host has written."""
+        """Wait for the host's bytes."""
         select.select([self.descriptor], [], [], BYTES_S)
 
 
@@ -169,7 +169,7 @@ def played(
     take: Callable[[Driver, Delivery], object],
     patience_s: float = 30.0,
 ) -> None:
-    """Let a driver read the board's whole script and hand on what it delivers.
+    """Let a driver read the board's whole script and hand on its deliveries.
 
     The stream, and with it the script, begins when the board reported its temperature.
     """

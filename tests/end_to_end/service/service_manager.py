@@ -17,7 +17,7 @@ WAITING = {"x86_64": (7, 23, 270, 271), "aarch64": (72, 73)}
 
 
 class Manager:
-    """Hears what services say, in order.
+    """Receives services' messages, in order.
 
     Attributes:
         heard: datagrams so far, each as its lines.
@@ -37,7 +37,7 @@ class Manager:
         return [line for lines in self.heard for line in lines]
 
     def has(self, line: str, times: int = 1) -> bool:
-        """Whether a line was received so often."""
+        """Whether a line was received this many times."""
         return self.listen().count(line) >= times
 
     def status(self) -> str:

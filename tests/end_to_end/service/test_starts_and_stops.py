@@ -1,4 +1,4 @@
-"""The daemon starts, refuses to start, and ends; exit statuses and what it says."""
+"""The daemon starts, refuses to start, and ends; exit statuses and output."""
 
 import asyncio
 import os

@@ -105,7 +105,7 @@ def test_cylinders_and_cones_have_the_minimum_that_scipy_finds(half_angle, seed)
 
 
 def fitted(kind, points_mm, plane_points_mm, offset_mm=0.0):
-    """The element, and its derivatives by its points and by those of its plane."""
+    """The element, and its derivatives by its points and by its plane's."""
     plane = plane_element(plane_points_mm)
     if kind in ("circle", "edge"):
         if kind == "circle":
@@ -179,7 +179,7 @@ def test_derivatives_by_points_are_differences(kind):
 
 
 def across_axis(kind, element, change):
-    """A change without what moves the place along the element; of cones along it."""
+    """A change without the motion of the place along the element; of cones along it."""
     change = change.copy()
     axis = element.direction
     if kind in ("line", "edge", "cylinder", "cone"):

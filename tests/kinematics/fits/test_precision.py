@@ -1,4 +1,4 @@
-"""What fits say of their own precision, against many draws of noise."""
+"""The precision that fits state, against many draws of noise."""
 
 import numpy as np
 import pytest

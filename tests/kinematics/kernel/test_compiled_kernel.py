@@ -1,7 +1,7 @@
 """Every variant of the kernel in C against NumPy, exact decimals and itself.
 
 The kernel's derivatives against complex steps, NumPy and exact invariances.
-What the kernel in C refuses: everything behind these checks trusts the shapes.
+Refusals of the kernel in C: everything behind these checks trusts the shapes.
 """
 
 from decimal import Decimal
@@ -34,7 +34,7 @@ def readings(geometry: Geometry, seed: int, n_samples: int, largest: float = 8.0
 
 
 def bits(*arrays):
-    """Bits to be compared: all but those of NaN."""
+    """Bits to be compared: all but NaN's."""
     return tuple(np.where(np.isnan(a), np.nan, a).tobytes() for a in arrays)
 
 

@@ -63,7 +63,7 @@ def turn(u: Vector, theta: Decimal, w: Vector) -> Vector:
 
 
 def sine_cosine(theta: Decimal) -> tuple[Decimal, Decimal]:
-    """Taylor's series of what is left after whole turns."""
+    """Taylor's series of the angle left after whole turns."""
     theta %= TWO_PI
     sums, term, n = [Decimal(0), Decimal(0)], Decimal(1), 0
     while abs(term) > Decimal(10) ** -DIGITS or n < 8:

@@ -38,7 +38,7 @@ class Bench:
         return self.at(self.now_s)
 
     def at(self, now_s):
-        """Run until then; return what was received meanwhile."""
+        """Run until then; return the frames received meanwhile."""
         self.now_s = now_s
         self.device.live(now_s)
         heard = []

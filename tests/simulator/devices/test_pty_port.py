@@ -23,7 +23,7 @@ def port(tmp_path: Path) -> Iterator[PtyPort]:
 
 @pytest.fixture
 def without_privileges(tmp_path: Path) -> Iterator[None]:
-    """Root may open what is exclusive: switch user, if root runs the tests."""
+    """Root may open an exclusive port: switch user, if root runs the tests."""
     if os.geteuid() != 0:
         yield
         return
@@ -41,7 +41,7 @@ def opened(path: Path) -> int:
 
 
 def end_as_killed(port: PtyPort) -> str:
-    """A host that keeps the port for itself, and is no more; what it had opened."""
+    """Open the port for a host alone, end the host; return the name of its terminal."""
     host = opened(port.path)
     assert port.host_changed()
     fcntl.ioctl(host, termios.TIOCEXCL)

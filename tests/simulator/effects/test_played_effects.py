@@ -1,4 +1,4 @@
-"""What the simulator plays is what the corrections of the arm file undo.
+"""The corrections of the arm file undo the effects that the simulator plays.
 
 Both are compared here only: neither imports the other.
 """

@@ -1,4 +1,4 @@
-"""Points reach the consumer, whatever happens to the broker and to the daemon."""
+"""Points reach the consumer through failures of the broker and the daemon."""
 
 import asyncio
 import contextlib
@@ -108,7 +108,7 @@ class Delivery:
         return await self._listener.command(args)
 
     async def _asked_for_all(self) -> str:
-        """Contents of the outbox; requests what is missing, as a consumer does."""
+        """Contents of the outbox; requests missing points, as a consumer does."""
         reply = await self._command(ResendArgs())
         assert reply.result is not None, reply.error
         sessions = {

@@ -1,4 +1,4 @@
-"""What the daemon is, and what it cannot do."""
+"""The daemon's identity, and its restrictions."""
 
 import re
 import subprocess

@@ -97,7 +97,7 @@ class Life:
         return f"{result}; WatchdogSec={unit.shown('WatchdogUSec')}"
 
     async def be_upgraded(self) -> str:
-        """The package is installed over itself: what ran runs again."""
+        """The package is installed over itself: running services run again."""
         pid, n = unit.main_pid(), len(self._listener.statuses)
         package = f"{os.environ['TRAVERSE_VM_OUT']}/traverse.deb"
         await asyncio.to_thread(unit.run, "dpkg", "-i", package)

@@ -1,6 +1,6 @@
-"""`python3 -m tests.vm.system.removal`: purges the package; what is left of it?
+"""`python3 -m tests.vm.system.removal`: purges the package; finds remains of it.
 
-For the Python of the system, because that of the package is removed.
+For the Python of the system, because the package's is removed.
 """
 
 import asyncio

@@ -56,7 +56,7 @@ def journal() -> str:
 async def until(
     condition: Callable[[], object], awaited: str, timeout_s: float
 ) -> None:
-    """Look now and then, for what costs a program each time."""
+    """Look now and then, because each look costs a program."""
     end_s = time.monotonic() + timeout_s
     while not await asyncio.to_thread(condition):
         assert time.monotonic() < end_s, f"not within {timeout_s:g} s: {awaited}"

@@ -40,7 +40,7 @@ class HubLine:
         self.port.close()
 
     def discard(self) -> None:
-        """Discard what came without a request, or too late for it."""
+        """Discard bytes that came without a request, or too late for it."""
         while self.port.wait(0.0):
             self.unrequested_bytes += len(self.port.read())
 

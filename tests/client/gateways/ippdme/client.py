@@ -16,7 +16,7 @@ class IppClient:
         name: of the transcript.
 
     Attributes:
-        commands, replies: what was sent and received.
+        commands, replies: sent and received.
     """
 
     def __init__(self, port: int, name: str) -> None:

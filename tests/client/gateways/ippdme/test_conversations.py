@@ -36,7 +36,7 @@ FILES = sorted((Path(__file__).parent / "conversations").glob("*.txt"))
 
 
 class Bench:
-    """A session, and an arm that does what a file says."""
+    """A session, and an arm that follows a file."""
 
     def __init__(self) -> None:
         self.now_s, self._n = 100.0, 0

@@ -1,4 +1,4 @@
-"""Commands out of bytes: what the grammar of the specification allows, and no more."""
+"""Commands out of bytes: the grammar of the specification, and no more."""
 
 import re
 
