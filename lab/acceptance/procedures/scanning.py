@@ -18,6 +18,7 @@ from traverse.lab.acceptance.budget import flat_budget, form_budget
 from traverse.lab.acceptance.conformity import Missing, Part, Scatter, judged_figure
 from traverse.lab.acceptance.limits import Limits
 from traverse.lab.acceptance.procedures.probing import (
+    SMOOTH_FORM_OF_ALL,
     LocationTest,
     diameter_budget,
     diameter_remarks,
@@ -64,8 +65,7 @@ _BY_KEY = {
     "scan_size_all": (
         "P_Size.Sph.All",
         "of all points of a scanned sphere: least-squares sphere (c, r), 2 r - D_cal, "
-        "with sign. In its budget the ball's form counts as with 25 points: what is "
-        "drawn over one error many times does not make it smaller",
+        "with sign",
     ),
     "scan_flat_95": (
         "E_Form.Pla.D95%",
@@ -114,11 +114,12 @@ def _of_sphere(measured: Measurement, limits: Limits) -> Iterator[Part]:
         return
     form = form_budget(limits.standards)
     size = diameter_budget(sphere, chosen, of_25, limits)
+    of_all = diameter_budget(sphere, chosen, of_25, limits, SMOOTH_FORM_OF_ALL)
     for key, value_mm, budget in (
         ("scan_form_25", of_25.form_mm, form),
         ("scan_form_95", narrowest_mm(every.off_mm), form),
         ("scan_size_25", of_25.size_mm, size),
-        ("scan_size_all", every.size_mm, size),
+        ("scan_size_all", every.size_mm, of_all),
     ):
         yield judged_figure(
             limits,

@@ -16,10 +16,13 @@ from tests.lab.measurements import (
 )
 from traverse.lab.acceptance.conformity import Figure, Missing, Scatter
 from traverse.lab.acceptance.procedures.probing import (
+    SMOOTH_FORM,
+    SMOOTH_FORM_OF_ALL,
     effective_diameter,
     location,
     size_and_form,
 )
+from traverse.simulator.campaigns.acceptance.layout import PATTERN_25, spiral
 
 NAMES = ("probing-1", "probing-2")
 FAR = np.array([400.0, 0.0, 0.0])
@@ -98,15 +101,42 @@ def test_budget_of_a_diameter_by_hand():
     *lines, scatter = size.budget.lines
     sizes = {line.name: line.standard_mm for line in lines}
     assert (sizes["calibration"], sizes["fixture"]) == pytest.approx((6e-4, 8e-4))
-    # Twice the deviation of a radius of 25 evenly spread touches: 1/sqrt(25) at least.
-    factor = sizes["form of the ball"] * np.sqrt(12.0) / 1e-3
-    assert 0.4 < factor < 0.6
+    # 25 touches deviating each by itself would say 0.14 um; an oval ball says more.
+    assert sizes["form of the ball"] == pytest.approx(0.31 * 1e-3)
     assert size.budget.standard_mm == pytest.approx(
         np.hypot(1e-3, sizes["form of the ball"])
     )
     assert (scatter.of_arm, scatter.evaluation, scatter.degrees) == (True, "A", 21)
     expected = np.sqrt(5e-4**2 + 1e-4**2 + 8e-4**2)
     assert form.budget.standard_mm == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("degree", [2, 3, 4, 6])
+def test_the_form_of_smooth_balls_moves_diameters_by_no_more_than_budgets_say(degree):
+    rng = np.random.default_rng(degree)
+    whole, half = spiral(1500, 180.0), spiral(400, 90.0)
+    parts = {25: [], 400: []}
+    for _ in range(150):
+        ways = rng.standard_normal((8, 3))
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        weights = rng.standard_normal(8)
+
+        def heights(places, ways=ways, weights=weights):
+            return ((places @ ways.T) ** degree) @ weights
+
+        ball, *_ = np.linalg.lstsq(design(whole), heights(whole))
+        form = np.ptp(heights(whole) - design(whole) @ ball)
+        for places in (PATTERN_25, half):
+            off = heights(places) - design(places) @ ball
+            cap, *_ = np.linalg.lstsq(design(places), off)
+            parts[len(places)].append(2.0 * cap[3] / form)
+    assert np.std(parts[25]) < 1.1 * SMOOTH_FORM
+    assert np.std(parts[400]) < 1.1 * SMOOTH_FORM_OF_ALL
+
+
+def design(outwards):
+    """Of the least-squares sphere of distances along these directions."""
+    return np.column_stack([outwards, np.ones(len(outwards))])
 
 
 @pytest.mark.parametrize(
