@@ -1,8 +1,11 @@
 """Articulation and volume by hand."""
 
+import re
+
 import numpy as np
 import pytest
 
+from tests.docs.pages import CHECKOUT
 from tests.lab.acceptance.test_lengths import seats
 from tests.lab.measurements import (
     artefact,
@@ -11,12 +14,16 @@ from tests.lab.measurements import (
     of_kind,
     touches,
 )
+from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.acceptance.conformity import Figure, LengthError, Missing
+from traverse.lab.acceptance.plan import plan_of
 from traverse.lab.acceptance.procedures.b89 import (
+    N_BARS,
     ZONES,
     articulation,
     volumetric,
 )
+from traverse.lab.measured_points.measurement import reach_of
 
 SIDES = ["left"] * 5 + ["right"] * 5
 PLACES = {"near": 100.0, "middle": 500.0, "far": 900.0}
@@ -104,3 +111,28 @@ def test_bars_must_be_all_there():
     del data.touched["volumetric-07"]
     (missing,) = volumetric(data, limits())
     assert missing.what == ("volumetric-07: was not measured",)
+
+
+def test_the_plan_tells_twenty_different_positions():
+    arm = read_arm(CHECKOUT / "cli" / "demo_data" / "arm.toml")
+    steps = plan_of("asme-b89.4.22", arm).steps
+    told = re.compile(
+        r"bar of (\d+) mm, position (\d+) of 20: (.*), its middle (\d+) mm .* octant "
+        r"(. . .) of x y z"
+    )
+    positions = {
+        step.artefact: match.groups()
+        for step in steps
+        if (match := told.match(step.say)) is not None
+    }
+    assert [int(number) for _, number, *_ in positions.values()] == [
+        *range(1, N_BARS + 1)
+    ]
+    assert len({(length, *where) for length, _, *where in positions.values()}) == N_BARS
+    for length in {length for length, *_ in positions.values()}:
+        octants = {where[-1] for of, *where in positions.values() if of == length}
+        assert len(octants) == 8
+    # Wherever it lies there, the whole bar is in the reach.
+    _, reach_mm = reach_of(arm)
+    for length, _, _, away, _ in positions.values():
+        assert float(away) + 0.5 * float(length) < 0.97 * reach_mm
