@@ -83,7 +83,7 @@ def _shared(points: "list[Point]", arm: Path | None) -> "Mapping[str, Floats] | 
     if arm is None:
         return "--arm is not given"
     from traverse.kinematics.arm_file.arm import read_arm
-    from traverse.lab.measured_points.reading import shared_by_points
+    from traverse.lab.measured_points.touch_errors import shared_by_points
 
     read = read_arm(arm)
     try:

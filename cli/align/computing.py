@@ -33,11 +33,8 @@ from traverse.lab.alignment.touches import (
     read_touch_table,
     touches_of_points,
 )
-from traverse.lab.measured_points.reading import (
-    files_read,
-    read_measured,
-    shared_by_points,
-)
+from traverse.lab.measured_points.reading import files_read, read_measured
+from traverse.lab.measured_points.touch_errors import shared_by_points
 from traverse.lab.report.provenance import (
     ReportSource,
     digest_of_files,

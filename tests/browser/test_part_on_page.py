@@ -11,7 +11,7 @@ from playwright.async_api import Page, expect
 from tests.browser.conftest import OpenPage, PosedDaemon
 from tests.client.inspection.touched import ARM, touched_points
 from traverse.kinematics.arm_file.arm import read_arm
-from traverse.lab.measured_points.reading import shared_by_points
+from traverse.lab.measured_points.touch_errors import shared_by_points
 from traverse.protocol.messages import Point
 
 pytestmark = [

@@ -10,7 +10,7 @@ from tests.client.inspection.touched import ARM, touched_points
 from traverse.client.display.arm_state import ArmSight, Change
 from traverse.client.display.inspection_desk import MOST_FEATURES, InspectionDesk
 from traverse.kinematics.arm_file.arm import read_arm
-from traverse.lab.measured_points.reading import shared_by_points
+from traverse.lab.measured_points.touch_errors import shared_by_points
 
 
 @pytest.fixture

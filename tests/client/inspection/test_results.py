@@ -9,7 +9,7 @@ from traverse.client.inspection.plan import PartTemperature, Plan, ToleranceEntr
 from traverse.client.inspection.results import inspected
 from traverse.client.inspection.sheet import sheet_html, summary_lines
 from traverse.kinematics.arm_file.arm import read_arm
-from traverse.lab.measured_points.reading import shared_by_points
+from traverse.lab.measured_points.touch_errors import shared_by_points
 from traverse.protocol.messages import Quality
 from traverse.strict_toml.reader import parse_strict
 
