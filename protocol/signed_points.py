@@ -127,7 +127,7 @@ def checked_points(points: Iterable[Point | str], public_key: bytes) -> CheckedP
 
 
 def points_of_lines(lines: Iterable[str]) -> Iterator[Point | str]:
-    """Read points as JSON, one a line; a text says which line is none."""
+    """Read points as JSON, one a line; a text names an invalid line."""
     rows, number = iter(lines), 0
     while True:
         number += 1
@@ -164,7 +164,7 @@ def read_public_key(text: str) -> bytes:
     """Read a public key as `status` has it and as its file has it, base 64.
 
     Raises:
-        ValueError: It is none.
+        ValueError: It is not a public key.
     """
     key = b64decode(text.strip(), validate=True)
     if len(key) != 32:

@@ -126,7 +126,7 @@ def check_response_filter(topic_filter: str) -> None:
     """Check that a filter of response topics is valid, and excludes arms' topics.
 
     Raises:
-        MessageError: it is none, or it does.
+        MessageError: it is invalid, or includes topics of arms.
     """
     levels = topic_filter.split("/")
     first, *deeper = levels
@@ -154,7 +154,7 @@ def parse_topic(topic: str) -> Topic:
     """Take a topic apart.
 
     Raises:
-        MessageError: it is none of ours.
+        MessageError: it is not a topic of Traverse.
     """
     root, *levels = topic.split("/")
     if root == ROOT and len(levels) == 2 and levels[1] not in NAMED:

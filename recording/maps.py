@@ -33,7 +33,7 @@ def bytes_to_map(content: bytes) -> dict[str, Any]:
     """Read a map; lists become tuples.
 
     Raises:
-        ValueError: It is none.
+        ValueError: It is not a map.
     """
     try:
         table = msgpack.unpackb(

@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 
 def bytes_to_samples(content: bytes, n_joints: int) -> Samples:
-    """Read a block of samples; raises ValueError where it is none."""
+    """Read a block of samples; raises ValueError if it is malformed."""
     try:
         table = bytes_to_map(content)
     except ValueError as error:

@@ -126,7 +126,7 @@ def bytes_to_cloud(content: bytes) -> Cloud:
     """Read a cloud that was written here.
 
     Raises:
-        ValueError: It is none.
+        ValueError: It is not such a cloud.
     """
     try:
         table = json.loads(content)

@@ -110,7 +110,7 @@ def _numbered(path: Path, text: TextIO) -> Iterator[tuple[int, str]]:
 
 
 def _undecodable(path: Path, error: UnicodeError) -> Problem:
-    """Say where a file in UTF-8 is none; a decoder knows its own piece only."""
+    """Name the invalid place of a file in UTF-8; a decoder knows its own piece only."""
     remedy = "save the file as UTF-8"
     encoding = getattr(error, "encoding", "utf-16")
     if encoding.startswith("utf-8"):

@@ -98,7 +98,7 @@ class NumberReader:
         """Read one cell.
 
         Raises:
-            ValueError: It is not a finite number; says which characters it has.
+            ValueError: It is not a finite number; names its characters.
             MixedMarksError: Its decimal mark differs from the numbers before it.
         """
         bare = text.strip()
@@ -117,7 +117,7 @@ class NumberReader:
         return value
 
     def integer(self, text: str, line: int) -> int | None:
-        """Read one cell as an integer of at most 19 digits; None if it is none."""
+        """Read one cell as an integer of at most 19 digits; None if it is not one."""
         bare = text.strip().translate(_MINUS)
         grouped = _GROUPED.fullmatch(bare)
         if grouped and not grouped["decimal"] and _is_clear(grouped):

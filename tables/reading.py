@@ -129,7 +129,7 @@ class Table:
     def number(
         self, line: int, column: str, cell: str, unit: Unit | None = None
     ) -> float | None:
-        """Read a cell as a number; None where it is none, which is refused.
+        """Read a cell as a number; None, and a refusal, for other texts.
 
         Args:
             line: Of the cell.
@@ -165,7 +165,7 @@ class Table:
         return np.array(known) if len(known) == len(numbers) else None
 
     def integer(self, line: int, cell: str) -> int | None:
-        """Read a cell as an integer; None where it is none.
+        """Read a cell as an integer; None for other texts.
 
         Raises:
             FileError: The table has decimal commas and decimal points.

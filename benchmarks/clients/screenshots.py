@@ -61,7 +61,7 @@ def simulated(folder: Path, *, loses_power: bool = False) -> Iterator[None]:
 
 
 async def pictures(page: Page, out: Path, word: str, state: str) -> None:
-    """Picture one state in all sizes, dark and light, when the banner says the word."""
+    """Picture one state in all sizes, dark and light, when the banner has the word."""
     shown_word = page.locator(".word").get_by_text(word, exact=True)
     await shown_word.wait_for(timeout=LONGEST_MS)
     for theme in ("dark", "light"):

@@ -250,7 +250,7 @@ def open_host_end(hub: Timekeeper, path: str, baud_rate: int) -> HostEnd:
     """Open a port of the host by its path.
 
     Raises:
-        DeviceNotFoundError: There is none.
+        DeviceNotFoundError: There is no such port.
     """
     cable = hub.ports.get(path)
     if cable is None or not cable.is_there:

@@ -33,7 +33,7 @@ def check_agreement(payloads: list[bytes], texts: list[str]) -> float:
     """The largest difference between the places of both [mm].
 
     Raises:
-        ValueError: they do not say the same of the same samples.
+        ValueError: their results for the same samples differ.
     """
     decoded = [decode(Scan, payload) for payload in payloads]
     scans = [scan for scan in decoded if len(scan.dtime_ns)]

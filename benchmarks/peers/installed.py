@@ -37,7 +37,7 @@ def check_agreement(geometry: Geometry, peer: Peer, angles_rad: Floats) -> float
         angles_rad: readings, (n_samples, n_joints).
 
     Raises:
-        ValueError: the peer computes something else, so its time would say nothing.
+        ValueError: the peer computes something else, so its time would be meaningless.
     """
     turns_rad = angles_rad - geometry.zeros_rad
     differences = []

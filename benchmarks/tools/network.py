@@ -49,7 +49,7 @@ class Network:
         self._is_closed = True
 
     def swallow(self) -> None:
-        """Let everything wait that is said, as a plug pulled out does."""
+        """Let all bytes wait, as a pulled plug does."""
         self._is_open.clear()
 
     def pass_on(self) -> None:

@@ -85,7 +85,7 @@ def _check_port(host: str, port: int) -> None:
 
 
 def _check_pair(certificate: Path, key: Path | None) -> None:
-    """Try a certificate; ValueError where it is none, or the key another one's."""
+    """Try a certificate; ValueError if it is invalid, or the key another one's."""
     from traverse.broker.credentials import load_pair
 
     try:

@@ -321,7 +321,7 @@ def _check(connection: "Connection", session: str) -> None:
 
 
 def outbox_of(db: Path | None, config: Path | None) -> Path:
-    """Find the outbox that is meant."""
+    """Find the outbox by the options."""
     from traverse.daemon.state_dir import OUTBOX, state_path
 
     if (db is None) == (config is None):

@@ -30,7 +30,7 @@ def opened_outbox(path: Path) -> Iterator[sqlite3.Connection]:
     """Open an outbox to read it.
 
     Raises:
-        ValueError: it is none, or cannot be read.
+        ValueError: it is no outbox, or cannot be read.
     """
     try:
         with closing(open_read_only(path)) as connection:

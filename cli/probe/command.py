@@ -67,7 +67,7 @@ def pivot(
 def _chosen(
     library: Path | None, name: str | None, *, write: bool
 ) -> tuple["ProbeLibrary | None", "LibraryProbe | None"]:
-    """The probe of the library, or none where the arm's own is meant."""
+    """The probe of the library; None for the arm's own."""
     from traverse.daemon.pose.probe_library import read_probes
 
     if (library is None) != (name is None):

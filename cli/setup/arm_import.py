@@ -46,7 +46,7 @@ def import_arm(
         The file, and remarks: changes, and implausible values.
 
     Raises:
-        ValueError: The upload or a field cannot be used; says why.
+        ValueError: The upload or a field is invalid, with the reason.
         OSError: The folder cannot be written.
     """
     name, counts, tool, radius = (fields[field].strip() or None for field in FIELDS)

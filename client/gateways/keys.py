@@ -161,7 +161,7 @@ class UinputKeyboard:
         on_stop: called when it is pressed.
 
     Raises:
-        ValueError: there is none here, or it may not be used.
+        ValueError: there is no such device here, or it may not be used.
     """
 
     def __init__(

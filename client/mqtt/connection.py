@@ -132,7 +132,7 @@ class ReconnectingConnection:
 
     Attributes:
         topics: topic filters to their quality of service.
-        reason: why there is none, for people.
+        reason: why there is no connection, for people.
     """
 
     def __init__(self, address: BrokerAddress, **options: Any) -> None:

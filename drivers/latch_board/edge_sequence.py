@@ -65,7 +65,7 @@ class EdgeSequencer:
         return 0 if oldest is None else max(0, _signed(seq - oldest))
 
     def classify(self, seq: int, now_ns: int) -> tuple[Verdict, int]:
-        """Classify edge ``seq``, and count those before it that are lost for good.
+        """Classify edge ``seq``, and count earlier ones that are definitely lost.
 
         Returns:
             "next": deliver it, then call `mark_delivered`. "early": an earlier one is,

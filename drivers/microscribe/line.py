@@ -109,7 +109,7 @@ class MicroscribeLine:
         """Greatest counts.
 
         Raises:
-            DeviceRefusedError: the answer is none.
+            DeviceRefusedError: the answer is invalid.
         """
         data = b""
         for _ in range(TRIES):

@@ -216,7 +216,7 @@ class TextLineDriver(Driver):
         """Return successive valid lines, to learn from, with their times.
 
         Raises:
-            DeviceError: there are none.
+            DeviceError: no such lines.
         """
         begun_ns = self._now_ns()
         asked_ns = begun_ns - START_AGAIN_NS
@@ -401,7 +401,7 @@ class TextLineDriver(Driver):
         """Convert a line to a sample.
 
         Raises:
-            DeviceError: counts have jumped for good.
+            DeviceError: counts have jumped and stay there.
         """
         line, clock, received_ns = arrived.line, self._clock, arrived.received_ns
         time_ns = ticks = arrived.arrived_ns

@@ -105,7 +105,7 @@ class LinePattern:
         fields: names in the order of the line.
 
     Raises:
-        ValueError: the pattern is none; the text says why.
+        ValueError: the pattern is invalid, with the reason.
     """
 
     def __init__(

@@ -266,7 +266,7 @@ def positive_radius(radius_mm: float) -> float:
     """Return a radius of a surface.
 
     Raises:
-        ValueError: it is none, as of a shaft smaller than the ball.
+        ValueError: it is not positive, as of a shaft smaller than the ball.
     """
     if not radius_mm > 0.0:
         raise ValueError(

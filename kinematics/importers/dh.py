@@ -151,7 +151,7 @@ def nearest_table(geometry: Geometry, parallel_below_rad: float) -> NearestTable
     the arm's build. Exactly parallel hinges have it anywhere. Hinges within
     `parallel_below_rad` are therefore taken as parallel (alpha 0 or pi), with the
     normal drawn where the one before ends (d = 0): the shortest table. That is the
-    only misfit of the table, and it is none in the base posture.
+    only misfit of the table, and it vanishes in the base posture.
 
     Free choices: the first frame is at x_0 with its x axis along the arm's own as
     nearly as may be; x axes point so that theta offsets stay within a quarter turn (a

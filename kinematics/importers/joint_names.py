@@ -25,7 +25,7 @@ def names_for_arm(
         The names, (n,), and new ones by old ones of those that differ.
 
     Raises:
-        ValueError: `renames` has a name that is not there, or one that is none.
+        ValueError: `renames` has an unknown name, or an invalid new one.
     """
     for old, new in renames.items():
         if old not in names:

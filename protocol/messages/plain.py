@@ -1,4 +1,4 @@
-"""Maps of anything that JSON can say: data of events, arguments, results.
+"""Maps of anything that JSON can hold: data of events, arguments, results.
 
 Checked by hand, since a union of types would report six mistakes for each wrong value,
 and a hostile payload can hold a hundred thousand of them: here the first one ends it.

@@ -23,7 +23,7 @@ def n_points(posed: PosedDaemon) -> int:
 
 
 async def is_stale(page: Page) -> None:
-    """Everything that the browser alone can say."""
+    """Everything that the browser alone can show."""
     banner = page.locator("header")
     await expect(banner.locator(".silent-word")).to_have_text("Stale")
     await expect(banner.locator(".silent-banner")).to_be_visible()

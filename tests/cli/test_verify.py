@@ -282,7 +282,7 @@ def test_what_is_refused(arguments, message, tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def uncertain_arm(tmp_path_factory):
-    """An arm file with its covariance; and a true arm that is as the file says."""
+    """An arm file with its covariance; and a true arm that agrees with it."""
     folder, arm = tmp_path_factory.mktemp("uncertain"), read_arm(ARM)
     write_uncertain_arm(folder, LINKS_MM, AXES_RAD)
     drawn = Deviations(links_mm=LINKS_MM, axes_rad=AXES_RAD, zeros_rad=0.0)

@@ -1,4 +1,4 @@
-"""An arm's daemon as its clients see it: speaks MQTT as the contract says.
+"""An arm's daemon as its clients see it: speaks MQTT by the contract.
 
 It keeps its points in an outbox of its own, and can be made to lose its connection, to
 forget old points, to publish nothing, or to be started anew.

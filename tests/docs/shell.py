@@ -1,4 +1,4 @@
-"""Commands of a page, run by a shell as their reader would, until they say enough."""
+"""Commands of a page, run in a shell as by a reader, until their output suffices."""
 
 import asyncio
 import os

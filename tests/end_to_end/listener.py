@@ -1,4 +1,4 @@
-"""A subscriber that keeps all that an arm says."""
+"""A subscriber that keeps all messages of an arm."""
 
 import asyncio
 import contextlib
@@ -80,7 +80,7 @@ class Listener:
     async def command(self, args: Args, request: str = "") -> Reply:
         """Send a command and wait for its answer on reply/<name>.
 
-        It is sent again where an outage has just ended, as the refusal says.
+        It is sent again where an outage has just ended, as the refusal advises.
         """
         reply = await self._command(args, request)
         while reply.error is not None and "until just now" in reply.error.text:

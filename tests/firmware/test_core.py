@@ -21,7 +21,7 @@ EDGE, ALARM, TEMPERATURES, HEARTBEAT, SAMPLE = 0x84, 0x86, 0x85, 0x87, 0x83
 
 
 def quiet(**options) -> CoreBench:
-    """A board that has been greeted and does not say anything by itself."""
+    """A board that has been greeted and sends nothing unasked."""
     bench = CoreBench(**options)
     bench.ask(HELLO)
     bench.ask(NO_HEARTBEATS)

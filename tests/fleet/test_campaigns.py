@@ -148,7 +148,7 @@ def results(campaigns, out, workers):
 
 
 def files_of(out):
-    """Read all, but for how many seconds a page says that it took."""
+    """Read all but the duration on a page."""
     return {
         str(path.relative_to(out)): re.sub(rb"[0-9.]+ s\b", b"", path.read_bytes())
         for path in sorted(out.rglob("*"))

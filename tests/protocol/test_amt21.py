@@ -9,7 +9,7 @@ values = st.integers(0, 0x3FFF)
 
 
 def word_by_definition(value: int) -> bytes:
-    """K1 = NOT XOR of the odd bits, K0 = NOT XOR of the even bits, as text says it."""
+    """K1 = NOT XOR of the odd bits, K0 = NOT XOR of the even bits, as in the text."""
     odd = even = 0
     for bit in range(0, 14, 2):
         even ^= value >> bit & 1

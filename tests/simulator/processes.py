@@ -1,4 +1,4 @@
-"""The simulator as its users meet it: a process that says when it is ready."""
+"""The simulator as its users meet it: a process that reports when it is ready."""
 
 import subprocess
 import sys

@@ -53,7 +53,7 @@ def exact_receivers() -> set[int]:
 
 
 def periodic_frames() -> int:
-    """How many frames the kernel's broadcast manager has sent, as it says itself."""
+    """Number of frames that the kernel's broadcast manager reports as sent."""
     folder = PROC / "can-bcm"
     texts = "\n".join(path.read_text() for path in folder.iterdir())
     return sum(

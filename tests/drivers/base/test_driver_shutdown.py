@@ -13,7 +13,7 @@ class Deaf(Driver):
         self.serving, self.let_go = threading.Event(), threading.Event()
 
     def request_stream(self, rate_hz: float) -> None:
-        """There is none."""
+        """Do nothing: it has no stream."""
 
     def _connect(self) -> None:
         self.let_go.wait()

@@ -2,7 +2,7 @@
 
 Written from the bytes of CiA 301 and 406, with expedited transfers only; it uses
 nothing of the code under test. By themselves they answer questions, obey NMT,
-send heartbeats, answer SYNCs where `answers_sync` says so.
+send heartbeats, answer SYNCs if `answers_sync`.
 """
 
 import heapq
@@ -51,8 +51,8 @@ class FakeNode:
 
     Attributes:
         refuses: objects that cannot be written.
-        mute: it says nothing.
-        doubles: it says everything twice.
+        mute: it sends nothing.
+        doubles: it sends everything twice.
         late_s: how long after a SYNC its answer is sent.
         loses: SYNCs that it does not answer, counted from now.
     """

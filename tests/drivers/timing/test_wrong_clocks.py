@@ -235,7 +235,7 @@ def test_no_delay_is_usual_while_a_single_answer_ties_the_clock():
 
 
 def test_the_first_read_after_a_timer_stood_still_is_bounded_by_its_own_lateness():
-    """Reads before the stall say nothing of it, however early they came."""
+    """Reads before the stall give no information on it, however early they came."""
     clock = DeviceClock(1e6, latency_ns=1_000_000)
     lateness_ns = np.random.default_rng(3).exponential(300_000.0, 800)
     lateness_ns[::50] = 12_000_000.0  # delays that are usual, so that none is doubted

@@ -1,4 +1,4 @@
-"""An arm with every kind of effect, and blocks that say all that they need."""
+"""An arm with every kind of effect, and blocks with all that they need."""
 
 import numpy as np
 

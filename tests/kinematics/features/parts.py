@@ -1,4 +1,4 @@
-"""A part of known truth, touched by arms that are known only as a covariance says.
+"""A part of known truth, touched by arms that are known within a covariance.
 
 The part: a plate with an edge and two holes, a shaft, and a cone. Of each part sizes
 and places are drawn; of each arm its parameters, then noise of readings and contacts.

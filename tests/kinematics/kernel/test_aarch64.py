@@ -28,7 +28,7 @@ TERMS = (
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory) -> Path:
-    """The kernel with the flags of setup.py, which has nothing to say of processors."""
+    """The kernel with the flags of setup.py, which has none for processors."""
     made = tmp_path_factory.mktemp("aarch64") / "poses"
     kernel = ROOT / "kinematics" / "kernel"
     main = ROOT / "tests" / "kinematics" / "kernel" / "native" / "kernel_poses.c"

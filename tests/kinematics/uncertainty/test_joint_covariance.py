@@ -35,7 +35,7 @@ CONTACT_MM, ENCODER_RAD = 0.004, 1e-5
 
 
 class Bench:
-    """An arm known as a covariance says, with noise of readings and contacts."""
+    """An arm known within a covariance, with noise of readings and contacts."""
 
     def __init__(self, geometry, effects):
         rng = np.random.default_rng(3)

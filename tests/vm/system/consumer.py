@@ -17,7 +17,7 @@ START_S = 60.0
 
 @contextlib.asynccontextmanager
 async def following() -> AsyncIterator[Listener]:
-    """All that the arm says, while the block lasts."""
+    """All messages of the arm while the block lasts."""
     listener = Listener(None, ARM)
 
     async def follow() -> None:

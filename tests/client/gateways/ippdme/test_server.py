@@ -24,7 +24,7 @@ GOOD = Quality.from_bits(0)
 
 
 class Serving:
-    """A server for a virtual arm, which says its pose again and again."""
+    """A server for a virtual arm, which publishes its pose again and again."""
 
     def __init__(self, virtual: VirtualDaemon) -> None:
         self.virtual = virtual
