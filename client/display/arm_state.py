@@ -17,6 +17,7 @@ from traverse.protocol.messages import (
     Label,
     Live,
     Point,
+    Quality,
     Scan,
     Status,
 )
@@ -38,6 +39,7 @@ class Change:
 
     Attributes:
         kind: "point", "retraction", "stored" (either of them, older, received late),
+            "doubt" (a point that is in doubt since it was taken),
             "scan" (ended), "refused", "alarm", "cleared", "link", "status",
             "absent" (no message of this arm was received).
         text: for the user; may be empty.
@@ -224,6 +226,7 @@ class ArmSight:
         key = (event.code, event.source)
         if event.active is True:
             self.alarms[key] = event
+            self._doubt_points(event)
             if event.severity != "info":
                 self._notify(Change("alarm", event.text))
         elif event.active is False:
@@ -241,6 +244,21 @@ class ArmSight:
             self.probe = str(event.data.get("probe", ""))
         elif event.code == "capture.alignment":
             self.aligned_ns = event.last_ns
+
+    def _doubt_points(self, event: Event) -> None:
+        """Flag points that an event puts in doubt after they were taken."""
+        flags = tuple(str(event.data.get("flags", "")).split())
+        ids = str(event.data.get("points", "")).split() if flags else []
+        places = [(held, i) for held in self.sessions.values() for i in ids]
+        for held, point_id in places:
+            if (point := held.get(point_id)) is None:
+                continue
+            every = tuple(dict.fromkeys((*point.quality.flags, *flags)))
+            quality = Quality(ok=False, flags=every)
+            point = point.model_copy(update={"quality": quality})
+            held[point_id] = point
+            text = f"Point {point.seq}, in doubt: {flag_words(point)}"
+            self._notify(Change("doubt", text, point))
 
     def refuse(self, text: str, remedy: str = "", *, by_event: bool = False) -> None:
         """Report a refusal once, although answer and event both contain it."""

@@ -226,7 +226,9 @@ class CheckDesk:
     def _changed(self, change: Change) -> None:
         if self.check is None or change.point is None:
             return
-        if change.point.retracts is None:
+        if change.kind == "doubt":
+            self.check.undo(change.point.id)
+        elif change.point.retracts is None:
             self.check.take(change.point)
         else:
             self.check.undo(change.point.retracts)

@@ -262,7 +262,11 @@ class InspectionDesk:
         point = change.point
         if point is None:
             return
-        if point.retracts is not None:
+        if change.kind == "doubt":
+            if point.id in self._points:
+                self._points[point.id] = point
+                self.version += 1
+        elif point.retracts is not None:
             if self._points.pop(point.retracts, None) is not None:
                 self.assign(point.retracts, None)
         elif self.active is not None and point.time_ns >= self._begun_ns:

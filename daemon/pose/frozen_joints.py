@@ -21,6 +21,7 @@ from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import ArmReadings
 from traverse.daemon.pose.trajectory import INVALID_FLAGS
 from traverse.protocol.messages import Point, QualityFlag
+from traverse.protocol.messages.quality import flag_names
 
 CONDITION = "channels"  # that this feeds
 CHECK_NS = 50_000_000  # interval of checks
@@ -175,6 +176,7 @@ class FrozenJointMonitor:
             numbers = ", ".join(str(point.seq) for point in points)
             why += f"; points that may rest on it already, by seq: {numbers}"
             data["points"] = " ".join(point.id for point in points)
+            data["flags"] = " ".join(flag_names(QualityFlag.STALE.value))
         self._doubt(model, why, data)
 
     def _doubt(

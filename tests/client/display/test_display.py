@@ -27,11 +27,12 @@ from traverse.client.display.figures import (
     expanded_axes_mm,
     place_uncertainty,
 )
+from traverse.client.display.inspection_desk import InspectionDesk
 from traverse.client.display.nominal import Nominal
 from traverse.client.display.point_cloud import Cloud
 from traverse.client.page.health_tables import condition_list
 from traverse.client.page.readout import point_rows
-from traverse.protocol.messages import Alarm, Scan
+from traverse.protocol.messages import Alarm, Quality, Scan
 
 FINE = {"ok": True, "flags": []}
 SAME = {"text": "was AAA111, is BBB222", "remedy": "look"}
@@ -150,6 +151,24 @@ def test_an_alarm_is_shown_until_it_is_cleared(sight: ArmSight) -> None:
     )
     assert verdict(sight).level == "good"
     assert [change.kind for change in seen] == ["alarm", "cleared"]
+
+
+def test_a_point_that_an_event_puts_in_doubt_is_flagged_afterwards(sight: ArmSight):
+    sight.take_point(point(1, quality=FINE))
+    sight.take_point(point(2, quality=FINE))
+    first = sight.points["p-1"]
+    desk, seen = InspectionDesk(sight), changes(sight)
+    desk.begin("plane")
+    sight.take_point(point(3, quality=FINE))
+    frozen = event("condition.channels", True, severity="error", text="it froze")
+    data = {"points": "p-2 p-3 p-99", "flags": "stale", "constant_s": 0.6}
+    sight.take_event(frozen.model_copy(update={"data": data}))
+    assert sight.points["p-1"] == first
+    for name in ("p-2", "p-3"):
+        assert sight.points[name].quality == Quality(ok=False, flags=("stale",))
+    kinds = [change.kind for change in seen]
+    assert kinds[-3:] == ["doubt", "doubt", "alarm"]
+    assert desk._points == {"p-3": sight.points["p-3"]}
 
 
 def test_the_worst_of_several_is_first_and_the_others_are_counted(
