@@ -4,7 +4,9 @@ The binary for the board runs in its emulator while seven incremental encoders t
 the end of each hour a driver connects, receives a stream for a second, and the button
 is pressed or released. Judged against the emulator: the counts that were latched, the
 tick of the edge (a counter of 32 bits, which wraps each 36 minutes), its number, and
-that nothing is reported lost or broken. Ends with status 1 if anything is wrong.
+that nothing is reported lost or broken. A step of the board's clock is not judged: a
+busy computer's emulator falls behind and catches up. Ends with status 1 if anything is
+wrong.
 """
 
 import argparse
@@ -65,7 +67,9 @@ def apart(value: int, other: int, modulus: int) -> int:
 
 def errors(edge: Edge, number: int, first: Edge) -> Iterator[str]:
     """Name an edge's faults, with the first edge as the origin of time."""
-    yield from (str(report) for report in edge.reports)
+    for report in edge.reports:
+        if report.code != "clock_stepped":
+            yield str(report)
     if edge.seqs != list(range(len(edge.seqs))):
         yield "samples are missing"
     if [latch.token for latch in edge.latches] != [number]:
