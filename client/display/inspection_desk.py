@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from traverse.arrays import Floats
 from traverse.client.display.arm_state import ArmSight, Change
+from traverse.client.inspection.best_fit import BestFit
 from traverse.client.inspection.plan import (
     FeatureEntry,
     PartTemperature,
@@ -14,12 +15,17 @@ from traverse.client.inspection.plan import (
     RelationKind,
     ToleranceEntry,
 )
-from traverse.client.inspection.results import inspected, system_of_datums
+from traverse.client.inspection.results import (
+    inspected,
+    system_by_best_fit,
+    system_of_datums,
+)
 from traverse.client.inspection.values import FeatureResult, Inspection
 from traverse.kinematics.features.measured import Side
 from traverse.kinematics.fits.elements import Kind
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.protocol.messages import Point
+from traverse.protocol.messages.fields import Vector
 
 GOOD_COUNTS: dict[Kind, int] = {
     "point": 1,
@@ -157,9 +163,27 @@ class InspectionDesk:
             ValueError: they make none.
         """
         points = list(self._points.values())
-        self.alignment = system_of_datums(self.plan, points, names)
+        system = system_of_datums(self.plan, points, names)
+        self.align_to(system)
+        return system
+
+    def fit(self, nominals_mm: Mapping[str, Vector]) -> BestFit:
+        """Fit features onto their nominal places; nothing is changed by it.
+
+        Raises:
+            ValueError: they do not determine the part's system.
+        """
+        return system_by_best_fit(
+            self.plan,
+            list(self._points.values()),
+            self._refusal or self._shared,
+            nominals_mm,
+        )
+
+    def align_to(self, system: Helmert) -> None:
+        """State all results in a system of the part."""
+        self.alignment = system
         self.version += 1
-        return self.alignment
 
     def set_tolerance(self, entry: ToleranceEntry | None, key: tuple[str, str]) -> None:
         """Set the tolerance of a figure, by its feature and name; None: none."""
@@ -193,6 +217,13 @@ class InspectionDesk:
     def result(self, name: str) -> FeatureResult | None:
         features = () if self.inspection is None else self.inspection.features
         return next((feature for feature in features if feature.name == name), None)
+
+    def has_place(self, name: str) -> bool:
+        """Whether a feature or relation is a point, or has a centre."""
+        result = self.result(name)
+        if result is None or result.place_mm is None:
+            return False
+        return result.kind in ("point", "circle", "sphere") or result.direction is None
 
     @property
     def plan(self) -> Plan:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.client.inspection.best_fit import BestFit, best_fit
 from traverse.client.inspection.plan import (
     FeatureEntry,
     Plan,
@@ -39,9 +40,11 @@ from traverse.kinematics.helmert.transformation import Helmert, closed_helmert
 from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
 from traverse.plurals import counted
 from traverse.protocol.messages import Point
+from traverse.protocol.messages.fields import Vector
 
 MEASURED_SIDES = {"pretouch", "pulled", "inside", "outside"}
 """Compensations that know the direction to the material."""
+_OF_ARM = Helmert(np.eye(3), np.zeros(3))
 _ALIGNED_MM = 1e-6  # part coordinates are those of one alignment
 _BETWEEN = {"distance": distance, "angle": angle}
 
@@ -150,8 +153,7 @@ def system_of_datums(
         ValueError: they are not measured, or make no system.
     """
     assigned = assigned_points(plan, points)
-    of_arm = Helmert(np.eye(3), np.zeros(3))
-    features = _measured(plan, assigned, "not needed", of_arm).features
+    features = _measured(plan, assigned, "not needed", _OF_ARM).features
     for name in names:
         if name not in features.elements:
             raise ValueError(f"{name}: {features.problems.get(name, 'not measured')}")
@@ -159,6 +161,41 @@ def system_of_datums(
     of_line = assigned[names[1]]
     forwards = np.subtract(of_line[-1].xyz_mm, of_line[0].xyz_mm)
     return datum_system(plane, line, point, forwards)
+
+
+def system_by_best_fit(
+    plan: Plan,
+    points: Sequence[Point],
+    shared_mm: Mapping[str, Floats] | str,
+    nominals_mm: Mapping[str, Vector],
+) -> BestFit:
+    """Return the part's system by a best fit of features onto nominal places.
+
+    Args:
+        plan: with the features; where it states the part's temperature, nominal places
+            at 20 °C are taken as long as the part is now.
+        points: as of `inspected`.
+        shared_mm: as of `inspected`.
+        nominals_mm: by feature.
+
+    Raises:
+        ValueError: they are not measured, or do not determine it.
+    """
+    assigned = assigned_points(plan, points)
+    measured = _measured(plan, assigned, shared_mm, _OF_ARM)
+    judge = _Judge(plan, assigned, is_known=not measured.unknown, is_of_part=False)
+    for entry in plan.relations:
+        _relation(entry, measured.features, judge)
+    of_part = plan.part_temperature
+    length = 1.0 if of_part is None else of_part.expansion.length
+    return best_fit(
+        measured.features,
+        {
+            name: (length * x_mm, length * y_mm, length * z_mm)
+            for name, (x_mm, y_mm, z_mm) in nominals_mm.items()
+        },
+        is_known=not measured.unknown,
+    )
 
 
 def assigned_points(plan: Plan, points: Sequence[Point]) -> dict[str, list[Point]]:

@@ -132,7 +132,7 @@ class Dialogs:
             title: the question.
             actions: the answers besides "Cancel"; the first is that of Enter.
             fields: to be filled in, with present values.
-            details: further text above the buttons.
+            details: further lines above the buttons.
 
         Returns:
             The action, empty for none, and the fields.
@@ -143,8 +143,8 @@ class Dialogs:
         submit = self.presses.guard(dialog.submit)
         with dialog, ui.card().classes("question"):
             ui.label(title).classes("title")
-            if details:
-                ui.label(details)
+            for line in details.splitlines():
+                ui.label(line)
             for name, value in (fields or {}).items():
                 first = "autofocus" if not inputs else ""
                 inputs[name] = ui.input(name, value=value).props(first)

@@ -22,6 +22,7 @@ from traverse.client.inspection.values import (
     TouchResult,
 )
 from traverse.client.page.controls import Dialogs
+from traverse.client.page.part_alignment import PartAlignment
 from traverse.client.page.presses import Presses
 from traverse.kinematics.features.measured import Side
 from traverse.kinematics.fits.elements import LEAST_POINTS, Kind
@@ -67,6 +68,7 @@ class PartPanel:
         self._follower = follower
         self._desk = desk
         self._dialogs = dialogs
+        self._alignment = PartAlignment(follower, desk, dialogs)
         self._guard = presses.guard
         self._shown: object = None
         self._last_kind: Kind | None = None
@@ -106,7 +108,8 @@ class PartPanel:
                 self._relations.props('role="group" aria-label="Relate features"')
                 for relation in RELATIONS:
                     self._button(relation.capitalize(), partial(self._relate, relation))
-                self._button("Align 3-2-1", self._align)
+                self._button("Align 3-2-1", self._alignment.by_datums)
+                self._button("Align best fit", self._alignment.by_best_fit)
             self._left_out = ui.label().classes("left-out")
             self._rows = ui.element("div").classes("features")
         self.show()
@@ -320,43 +323,11 @@ class PartPanel:
     async def _relate(self, kind: RelationKind) -> None:
         names = [*self._desk.features, *self._desk.relations]
         places = ("Which cone?",) if kind == "apex" else ("First?", "Second?")
-        chosen = await self._choose(kind.capitalize(), places, names)
+        title = kind.capitalize()
+        chosen = await self._alignment.choose(title, places, names)
         if chosen:
             self._desk.relate(kind, chosen)
             self.show()
-
-    async def _align(self) -> None:
-        places = ("The plane?", "The line along it?", "The point or centre?")
-        chosen = await self._choose("Align 3-2-1", places, [*self._desk.features])
-        if not chosen:
-            return
-        try:
-            system = self._desk.align(chosen)
-        except ValueError as error:
-            self._follower.sight.refuse(str(error), "touch a plane, a line and a point")
-            return
-        rows, name = system.rotation.tolist(), (self._desk.part or "part")[:60]
-        shift_mm = system.translation_mm.tolist()
-        await self._follower.do(lambda arm: arm.align(rows, shift_mm, name=name))
-
-    async def _choose(
-        self, title: str, places: Sequence[str], names: Sequence[str]
-    ) -> list[str]:
-        """Ask for a feature for each place; empty where the operator gives up."""
-        chosen: list[str] = []
-        for place in places:
-            candidates = [name for name in names if name not in chosen]
-            if not candidates:
-                self._follower.sight.refuse(
-                    f"{title} needs {counted(len(places), 'feature')}",
-                    "touch its features first",
-                )
-                return []
-            answer, _ = await self._dialogs.ask(f"{title}: {place}", candidates)
-            if not answer:
-                return []
-            chosen.append(answer)
-        return chosen
 
     async def _change_about(self) -> None:
         desk = self._desk

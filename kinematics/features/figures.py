@@ -71,17 +71,21 @@ class Expansion:
     expansion_per_c: float
     expansion_std_per_c: float
 
+    @property
+    def length(self) -> float:
+        """A length now over the length at 20 °C."""
+        return 1.0 + self.expansion_per_c * (self.temperature_c - _REFERENCE_C)
+
     def at_reference(self, figure: Figure) -> Figure:
         """Return a length as it is at 20 °C; an angle as it is."""
         if figure.is_angle:
             return figure
         warm_c = self.temperature_c - _REFERENCE_C
-        length = 1.0 + self.expansion_per_c * warm_c
         share_std = np.hypot(
             self.expansion_per_c * self.temperature_std_c,
             self.expansion_std_per_c * np.hypot(warm_c, self.temperature_std_c),
         )
-        value, std = figure.value / length, figure.std / length
+        value, std = figure.value / self.length, figure.std / self.length
         return replace(figure, value=value, std=float(np.hypot(std, value * share_std)))
 
 

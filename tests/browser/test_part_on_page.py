@@ -113,6 +113,51 @@ async def test_a_plate_with_holes_is_measured_by_touches(
             assert off <= named[name]["expanded"] < 0.1
 
 
+@pytest.mark.slow
+async def test_bores_and_an_apex_are_fitted_onto_nominal_places(
+    posed: PosedDaemon, address: str, served_page: OpenPage
+) -> None:
+    """By the truth in the arm's system: residuals are within U, and the system its."""
+    by_feature, shared, truth = measured()
+    async with posed.posing(), served_page(posed.arm, address) as page:
+        part, dialog = page.locator(".part"), page.get_by_role("dialog")
+        fit = part.get_by_role("button", name="Align best fit")
+        await fit.click()
+        await expect(page.locator(".message")).to_contain_text("three features")
+        for kind, feature in (
+            *(("Plane", "plate"), ("Circle", "hole a"), ("Circle", "hole b")),
+            ("Cone", "cone"),
+        ):
+            await part.get_by_role("button", name=kind, exact=True).click()
+            await expect(part.locator(".asks")).to_contain_text("0 touches")
+            await touch_all(posed, by_feature[feature], shared)
+            n = len(by_feature[feature])
+            await expect(part.locator(".touches button")).to_have_count(n)
+            await expect(part.locator(".result")).to_contain_text("±")
+            await part.get_by_role("button", name="Accept").click()
+        await part.get_by_role("button", name="Apex").click()
+        await dialog.get_by_role("button", name="cone 1").click()
+        row = part.locator(".feature", has_text="apex 1")
+        await expect(row).to_contain_text("±")
+        hole_a, hole_b = (
+            [truth[f"hole {name} {axis}"] for axis in "xyz"] for name in "ab"
+        )
+        places = (hole_a, hole_b, np.add(hole_a, [25.0, 0.0, 70.0]))
+        await fit.click()
+        await expect(dialog.locator("input")).to_have_count(3)
+        for field, place in enumerate(places):
+            text = " ".join(f"{mm:.4f}" for mm in place)
+            await dialog.locator("input").nth(field).fill(text)
+        await picture(page, "best-fit-places")
+        await dialog.get_by_role("button", name="Fit", exact=True).click()
+        await expect(dialog).to_contain_text("(redundancy 3).")
+        await expect(dialog).to_contain_text("not in one plane")
+        await picture(page, "best-fit")
+        await dialog.get_by_role("button", name="Use it").click()
+        await expect(row).to_contain_text(f"x {places[2][0]:.0f}"[:4])
+        await picture(page, "best-fit-used")
+
+
 async def test_touches_can_be_left_out_moved_and_undone(
     posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:

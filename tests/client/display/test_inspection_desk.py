@@ -126,3 +126,35 @@ def test_a_plane_an_edge_and_a_bore_make_the_parts_system(desk):
     assert length_mm == pytest.approx(truth["hole a to hole b"], abs=0.05)
     with pytest.raises(ValueError, match="3-2-1 needs a plane"):
         desk.align(("line 1", "line 1", "circle 1"))
+
+
+def test_bores_and_an_apex_are_fitted_onto_their_nominal_places(desk):
+    """The truth of the part is in the arm's system: the fit is near the identity."""
+    _, truth = touched_points()
+    for kind, feature in (
+        *(("plane", "plate"), ("circle", "hole a"), ("circle", "hole b")),
+        ("cone", "cone"),
+    ):
+        desk.begin(kind)
+        touch(desk, feature)
+    desk.accept()
+    desk.relate("apex", ("cone 1",))
+    share = shares([])
+    asyncio.run(desk.measure(share))
+    assert [name for name in (*desk.features, *desk.relations) if desk.has_place(name)]
+    at_mm = [truth[f"hole a {axis}"] for axis in "xyz"]
+    nominals_mm = {
+        "circle 1": at_mm,
+        "circle 2": [truth[f"hole b {axis}"] for axis in "xyz"],
+        "apex 1": [at_mm[0] + 25.0, at_mm[1], at_mm[2] + 70.0],
+    }
+    fit = desk.fit(nominals_mm)
+    assert np.abs(fit.system.rotation - np.eye(3)).max() < 0.005
+    assert fit.redundancy == 3
+    assert fit.sigma0 < 2.0
+    assert desk.alignment is None
+    desk.align_to(fit.system)
+    asyncio.run(desk.measure(share))
+    apex = [figure.value for figure in desk.result("apex 1").figures[:3]]
+    off_mm = np.subtract(nominals_mm["apex 1"], apex)
+    np.testing.assert_allclose(off_mm, fit.residuals_mm["apex 1"], atol=1e-9)

@@ -1,0 +1,195 @@
+"""The part's system by a best fit of features onto their nominal places.
+
+The features' errors are those of their touches, with what these share of the arm and
+with touches that belong to several features, such as those of the plane of two bores.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from traverse.arrays import Floats
+from traverse.kinematics.features.measured import Features
+from traverse.kinematics.features.relations import SHAPES
+from traverse.kinematics.fits.elements import PLACE, Element
+from traverse.kinematics.helmert.adjustment import (
+    AdjustedHelmert,
+    HelmertError,
+    adjusted_helmert,
+    reliability_of,
+)
+from traverse.kinematics.helmert.shape import shape_of
+from traverse.kinematics.helmert.transformation import Helmert, mirrored_share
+from traverse.kinematics.helmert.volume import (
+    Box,
+    VolumeError,
+    disposition_index,
+    volume_error,
+)
+from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
+from traverse.protocol.messages.fields import Vector
+
+_ROUNDING_MM2 = 1e-8  # 0.1 um: a bore has no errors of its own across its plane
+_MIRRORED = 0.1
+_STRAIGHT = 0.15
+_WORST_INDEX = 3.0
+_NORMAL_95 = 1.645
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BestFit:
+    """A best fit of features, and what it is worth.
+
+    Attributes:
+        system: from the arm's to the part's.
+        residuals_mm: nominal less fitted, by feature.
+        sigma0: residuals over those that U lets expect; without U, in mm. None
+            without redundancy.
+        redundancy: coordinates less the six of the system.
+        index: errors of places in the box around all touches of the part over those of
+            one feature.
+        error: of places there, one standard deviation; None where U is not known.
+        doubts: why it is to be looked at before it is used.
+    """
+
+    system: Helmert
+    residuals_mm: dict[str, Vector]
+    sigma0: float | None
+    redundancy: int
+    index: VolumeError
+    error: VolumeError | None
+    doubts: tuple[str, ...]
+
+
+def best_fit(
+    features: Features,
+    nominals_mm: Mapping[str, Vector],
+    *,
+    is_known: bool,
+) -> BestFit:
+    """Fit points and centres of features onto nominal places.
+
+    Args:
+        features: measured in the arm's system.
+        nominals_mm: of at least three of them, by name, as long as the part is now.
+        is_known: whether the errors of the touches are.
+
+    Raises:
+        ValueError: they do not determine the system; says what is left open.
+    """
+    elements = [_located(features, name) for name in nominals_mm]
+    errors, to_mm = features.errors, np.array([*nominals_mm.values()]).reshape(-1, 3)
+    from_mm = np.array([element.place_mm for element in elements]).reshape(-1, 3)
+    none = _ROUNDING_MM2 * np.tile(np.eye(3), (len(elements), 1, 1))
+    if is_known:
+        covariances_mm2, shared_mm = _place_errors(elements, errors)
+        adjusted = adjusted_helmert(
+            from_mm, to_mm, covariances_mm2, none, from_shared_mm=shared_mm
+        )
+    else:
+        alike = np.tile(np.eye(3), (len(elements), 1, 1))
+        adjusted = adjusted_helmert(from_mm, to_mm, 0.0 * none, alike)
+    if mirrored_share(from_mm, to_mm) < _MIRRORED:
+        raise HelmertError(
+            "the features fit the mirror image of their nominal places far better: a "
+            "sign of a coordinate is wrong, or places are exchanged"
+        )
+    touched_mm = adjusted.transformation.places_mm(errors.points_mm)
+    around_mm = np.concatenate([to_mm, touched_mm])
+    box = Box(around_mm.min(axis=0), around_mm.max(axis=0))
+    index = disposition_index(to_mm, box)
+    error = (
+        volume_error(box, adjusted.centre_mm, _trusted(adjusted)) if is_known else None
+    )
+    x_mm, y_mm, z_mm = adjusted.misclosures_mm.T.tolist()
+    return BestFit(
+        adjusted.transformation,
+        dict(zip(nominals_mm, zip(x_mm, y_mm, z_mm, strict=True), strict=True)),
+        adjusted.sigma0,
+        adjusted.redundancy,
+        index,
+        error,
+        tuple(_doubts(adjusted, to_mm, index, is_known=is_known)),
+    )
+
+
+def _located(features: Features, name: str) -> Element:
+    """Return a feature that has a place.
+
+    Raises:
+        ValueError: it has none, or was not measured.
+    """
+    element = features.elements.get(name)
+    if element is None:
+        raise ValueError(f"{name}: {features.problems.get(name, 'not measured')}")
+    if SHAPES[element.kind] != "point":
+        raise ValueError(
+            f"{name}: a {element.kind} has no place of its own; take points, circles, "
+            "spheres"
+        )
+    return element
+
+
+def _place_errors(
+    elements: list[Element], errors: JointCovariance
+) -> tuple[Floats, Floats]:
+    """Compute covariances of places, (n, 3, 3), and what they share, (n, 3, rank)."""
+    weights = np.stack([element.by_points[PLACE] for element in elements])
+    propagated = [errors.combined(of_place) for of_place in weights]
+    is_used = np.any(weights != 0.0, axis=(1, 3))
+    common = np.flatnonzero(is_used.sum(axis=0) > 1)
+    own_mm = np.linalg.cholesky(
+        errors.own_mm2[common] + _ROUNDING_MM2 * np.eye(3)
+    )  # of touches that several features have
+    by_common = np.einsum("eqti,tij->eqtj", weights[:, :, common], own_mm)
+    shared_mm = np.concatenate(
+        [
+            np.array([shared for _, shared in propagated]),
+            by_common.reshape(len(elements), 3, -1),
+        ],
+        axis=2,
+    )
+    covariances_mm2 = np.array([covariance for covariance, _ in propagated])
+    return covariances_mm2 + _ROUNDING_MM2 * np.eye(3), shared_mm
+
+
+def _largest_sigma0(redundancy: int) -> float:
+    """Bound sigma0 of right errors with 95 %: chi-squared by Wilson and Hilferty."""
+    spread = 2.0 / (9.0 * redundancy)
+    return float((1.0 - spread + _NORMAL_95 * np.sqrt(spread)) ** 1.5)
+
+
+def _exceeds(adjusted: AdjustedHelmert) -> bool:
+    sigma0 = adjusted.sigma0
+    return sigma0 is not None and sigma0 > _largest_sigma0(adjusted.redundancy)
+
+
+def _trusted(adjusted: AdjustedHelmert) -> Floats:
+    """Return the covariance of the system; larger where the residuals are too large."""
+    factor = (adjusted.sigma0 or 1.0) ** 2 if _exceeds(adjusted) else 1.0
+    return factor * adjusted.cofactors
+
+
+def _doubts(
+    adjusted: AdjustedHelmert, nominal_mm: Floats, index: VolumeError, *, is_known: bool
+) -> Iterator[str]:
+    if not is_known:
+        yield "U of the features is not known: nothing can be tested"
+    elif _exceeds(adjusted):
+        yield (
+            f"residuals are {adjusted.sigma0:.1f} times what U lets expect: a feature "
+            "is wrong, places are exchanged, or the part is not as drawn"
+        )
+    if np.any(reliability_of(adjusted).seen_per_mm2[:, 0] == 0.0):
+        yield (
+            "there are directions in which an error of a feature shows in no residual; "
+            "take more features, not in one plane"
+        )
+    if shape_of(nominal_mm).straightness < _STRAIGHT:
+        yield "the features are nearly on one line; take one far beside it"
+    if index.max_mm > _WORST_INDEX:
+        yield (
+            f"at the worst touched place an error of a feature counts "
+            f"{index.max_mm:.1f} times; take features farther apart"
+        )
