@@ -54,7 +54,8 @@ def page() -> str:
         ".SH COMMANDS",
     ]
     for word, command in getattr(top, "commands", {}).items():
-        parts += sections(command, f"traverse {word}")
+        if not command.hidden:
+            parts += sections(command, f"traverse {word}")
     template = TEMPLATE.read_text("utf-8")
     return template.format(version=version("traverse-cmm"), text="\n".join(parts))
 

@@ -6,6 +6,7 @@ import subprocess
 
 import pytest
 
+from tests import programs
 from tests.docs.pages import CHECKOUT
 
 END_S = 400.0
@@ -83,6 +84,8 @@ def test_target_runs_in_a_tiny_size(target, tmp_path):
     # Not a part of the make that may run this; under pytest the page does not start.
     outer = ("MAKE", "PYTEST_")
     inherited = {k: v for k, v in os.environ.items() if not k.startswith(outer)}
+    # It installs what it needs, and finds it as a user does.
+    inherited["PATH"] = programs.EVERYWHERE
     options = ("TINY=1", f"BUILD={tmp_path}", f"DIST={tmp_path}")
     with subprocess.Popen(
         ["make", target, *options],
