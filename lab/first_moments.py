@@ -57,16 +57,16 @@ class AssumedMoments:
             [moment.values for moment in moments]
         )
         felt = self.moments_kg_m[joints].copy()
-        for at in reversed(range(len(joints))):
-            axis = self.axes[joints[at]]
-            part = (felt[at] @ axis) * axis
-            felt[at] -= part
-            if at:
-                felt[at - 1] += part
+        for joint_index in reversed(range(len(joints))):
+            axis = self.axes[joints[joint_index]]
+            part = (felt[joint_index] @ axis) * axis
+            felt[joint_index] -= part
+            if joint_index:
+                felt[joint_index - 1] += part
         weights = felt.copy()
-        for at in range(1, len(joints)):
-            axis = self.axes[joints[at]]
-            weights[at] += (weights[at - 1] @ axis) * axis
+        for joint_index in range(1, len(joints)):
+            axis = self.axes[joints[joint_index]]
+            weights[joint_index] += (weights[joint_index - 1] @ axis) * axis
         held = weights.ravel() / (_HELD * float(np.sum(felt**2)))
         stds = self.stds_of(moments)
         rows = np.vstack([np.diag(1.0 / stds), held])

@@ -204,12 +204,12 @@ def _position(row: int, reach_mm: float, *, is_short: bool) -> str:
 
     The long bar goes through the octants in other ways than the short one.
     """
-    at = _SHORT_AT[row % 2] if is_short else _LONG_AT
+    position = _SHORT_AT[row % 2] if is_short else _LONG_AT
     way = _WAYS[row % len(_WAYS)]
     octant = _OCTANTS[(row if is_short else row + 3) % len(_OCTANTS)]
     return (
-        f"{way}, its middle {at * reach_mm:.0f} mm from the shoulder in the octant "
-        f"{octant} of x y z"
+        f"{way}, its middle {position * reach_mm:.0f} mm from the shoulder in the "
+        f"octant {octant} of x y z"
     )
 
 

@@ -247,10 +247,12 @@ class Adjustment:
         left = 1.0 - np.sum(inverse**2, axis=1)
         sizes = np.abs(expected[:, -1]) / np.sqrt(np.maximum(left, _UNTESTABLE))
         w = np.where(left > _UNTESTABLE, sizes, 0.0)
-        at = int(np.argmax(w))
-        if w[at] < -normal_quantile(0.5 * _FAMILY_LEVEL / len(w)):
+        worst = int(np.argmax(w))
+        if w[worst] < -normal_quantile(0.5 * _FAMILY_LEVEL / len(w)):
             return None
-        return parameters.free_names[int(np.argmax(expected[at, :-1]))], float(w[at])
+        return parameters.free_names[int(np.argmax(expected[worst, :-1]))], float(
+            w[worst]
+        )
 
 
 def design_spread(parts: RankDecision, to_design: Floats) -> float:

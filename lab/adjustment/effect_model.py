@@ -95,7 +95,7 @@ class EffectModel:
             name.rpartition(".")[0] in yielding for name in free
         ):
             return ()
-        return tuple(self.names[at] for at in self.moments)
+        return tuple(self.names[moment] for moment in self.moments)
 
     def expectations(self, values: Floats, free: Booleans) -> Floats:
         """White equations of what is expected of free first moments.
@@ -103,13 +103,13 @@ class EffectModel:
         Of all coordinates, of which some are free, (n_coordinates,); the right side is
         last, (n, n_coordinates + 1).
         """
-        at = self.moments
-        equations = np.zeros((len(at) + 1, len(self.names) + 1))
-        if self.assumed is None or not np.any(free[at]):
+        moments = self.moments
+        equations = np.zeros((len(moments) + 1, len(self.names) + 1))
+        if self.assumed is None or not np.any(free[moments]):
             return equations[:0]
         rows = self.assumed.expectations(self.at(values).first_moments)
-        equations[:, [*at, -1]] = rows
-        return equations[[*free[at], True]]
+        equations[:, [*moments, -1]] = rows
+        return equations[[*free[moments], True]]
 
     def length_errors(self, values: Floats, artefact: str) -> tuple[float, Floats]:
         """Return by how many ppm a standard is longer than its certificate says.

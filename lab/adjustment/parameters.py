@@ -271,9 +271,9 @@ class Parameters:
         order = np.argsort(-np.abs(direction))
         names = self.free_names
         return {
-            names[at]: float(direction[at])
-            for at in order
-            if abs(direction[at]) >= least
+            names[index]: float(direction[index])
+            for index in order
+            if abs(direction[index]) >= least
         }
 
     def family_expectations(self, arm: ArmValues) -> Floats:
@@ -283,10 +283,10 @@ class Parameters:
         expected, names = self.expected, self.free_names
         step = self.coordinates(self.as_expected(arm), arm)[self.free]
         known = np.array([name in names for name in expected.names], dtype=np.bool_)
-        at = [names.index(name) for name in expected.names if name in names]
-        rows = np.zeros((len(at), self.n_free + 1))
-        rows[np.arange(len(at)), at] = 1.0
-        rows[:, -1] = step[at]
+        columns = [names.index(name) for name in expected.names if name in names]
+        rows = np.zeros((len(columns), self.n_free + 1))
+        rows[np.arange(len(columns)), columns] = 1.0
+        rows[:, -1] = step[columns]
         return rows / expected.stds[known, np.newaxis]
 
     def length_errors(self, values: ArmValues, artefact: str) -> tuple[float, Floats]:

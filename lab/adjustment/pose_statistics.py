@@ -99,16 +99,16 @@ def pose_statistics(
     """
     sign = -1.0 if outsiders is None else 1.0
     statistics = _empty(network)
-    places = {station.index: at for at, station in enumerate(network.stations)}
+    places = {station.index: place for place, station in enumerate(network.stations)}
     for station in network.stations if outsiders is None else outsiders:
-        at = places.get(station.index)
-        if at is None:
+        place = places.get(station.index)
+        if place is None:
             continue
-        elimination = system.eliminations[at]
-        unknowns = state.unknowns[at]
+        elimination = system.eliminations[place]
+        unknowns = state.unknowns[place]
         arm = state.arm
         # Outsiders have no corrections: they are tested as they were read.
-        corrections = state.corrections[at] if outsiders is None else None
+        corrections = state.corrections[place] if outsiders is None else None
         for rows in network.white_rows(station, arm, unknowns, corrections):
             block = _blocks(rows, elimination, inverse, sign)
             poses = station.poses[rows.part]

@@ -226,7 +226,7 @@ def _groups(touches: Sequence[Touch], nominal: Nominal) -> list[list[Touch]]:
     """Sort touches by feature: plane, line, point."""
     groups = []
     problems = []
-    for what, feature, least in (
+    for kind, feature, least in (
         ("plane", nominal.plane, 3),
         ("line", nominal.line, 2),
         ("point", nominal.point, 1),
@@ -235,7 +235,7 @@ def _groups(touches: Sequence[Touch], nominal: Nominal) -> list[list[Touch]]:
         group = [touch for touch in touches if name in touch.names]
         if len(group) < least:
             problems.append(
-                f"the {what} '{name}' has {counted(len(group), 'touch')}, expected at "
+                f"the {kind} '{name}' has {counted(len(group), 'touch')}, expected at "
                 f"least {least}"
             )
         groups.append([replace(touch, names=(name,)) for touch in group])

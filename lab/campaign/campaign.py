@@ -130,10 +130,10 @@ class Campaign:
             self.start + timedelta(seconds=last_s) + _MARGIN,
         )
 
-    def touched_cells(self, at: int) -> tuple[str, str]:
+    def touched_cells(self, row: int) -> tuple[str, str]:
         """Write artefact and feature of a pose as cells of a table for people."""
-        artefact = int(self.poses.artefacts[at])
-        feature = self.feature_names[artefact][int(self.poses.features[at])]
+        artefact = int(self.poses.artefacts[row])
+        feature = self.feature_names[artefact][int(self.poses.features[row])]
         return spreadsheet_cell(self.artefacts[artefact].id), spreadsheet_cell(feature)
 
     def write_table(
@@ -319,7 +319,7 @@ def _campaign(
         if artefact.features:
             # Points that were not touched would only add unknowns.
             kept, among = np.unique(features[mine], return_inverse=True)
-            artefact = artefact.reduced([listed[at] for at in kept])  # noqa: PLW2901 the artefact without its untouched points
+            artefact = artefact.reduced([listed[feature] for feature in kept])  # noqa: PLW2901 the artefact without its untouched points
             if artefact.features != listed:
                 listed, features[mine] = artefact.features, among
         artefacts.append(artefact)
@@ -355,14 +355,14 @@ def _check_lengths(path: Path, file: CampaignFile, poses: Poses) -> None:
         are_given = np.isfinite(poses.lengths_mm)
     problems = [
         Problem(
-            f"line {poses.lines[at]}",
-            f"length_mm is missing; {file.artefacts[poses.artefacts[at]].id!r} reads "
+            f"line {poses.lines[row]}",
+            f"length_mm is missing; {file.artefacts[poses.artefacts[row]].id!r} reads "
             "a length at every pose"
-            if expected[at]
+            if expected[row]
             else f"length_mm does not belong to "
-            f"{file.artefacts[poses.artefacts[at]].id!r}; leave it empty",
+            f"{file.artefacts[poses.artefacts[row]].id!r}; leave it empty",
         )
-        for at in np.flatnonzero(expected != are_given)[:_MOST_PROBLEMS]
+        for row in np.flatnonzero(expected != are_given)[:_MOST_PROBLEMS]
     ]
     if problems:
         raise FileError(path, problems)

@@ -128,11 +128,11 @@ def understood(
         raise UnclearError("--position names three columns: x,y,z")
     raw_angles = np.column_stack([table.numbers[name] for name in joints])
     raw_places = np.column_stack([table.numbers[name] for name in position])
-    for what, numbers in (("joint", raw_angles), ("target", raw_places)):
+    for kind, numbers in (("joint", raw_angles), ("target", raw_places)):
         if not np.isfinite(numbers).all():
             row = int(np.flatnonzero(~np.isfinite(numbers).all(axis=1))[0]) + 1
             raise UnclearError(
-                f"a {what} of row {row} is empty; fill it, or drop the row"
+                f"a {kind} of row {row} is empty; fill it, or drop the row"
             )
     stated_angle, stated_length = _stated(joints, ANGLES), _stated(position, LENGTHS)
     angle_unit: Any = options.angles or stated_angle
@@ -152,12 +152,12 @@ def understood(
         )
     }
     best = min(fits, key=lambda units: fits[units] / _spread_mm(raw_places, units[1]))
-    for unit, what, guess in (
+    for unit, kind, guess in (
         (angle_unit, "angles", best[0]),
         (length_unit, "lengths", best[1]),
     ):
         if unit is None:
-            reasons.append(f"{what} are {guess}: so the arm fits the targets best")
+            reasons.append(f"{kind} are {guess}: so the arm fits the targets best")
     used = {*joints, *position, *orientation}
     time = _one_of(names, used, _TIMES)
     temperature = _one_of(names, used, _TEMPERATURES)

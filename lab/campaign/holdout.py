@@ -54,11 +54,11 @@ def split_artefacts(
     indices, counts = np.unique(touched, return_counts=True)
     held_out = np.zeros(len(touched), dtype=np.bool_)
     n_held_out = 0
-    for at in np.random.default_rng(seed).permutation(len(indices))[:-1]:
+    for index in np.random.default_rng(seed).permutation(len(indices))[:-1]:
         # An artefact that would overshoot more than there lacks now stays.
-        if n_held_out == 0 or n_held_out + 0.5 * counts[at] <= part * len(touched):
-            held_out |= touched == indices[at]
-            n_held_out += int(counts[at])
+        if n_held_out == 0 or n_held_out + 0.5 * counts[index] <= part * len(touched):
+            held_out |= touched == indices[index]
+            n_held_out += int(counts[index])
     return ~held_out, held_out
 
 

@@ -76,7 +76,7 @@ def columns_from_header(
         artefact=places["artefact"],
         feature=places["feature"],
         angles=tuple(places[f"{name}_rad"] for name in joint_names),
-        optional={name: at for name, at in places.items() if name in optional},
+        optional={name: column for name, column in places.items() if name in optional},
         quantities={
             quantity: names
             for quantity, names in quantities.items()
@@ -211,8 +211,8 @@ class _RowReader:
         """Read the next rows of the file, with the numbers of their lines."""
         lines = [line for line, _ in rows]
         by_column = list(zip(*(cells for _, cells in rows), strict=True))
-        for at, message in self._name_problems(by_column):
-            self._table.refuse(lines[at], message)
+        for row, message in self._name_problems(by_column):
+            self._table.refuse(lines[row], message)
         numbers = self._numbers(lines, by_column)
         self._blocks.append((*self._indices(by_column), numbers))
         self._lines += lines
@@ -247,11 +247,11 @@ class _RowReader:
 
     def _optional(self, numbers: Floats, quantity: str) -> Floats:
         """Put the columns of a quantity side by side, NaN for those that lack."""
-        at = self._columns.optional
+        columns = self._columns.optional
         empty = np.full(len(numbers), np.nan)
         values: Floats = np.column_stack(
             [
-                numbers[:, at[name]] if name in at else empty
+                numbers[:, columns[name]] if name in columns else empty
                 for name in self._columns.quantities[quantity]
             ]
         )
@@ -312,24 +312,24 @@ class _RowReader:
             values, wrong = table.numbers(lines, name, cells)
             numbers[:, index] = values
             may_be = "; or leave it empty" if index not in columns.numeric else ""
-            for at, message in wrong.items():
-                table.refuse(lines[at], f"{message}{may_be}", name)
+            for row, message in wrong.items():
+                table.refuse(lines[row], f"{message}{may_be}", name)
             if not may_be:
-                for at in (at for at, cell in enumerate(cells) if not cell):
-                    table.refuse(lines[at], "is empty; give a number", name)
+                for row in (row for row, cell in enumerate(cells) if not cell):
+                    table.refuse(lines[row], "is empty; give a number", name)
             if name in columns.optional and name.endswith("_approach"):
                 off = ~np.isnan(values) & ~np.isin(values, (-1.0, 0.0, 1.0))
-                for at in np.flatnonzero(off).tolist():
-                    what = f"is {shown(cells[at])}; expected -1, 0 or 1"
-                    table.refuse(lines[at], what, name)
+                for row in np.flatnonzero(off).tolist():
+                    problem = f"is {shown(cells[row])}; expected -1, 0 or 1"
+                    table.refuse(lines[row], problem, name)
         for quantity, names in _UNIT_VECTORS.items():
             if quantity in columns.quantities:
                 places = [columns.optional[name] for name in names]
                 texts = [by_column[index] for index in places]
                 vectors = numbers[:, places]
-                what = quantity.removesuffix("s")
-                for at, message in _unit_vector_problems(what, texts, vectors):
-                    table.refuse(lines[at], message)
+                singular = quantity.removesuffix("s")
+                for row, message in _unit_vector_problems(singular, texts, vectors):
+                    table.refuse(lines[row], message)
         return numbers
 
 

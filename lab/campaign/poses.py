@@ -154,10 +154,10 @@ def _notes(
 ) -> Iterator[str]:
     copies, repeats = np.flatnonzero(is_copy), np.flatnonzero(is_repeat)
     if len(copies):
-        shown = _listed([f"{lines[at]} (as {lines[earlier[at]]})" for at in copies])
+        shown = _listed([f"{lines[row]} (as {lines[earlier[row]]})" for row in copies])
         yield f"copies of other poses, which count once: {shown}"
     if len(repeats):
-        shown = _listed([str(lines[at]) for at in repeats])
+        shown = _listed([str(lines[row]) for row in repeats])
         yield (
             "all readings are those of another pose at the same feature, which count "
             f"as touches of their own: {shown}; delete those that are copies"

@@ -87,7 +87,7 @@ def adaptation(
     effects = search.fit.arm.effects
     candidates = accepted_by_name(decision.names, options)
     # An arm file holds no effect whose epoch is not known.
-    writable = {at for at in candidates if has_epoch(effects[at], campaign)}
+    writable = {index for index in candidates if has_epoch(effects[index], campaign)}
     vetoed = len(fits) > 1 and compared(fits[-1]).is_worse
     unhelpful: set[int] = set()
     if vetoed:
@@ -95,8 +95,8 @@ def adaptation(
     written, gap = _with_terms(search, fits, compared, writable)
     while writable and gap.after.n:
         trials = [
-            (at, *_with_terms(search, fits, compared, writable - {at}))
-            for at in sorted(writable)
+            (index, *_with_terms(search, fits, compared, writable - {index}))
+            for index in sorted(writable)
         ]
         worst, fit, without = min(trials, key=lambda trial: _misfit(trial[2]))
         if _misfit(gap) < _misfit(without):
@@ -104,11 +104,11 @@ def adaptation(
         unhelpful.add(worst)
         writable.remove(worst)
         written, gap = fit, without
-    for at in _of_all_joints(decision.names, writable):
-        fit, without = _with_terms(search, fits, compared, writable - {at})
+    for index in _of_all_joints(decision.names, writable):
+        fit, without = _with_terms(search, fits, compared, writable - {index})
         if not is_better(gap.after, without.after):
-            unhelpful.add(at)
-            writable.remove(at)
+            unhelpful.add(index)
+            writable.remove(index)
             written, gap = fit, without
     reference = as_identified(decision.start, choosing)
     identified = compared(reference)

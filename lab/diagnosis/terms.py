@@ -168,9 +168,11 @@ def _stuck_estimates(stuck: ScoredCandidate) -> dict[str, Estimate]:
     names = [name.rpartition(".")[0] for name in stuck.candidate.parameters]
     estimates = {}
     for name in dict.fromkeys(names):
-        at = [n for n, other in enumerate(names) if other == name]
+        positions = [n for n, other in enumerate(names) if other == name]
         unit = "mm" if name.startswith("shift") else "rad"
-        estimates[name] = Estimate(tuple(values[at]), tuple(stds[at]), unit)
+        estimates[name] = Estimate(
+            tuple(values[positions]), tuple(stds[positions]), unit
+        )
     return estimates
 
 

@@ -186,9 +186,9 @@ def without_wrong_certificates(
         campaign, run = other, without
         rivals = [
             f"{length.artefact} {length.name}"
-            for at in order[1:]
-            if losses[1 + at] - best < _SAME and len(hypotheses[at][0]) == 1
-            for length in hypotheses[at][0]
+            for index in order[1:]
+            if losses[1 + index] - best < _SAME and len(hypotheses[index][0]) == 1
+            for length in hypotheses[index][0]
         ]
         if estimated or not run.adjustment.converged:
             run = adjusted(campaign, None)

@@ -123,12 +123,12 @@ def _joint_covariance(adjustment: Adjustment) -> Floats:
     maps = [-elimination.gain @ elimination.left for elimination in chosen]
     full = np.vstack([np.eye(len(arm)), *maps])
     covariance: Floats = full @ arm @ full.T
-    at = len(arm)
+    first = len(arm)
     for elimination in chosen:
         width = len(elimination.gain)
-        of_station = slice(at, at + width)
+        of_station = slice(first, first + width)
         covariance[of_station, of_station] += elimination.gain @ elimination.gain.T
-        at += width
+        first += width
     return covariance
 
 

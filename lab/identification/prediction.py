@@ -272,7 +272,7 @@ def write_prediction(result: Prediction, path: Path) -> None:
         header += [f"orientation_{axis}_rad" for axis in "xyz"]
         columns.append(result.orientation_errors_rad)
     values = np.column_stack(columns)
-    result.campaign.write_table(path, header, lambda at: texts(values[at]))
+    result.campaign.write_table(path, header, lambda row: texts(values[row]))
 
 
 def holdout_figures(

@@ -250,7 +250,7 @@ def certified_length(artefact: Artefact) -> tuple[float, float]:
                 'frame = "'
                 f'{artefact.frame}"; a length has two points with frame = "own"'
             )
-        first, second = (np.array(at) for at in artefact.points_mm.values())
+        first, second = (np.array(place) for place in artefact.points_mm.values())
         std_mm = np.sqrt(2.0) * (artefact.points_std_mm or 0.0)
         return float(np.linalg.norm(second - first)), float(std_mm)
     raise IncompleteError(

@@ -132,8 +132,8 @@ def _windows(
     name: str, joint: str | None, values: Floats, out: Integers
 ) -> Iterator[Cluster]:
     """List the narrowest window with each number of poses that were left out."""
-    at = np.argsort(values[out], kind="stable")
-    ranks, ends = np.sort(_ranks(values)[out]), values[out][at]
+    order = np.argsort(values[out], kind="stable")
+    ranks, ends = np.sort(_ranks(values)[out]), values[out][order]
     for count in range(_LEAST, min(len(out), _MOST) + 1):
         widths = ranks[count - 1 :] - ranks[: len(out) - count + 1] + 1
         first = int(np.argmin(widths))

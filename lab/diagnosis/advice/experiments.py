@@ -111,8 +111,10 @@ def _of_one_joint(
     if families == {Family.OWN_ANGLE} or (
         families == {Family.AXIS_MOTION} and len(kinds) == 1
     ):
-        at = campaign.joint_names.index(joint)
-        travelled_rad = float(np.ptp(campaign.poses.angles_rad[rows.used_poses, at]))
+        joint_index = campaign.joint_names.index(joint)
+        travelled_rad = float(
+            np.ptp(campaign.poses.angles_rad[rows.used_poses, joint_index])
+        )
         return KnownPair(
             f"{joint} travelled {travelled_rad:.1f} rad only, where both look alike"
             if travelled_rad < 2.0 * np.pi
@@ -236,28 +238,28 @@ def postures_text(poses_rad: Floats, campaign: Campaign, joints: Sequence[str]) 
     """
     names = list(campaign.joint_names)
     order = [names.index(joint) for joint in joints]
-    order += [at for at in range(len(names)) if at not in order]
+    order += [index for index in range(len(names)) if index not in order]
     measured_rad = campaign.poses.angles_rad
-    for at in order:
-        least, largest = measured_rad[:, at].min(), measured_rad[:, at].max()
-        outside = (poses_rad[:, at] < least) | (poses_rad[:, at] > largest)
+    for index in order:
+        least, largest = measured_rad[:, index].min(), measured_rad[:, index].max()
+        outside = (poses_rad[:, index] < least) | (poses_rad[:, index] > largest)
         if np.mean(outside) > 0.5:
             return (
-                f"with {names[at]} beyond what it has travelled, below {least:.1f} rad "
-                f"or above {largest:.1f} rad"
+                f"with {names[index]} beyond what it has travelled, below {least:.1f} "
+                f"rad or above {largest:.1f} rad"
             )
-        low, high = np.quantile(measured_rad[:, at], (0.2, 0.8))
-        below = float(np.mean(poses_rad[:, at] < low))
-        above = float(np.mean(poses_rad[:, at] > high))
+        low, high = np.quantile(measured_rad[:, index], (0.2, 0.8))
+        below = float(np.mean(poses_rad[:, index] < low))
+        above = float(np.mean(poses_rad[:, index] > high))
         if max(below, above) > 0.6:
             return (
-                f"with {names[at]} above {high:.1f} rad"
+                f"with {names[index]} above {high:.1f} rad"
                 if above > below
-                else f"with {names[at]} below {low:.1f} rad"
+                else f"with {names[index]} below {low:.1f} rad"
             )
         if below + above > 0.75:
             return (
-                f"with {names[at]} near the ends of its travel, below {low:.1f} rad "
+                f"with {names[index]} near the ends of its travel, below {low:.1f} rad "
                 f"and above {high:.1f} rad"
             )
     return "in postures all over the travelled ranges"
@@ -284,8 +286,8 @@ def _poses_in_words(
     where = postures_text(plan.poses.angles_rad, campaign, tuple(joints))
     touched = np.bincount(plan.poses.artefacts, minlength=len(campaign.artefacts))
     best = int(np.argmax(touched))
-    at = f"{'' if touched[best] == n else 'mostly '}at {campaign.artefacts[best].id}"
+    place = f"{'' if touched[best] == n else 'mostly '}at {campaign.artefacts[best].id}"
     chance = max(100.0 * float(np.max(plan.chances[-1])), 0.1)
     names = [other.candidate.name for other in others]
     known = known_pair(candidate, others[0].candidate, rows)
-    return WORDS.poses(candidate, names, n, where, at, chance, known)
+    return WORDS.poses(candidate, names, n, where, place, chance, known)

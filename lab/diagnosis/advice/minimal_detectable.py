@@ -80,18 +80,18 @@ def is_vertical(rows: ObservationEquations, joint: str) -> bool:
     campaign = rows.adjustment.network.campaign
     # The arm's own gravity is not part of a fit; without an override it is usual.
     gravity = np.array(campaign.gravity_m_s2 or _STANDARD_GRAVITY)
-    at = campaign.joint_names.index(joint)
-    axis = rows.adjustment.state.arm.geometry.axes[at]
+    joint_index = campaign.joint_names.index(joint)
+    axis = rows.adjustment.state.arm.geometry.axes[joint_index]
     across = np.linalg.norm(np.cross(axis, gravity)) / np.linalg.norm(gravity)
-    return at == 0 and bool(across < _VERTICAL)
+    return joint_index == 0 and bool(across < _VERTICAL)
 
 
 def probe_is_on_axis(rows: ObservationEquations, joint: str) -> bool:
     """Return whether a turn of a joint moves the probe in no pose."""
     campaign = rows.adjustment.network.campaign
     by_angles = rows.each_tool(
-        lambda geometry, at: (
-            probe_derivatives(geometry, rows.block.angles_rad[at]).by_angles
+        lambda geometry, chosen: (
+            probe_derivatives(geometry, rows.block.angles_rad[chosen]).by_angles
         )
     )
     moved_mm = np.linalg.norm(
@@ -185,7 +185,7 @@ def left_at_probe_mm(rows: ObservationEquations, changes: Floats) -> Floats:
     inverses = np.linalg.pinv(squares, rcond=1e-9, hermitian=True)
     moves = (inverses @ along).reshape(3 * len(poses), -1)
     places_mm = rows.each_tool(
-        lambda geometry, at: probe_centre(geometry, rows.block.angles_rad[at])
+        lambda geometry, chosen: probe_centre(geometry, rows.block.angles_rad[chosen])
     )[poses]
     # By 1 mm along and 1 mrad about each axis.
     rigid = motions(places_mm, N_RIGID) * np.repeat([1.0, 1e-3], 3)

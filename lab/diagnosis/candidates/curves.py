@@ -169,7 +169,7 @@ def _by_carriers(rows: ObservationEquations) -> tuple[Floats, Floats]:
     joint's origin along v, w and u, (n_rows, n_joints, 3).
     """
     both = rows.each_tool(
-        lambda geometry, at: _carried(geometry, rows.angles_rad(geometry, at))
+        lambda geometry, chosen: _carried(geometry, rows.angles_rad(geometry, chosen))
     )[rows.poses]
     by_both = np.einsum("ri,rkdi->rkd", rows.by_centre, both[:, :, :5])
     by_both[:, :, :2] += np.einsum("ri,rkdi->rkd", rows.by_turn, both[:, :, 5:])

@@ -60,14 +60,14 @@ def library_bank(rows: ObservationEquations, arm: Arm) -> Bank:
     state = rows.adjustment.state
     applied = _applied(rows, arm)
     by_values = effect_columns(rows, applied, moving)
-    candidates, parts, at = [], [], 0
+    candidates, parts, first_column = [], [], 0
     for entry in entries:
         candidate, n_values = entry.candidate, len(entry.correction.values)
         if candidate.artefact is not None:
             part = rows.by_artefact_length(candidate.artefact)
         else:
-            part = by_values[:, at : at + n_values]
-            at += n_values
+            part = by_values[:, first_column : first_column + n_values]
+            first_column += n_values
         if n_values != candidate.size:
             part = part @ entry.correction.free_directions(state.arm.geometry)
         if isinstance(entry.correction, Compliance) and states_no_mass(arm):

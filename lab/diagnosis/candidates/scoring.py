@@ -126,24 +126,26 @@ def project(rows: ObservationEquations, bank: Bank) -> tuple[ProjectedCandidate,
     for size in np.unique(sizes):
         members = np.flatnonzero(sizes == size)
         # A size at a time: all projected columns of a large campaign fill the memory.
-        where = np.concatenate([np.arange(*slices[at].indices(n)) for at in members])
+        where = np.concatenate(
+            [np.arange(*slices[index].indices(n)) for index in members]
+        )
         columns = rows.project(bank.columns[:, where])
         blocks = columns.T.reshape(len(members), size, len(columns))
         values, vectors = np.linalg.eigh(blocks @ blocks.swapaxes(1, 2))
-        for at, squares, turns, block in zip(
+        for index, squares, turns, block in zip(
             members, values, vectors, blocks, strict=True
         ):
             least = max(LEAST_SINGULAR_VALUE**2, _ROUNDING * float(squares[-1]))
             visible = squares > least
             singular_values = np.sqrt(squares[visible])
             combinations = turns[:, visible]
-            projected[int(at)] = ProjectedCandidate(
-                bank.candidates[at],
+            projected[int(index)] = ProjectedCandidate(
+                bank.candidates[index],
                 block.T @ (combinations / singular_values),
                 singular_values,
                 combinations,
             )
-    return tuple(projected[at] for at in range(len(bank.candidates)))
+    return tuple(projected[index] for index in range(len(bank.candidates)))
 
 
 def judge(

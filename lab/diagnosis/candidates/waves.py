@@ -119,11 +119,11 @@ def wave_columns(rows: ObservationEquations, joint: str, cycles: Floats) -> Floa
 
     Whitened, in units of plausible amplitudes.
     """
-    at = rows.adjustment.network.campaign.joint_names.index(joint)
-    phases_rad = rows.block.angles_rad[:, at, np.newaxis] * cycles
+    joint_index = rows.adjustment.network.campaign.joint_names.index(joint)
+    phases_rad = rows.block.angles_rad[:, joint_index, np.newaxis] * cycles
     waves = np.stack([np.cos(phases_rad), np.sin(phases_rad)], axis=2)
     waves = waves.reshape(len(waves), -1)
-    by_reading = _SIZE_RAD * rows.by_readings[:, at, np.newaxis]
+    by_reading = _SIZE_RAD * rows.by_readings[:, joint_index, np.newaxis]
     return rows.decorrelated(by_reading * waves[rows.poses])
 
 
@@ -173,12 +173,13 @@ def _periodogram(
         return _statistics(rows, pairs @ pairs.swapaxes(1, 2), pairs @ rows.residuals)
 
     parts = [
-        judged(cycles[at : at + _AT_ONCE]) for at in range(0, len(cycles), _AT_ONCE)
+        judged(cycles[start : start + _AT_ONCE])
+        for start in range(0, len(cycles), _AT_ONCE)
     ]
     statistics, evidences = (np.concatenate(part) for part in zip(*parts, strict=True))
-    at = int(np.argmax(statistics))
+    start = int(np.argmax(statistics))
     step = cycles[1] - cycles[0] if len(cycles) > 1 else 0.0
-    best, highest = float(cycles[at]), float(statistics[at])
+    best, highest = float(cycles[start]), float(statistics[start])
     for _ in range(2):
         near = np.linspace(best - step, min(best + step, MOST_CYCLES), _REFINED)
         refined, _ = judged(near)

@@ -133,11 +133,11 @@ def covariate_columns(rows: ObservationEquations) -> list[CovariateColumn]:
             for joint, name in enumerate(names)
         ),
     ]
-    others = [
+    further = [
         CovariateColumn(name, need.joint, False, covariate_values(rows, need))
         for name, need in needed
         if block.lack(need) is None
     ]
     return [
-        covariate for covariate in readings + others if varies(rows, covariate.values)
+        covariate for covariate in readings + further if varies(rows, covariate.values)
     ]

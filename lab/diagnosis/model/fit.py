@@ -176,10 +176,10 @@ def effect_columns(
 
     def moved(*, turns: bool) -> Floats:
         return rows.each_tool(
-            lambda geometry, at: columns(
+            lambda geometry, chosen: columns(
                 geometry,
                 effects,
-                rows.block.part(at),
+                rows.block.part(chosen),
                 corrections,
                 yielding,
                 turns=turns,
@@ -217,10 +217,12 @@ def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
     model = rows.adjustment.network.parameters.required_effects
     coordinates = model.coordinates(rows.adjustment.state.arm.geometry, index)
     of_effect = _columns(rows, coordinates)
-    at = [*range(of_effect.start, of_effect.stop)]
+    positions = [*range(of_effect.start, of_effect.stop)]
     if model.effects.corrections[index].uses_gravity:
-        at += [_columns(rows, slice(0, 0)).start + moment for moment in model.moments]
-    without_effect = np.delete(rows.columns, at, axis=1)
+        positions += [
+            _columns(rows, slice(0, 0)).start + moment for moment in model.moments
+        ]
+    without_effect = np.delete(rows.columns, positions, axis=1)
     basis = orthonormal_basis(without_effect)
     mine = rows.columns[:, of_effect]
     left = mine - basis @ (basis.T @ mine)

@@ -99,8 +99,8 @@ class ObservationEquations:
         What is made of it is still to be decorrelated.
         """
         by_angles = self.each_tool(
-            lambda geometry, at: (
-                probe_derivatives(geometry, self.angles_rad(geometry, at)).by_angles
+            lambda geometry, chosen: (
+                probe_derivatives(geometry, self.angles_rad(geometry, chosen)).by_angles
             )
         )
         changes: Floats = -np.einsum(
@@ -108,9 +108,9 @@ class ObservationEquations:
         )
         if self.has_turns:
             turned = self.each_tool(
-                lambda geometry, at: turn_derivatives(
+                lambda geometry, chosen: turn_derivatives(
                     geometry,
-                    probe_derivatives(geometry, self.angles_rad(geometry, at)),
+                    probe_derivatives(geometry, self.angles_rad(geometry, chosen)),
                 )[0]
             )
             changes -= np.einsum("ri,rik->rk", self.by_turn, turned[self.poses])
@@ -125,9 +125,9 @@ class ObservationEquations:
         poses = self.adjustment.network.campaign.poses
         return self.adjustment.state.arm.each_tool(poses, compute)
 
-    def angles_rad(self, geometry: Geometry, at: Integers) -> Floats:
+    def angles_rad(self, geometry: Geometry, chosen: Integers) -> Floats:
         """Compute the joints' angles of some poses by the fit, (n, n_joints)."""
-        network, block = self.adjustment.network, self.block.part(at)
+        network, block = self.adjustment.network, self.block.part(chosen)
         effects = network.parameters.effects
         if effects is None:
             return block.angles_rad

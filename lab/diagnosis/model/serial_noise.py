@@ -122,12 +122,12 @@ def _root(rows: ObservationEquations, noise: SerialCorrelation) -> Floats:
     order = _order(rows)
     apart = np.abs(order[:, np.newaxis] - order[np.newaxis, :])
     correlation = noise.share * noise.phi**apart * (rows.sources @ rows.sources.T)
-    at = np.arange(len(order))
-    correlation[at, at] += 1.0 - noise.share
+    diagonal = np.arange(len(order))
+    correlation[diagonal, diagonal] += 1.0 - noise.share
     certified = rows.poses < 0
     correlation[certified, :] = 0.0
     correlation[:, certified] = 0.0
-    correlation[at[certified], at[certified]] = 1.0
+    correlation[diagonal[certified], diagonal[certified]] = 1.0
     return np.linalg.cholesky(correlation)
 
 

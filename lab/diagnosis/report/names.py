@@ -42,8 +42,8 @@ def candidate_label(candidate: Candidate) -> str:
         cycles=candidate.periods,
     )
     of = "" if candidate.joint is None else f", joint {candidate.joint}"
-    at = "" if candidate.at_s is None else f", at {candidate.at_s:.1f} s"
-    return f"{text}{of}{at}"
+    moment = "" if candidate.at_s is None else f", at {candidate.at_s:.1f} s"
+    return f"{text}{of}{moment}"
 
 
 def _curve(candidate: Candidate) -> str:

@@ -110,12 +110,12 @@ def _excluded(diagnosis: Diagnosis) -> tuple[LeftOutPose, ...]:
     rows = np.flatnonzero(diagnosis.excluded | diagnosis.left_out)
     return tuple(
         LeftOutPose(
-            line=int(lines[at]),
-            choosing=bool(diagnosis.excluded[at]),
-            final=bool(diagnosis.left_out[at]),
-            w=float(w[at]),
+            line=int(lines[row]),
+            choosing=bool(diagnosis.excluded[row]),
+            final=bool(diagnosis.left_out[row]),
+            w=float(w[row]),
         )
-        for at in rows[np.argsort(lines[rows])]
+        for row in rows[np.argsort(lines[rows])]
     )
 
 

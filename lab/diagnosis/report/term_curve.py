@@ -183,7 +183,7 @@ class _Scene:
         block = self.campaign.block()
         return self.arm.each_tool(
             self.campaign.poses,
-            lambda geometry, at: compute(geometry, block.part(at)),
+            lambda geometry, chosen: compute(geometry, block.part(chosen)),
         )
 
 
@@ -230,10 +230,10 @@ def term_curve(
         unit, what = "mm", "ball, along the effect"
     steps = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     slopes = [
-        (amounts(_changed(effects, at, step)) - fitted) / step
+        (amounts(_changed(effects, row, step)) - fitted) / step
         if step > 0.0
         else np.zeros_like(fitted)
-        for at, step in enumerate(steps)
+        for row, step in enumerate(steps)
     ]
     by_values = np.stack(slopes, axis=1)
     if term.candidate.is_curve:

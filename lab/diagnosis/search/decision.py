@@ -243,16 +243,16 @@ def _changed(
     """Take a term out of a search, or put another into its place."""
     effects = list(search.fit.arm.effects)
     terms = list(search.terms)
-    at = terms.index(added)
+    position = terms.index(added)
     if better is None:
-        del effects[added.index], terms[at]
+        del effects[added.index], terms[position]
         terms = [
             replace(term, index=term.index - (term.index > added.index))
             for term in terms
         ]
     else:
         effects[added.index] = effect_of(better, search.stage.rows)
-        terms[at] = AddedTerm(better.candidate, added.index)
+        terms[position] = AddedTerm(better.candidate, added.index)
     fit = refitted(search.fit, tuple(effects), eligible)
     return replace(
         search, fit=fit, terms=tuple(terms), stage=scores_at(fit, search.serial)

@@ -174,8 +174,8 @@ def is_mounting(
         return False
     if {(wave.kind, wave.order) for wave in (first, second)} != _OF_A_RING:
         return False
-    at = rows.adjustment.network.campaign.joint_names.index(first.joint)
-    travel_rad = float(np.ptp(rows.block.angles_rad[rows.used_poses, at]))
+    joint_index = rows.adjustment.network.campaign.joint_names.index(first.joint)
+    travel_rad = float(np.ptp(rows.block.angles_rad[rows.used_poses, joint_index]))
     return bool(travel_rad > _MOST_OF_A_TURN_RAD)
 
 

@@ -119,7 +119,9 @@ def _lengths_of_all(stage: CandidateScores) -> list[ScoredCandidate]:
     rows = stage.rows
     certified = {of for _, of, _ in rows.certificates}
     stations = rows.adjustment.network.stations
-    artefacts = [at.artefact for at in stations if at.artefact.id in certified]
+    artefacts = [
+        station.artefact for station in stations if station.artefact.id in certified
+    ]
     distances = [entry for entry in artefacts if entry.certifies_distance]
     shared = [
         tuple(entry.id for entry in some)

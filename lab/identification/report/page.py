@@ -90,16 +90,16 @@ def _excluded(result: Identification) -> list[dict[str, Any]]:
     w = result.statistics.w
     parts = {entry.line: entry.part for entry in result.excluded}
     rows = []
-    for at in sorted(np.flatnonzero(~result.included), key=lambda at: -w[at]):
-        artefact = int(poses.artefacts[at])
-        misclosures_mm = result.statistics.misclosures_mm[at]
+    for row in sorted(np.flatnonzero(~result.included), key=lambda row: -w[row]):
+        artefact = int(poses.artefacts[row])
+        misclosures_mm = result.statistics.misclosures_mm[row]
         rows.append(
             {
                 "artefact": campaign.artefacts[artefact].id,
-                "feature": campaign.feature_names[artefact][int(poses.features[at])],
-                "part": parts[int(poses.lines[at])],
-                "line": int(poses.lines[at]),
-                "w": float(w[at]),
+                "feature": campaign.feature_names[artefact][int(poses.features[row])],
+                "part": parts[int(poses.lines[row])],
+                "line": int(poses.lines[row]),
+                "w": float(w[row]),
                 "size_mm": float(np.sqrt(np.nansum(misclosures_mm**2))),
             }
         )

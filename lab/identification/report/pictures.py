@@ -98,8 +98,10 @@ def _crosses(axes: Axes, values: Floats, row: int, limit: float) -> None:
         return
     filled = np.nan_to_num(values)
     worst = filled[np.arange(len(filled)), np.argmax(np.abs(filled), axis=1)]
-    at = np.clip(worst, -limit, limit)
-    axes.scatter(at, np.full(len(at), row), s=22.0, marker="x", color=VERMILION)
+    shown_at = np.clip(worst, -limit, limit)
+    axes.scatter(
+        shown_at, np.full(len(shown_at), row), s=22.0, marker="x", color=VERMILION
+    )
 
 
 def _paint_joints(figure: Figure, result: Identification) -> None:
@@ -135,7 +137,7 @@ def _paint_normal(figure: Figure, result: Identification) -> None:
         return
     shown = thinned(np.arange(len(w)))
     expected = np.array(
-        [normal_quantile(0.5 + 0.5 * (at + 0.5) / len(w)) for at in shown]
+        [normal_quantile(0.5 + 0.5 * (rank + 0.5) / len(w)) for rank in shown]
     )
     end = 1.05 * float(expected[-1])
     axes.plot([0.0, end], [0.0, end], color="black", linewidth=1.0)

@@ -186,7 +186,7 @@ def _write_residuals(result: Identification, path: Path) -> None:
     columns = (statistics.misclosures_mm, statistics.w, statistics.controllability)
     numbers = np.column_stack([*columns, statistics.detectable_mm])
     excluded = (~result.included).astype(int)
-    rest = statistics.corrections_rad
+    per_pose = statistics.corrections_rad
     if (of := result.orientations) is not None:
         header += [f"orientation_{axis}_rad" for axis in "xyz"]
         header += ["w_position", "w_orientation", "orientation_excluded"]
@@ -198,9 +198,9 @@ def _write_residuals(result: Identification, path: Path) -> None:
             statistics.w_orientation,
             left_out,
         )
-        rest = np.column_stack([rest, *tests])
+        per_pose = np.column_stack([per_pose, *tests])
     campaign.write_table(
         path,
         header,
-        lambda at: [*texts(numbers[at]), str(excluded[at]), *texts(rest[at])],
+        lambda row: [*texts(numbers[row]), str(excluded[row]), *texts(per_pose[row])],
     )
