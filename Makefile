@@ -228,8 +228,8 @@ wheels: venv  ## wheels for x86_64 and aarch64, and the source distribution, in 
 
 test-vm: deb system  ## CANopen on SocketCAN, and the package with systemd, in virtual machines; takes minutes
 	@sh deploy/debian-packages.sh vm
-	sh deploy/vm/system.sh 880 "$$(ls -t build/traverse_*.deb | head -n 1)" "$$(ls -t build/traverse-lab_*.deb | head -n 1)"
-	sh deploy/vm/run.sh 590 $(BIN)/python -m tests.vm
+	sh deploy/vm/system.sh 1500 "$$(ls -t build/traverse_*.deb | head -n 1)" "$$(ls -t build/traverse-lab_*.deb | head -n 1)"
+	sh deploy/vm/run.sh 1200 $(BIN)/python -m tests.vm
 
 docs: venv  ## the documentation as a site, in site/ (SITE=DIR for another)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --site-dir $(abspath $(SITE))

@@ -93,8 +93,7 @@ def commands() -> Iterator[tuple[str, Any]]:
             yield name, command
             continue
         for word, below in command.commands.items():
-            if not below.hidden:
-                waiting.append((f"{name} {word}".strip(), below))
+            waiting.append((f"{name} {word}".strip(), below))
 
 
 def has_json(command: Any) -> bool:

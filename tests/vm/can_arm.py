@@ -10,8 +10,8 @@ from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.vm.bus_checks import NODES
 from tests.vm.can_interface import NAME
 
-N_POINTS = 3
-HELD_S = 8.0  # the arm rests while the button is held: then a point is requested
+N_POINTS, N_TOUCHES = 3, 60  # more than the checks last
+HELD_S = 12.0  # the arm rests while the button is held: then a point is requested
 TRACKING_HZ = 10.0
 REST = '[[motion]]\nkind = "rest"\nduration_s = {}'
 ENCODERS = f"""\
@@ -39,7 +39,7 @@ late_s = 0.5
 
 def write_files(bench: Workbench) -> None:
     """Arm file, and the configurations of simulator and daemon."""
-    motions = [REST.format(5.0), SPHERE.format(points=N_POINTS), REST.format(10_000.0)]
+    motions = [REST.format(5.0), SPHERE.format(points=N_TOUCHES), REST.format(10_000.0)]
 
     bench.write_simulator(*motions, board=ENCODERS)
     replace(bench.folder / "simulator.toml", 'port = "board.pty"\n', "")

@@ -1,5 +1,6 @@
 """A virtual CAN interface of the kernel, and raw frames put on it by hand."""
 
+import contextlib
 import re
 import socket
 import struct
@@ -54,8 +55,11 @@ def exact_receivers() -> set[int]:
 
 def periodic_frames() -> int:
     """Number of frames that the kernel's broadcast manager reports as sent."""
-    folder = PROC / "can-bcm"
-    texts = "\n".join(path.read_text() for path in folder.iterdir())
-    return sum(
-        int(n) for n in re.findall(r"^tx_op: .* sent (\d+)", texts, re.MULTILINE)
-    )
+    n_sent = 0
+    for path in (PROC / "can-bcm").iterdir():
+        with contextlib.suppress(FileNotFoundError):  # closed since it was listed
+            counts = re.findall(
+                r"^tx_op: .* sent (\d+)", path.read_text(), re.MULTILINE
+            )
+            n_sent += sum(map(int, counts))
+    return n_sent
