@@ -93,7 +93,8 @@ def commands() -> Iterator[tuple[str, Any]]:
             yield name, command
             continue
         for word, below in command.commands.items():
-            waiting.append((f"{name} {word}".strip(), below))
+            if not below.hidden:
+                waiting.append((f"{name} {word}".strip(), below))
 
 
 def has_json(command: Any) -> bool:

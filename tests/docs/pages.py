@@ -30,7 +30,8 @@ def _subcommands(command: Any, name: str) -> dict[str, Any]:
     """A command and all below it by full names, groups first."""
     by_words = {name: command}
     for word, inner in getattr(command, "commands", {}).items():
-        by_words |= _subcommands(inner, f"{name} {word}")
+        if not inner.hidden:
+            by_words |= _subcommands(inner, f"{name} {word}")
     return by_words
 
 
