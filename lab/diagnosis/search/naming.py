@@ -43,6 +43,7 @@ _SET = float(np.log(100.0))
 _LEFT_OVER_LOG_P = float(np.log(0.02))
 _OVERTONES = (2, 3, 4)
 _OVERTONE_LOG_P = float(np.log(0.02))
+_OVERTONE_SHARE = 1e-3  # of the evidence of the wave; 3 % of its amplitude
 # What no arm has, not even one that somebody printed and glued: by the effect's key.
 _NO_MACHINE = {
     **dict.fromkeys(("cos_mm", "sin_mm", "amplitude_mm", "radius_error_mm"), 2.0),
@@ -95,7 +96,7 @@ def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
         rivals = rivals_of(chosen, names + curves[:1], chosen.score)
         return NamedTerm(added, chosen, "unknown", None, rivals, chosen)
     best = names[0] if names else chosen
-    harmonic = _with_overtones(search, chosen.candidate)
+    harmonic = _with_overtones(search, chosen)
     status: Status = "named"
     oversized = _is_oversized(search, added)
     negative = _is_negative(search, added)
@@ -298,8 +299,13 @@ def leaves_a_curve(stage: CandidateScores, name: Candidate) -> bool:
     )
 
 
-def _with_overtones(search: SearchState, candidate: Candidate) -> int | None:
-    """Return the order of a harmonic that has overtones too: it is no pure one."""
+def _with_overtones(search: SearchState, chosen: ScoredCandidate) -> int | None:
+    """Return the order of a harmonic that has overtones too: it is no pure one.
+
+    Strategy: among thousands of poses a mounting's own second order, far below what
+    matters, is significant; so overtones also have to be a share of the wave.
+    """
+    candidate = chosen.candidate
     if not EFFECT_KINDS[candidate.kind].is_wave:
         return None
     if candidate.bank is BankName.TRANSMISSION:
@@ -324,4 +330,5 @@ def _with_overtones(search: SearchState, candidate: Candidate) -> int | None:
     )
     bank = Bank((together,), np.concatenate(parts, axis=1))
     scores = judge(stage.rows, project(stage.rows, bank))
-    return order if float(scores.log_p[0]) < _OVERTONE_LOG_P else None
+    least = max(-_OVERTONE_LOG_P, _OVERTONE_SHARE * chosen.evidence)
+    return order if -float(scores.log_p[0]) > least else None

@@ -44,8 +44,8 @@ async def test_what_died_with_the_broker_is_requested_from_the_arm(
             )
             assert await member.stop() == 0
     assert rows(bench.folder, "SELECT * FROM lost") == []
-    assert "0 dropped" in member.said[-1]
-    assert ", 0 gaps asked for" not in member.said[-1]
+    assert "0 dropped" in member.lines[-1]
+    assert ", 0 gaps asked for" not in member.lines[-1]
     files = [file for (file,) in rows(bench.folder, "SELECT file FROM scan_block")]
     tables = [
         pq.read_table(bench.folder / "traverse-scans" / file) for file in {*files}
