@@ -43,7 +43,7 @@ _SET = float(np.log(100.0))
 _LEFT_OVER_LOG_P = float(np.log(0.02))
 _OVERTONES = (2, 3, 4)
 _OVERTONE_LOG_P = float(np.log(0.02))
-_OVERTONE_SHARE = 1e-3  # of the evidence of the wave; 3 % of its amplitude
+_OVERTONE_SHARE = 0.01  # of what the wave explains: a tenth of its amplitude
 # What no arm has, not even one that somebody printed and glued: by the effect's key.
 _NO_MACHINE = {
     **dict.fromkeys(("cos_mm", "sin_mm", "amplitude_mm", "radius_error_mm"), 2.0),
@@ -302,8 +302,8 @@ def leaves_a_curve(stage: CandidateScores, name: Candidate) -> bool:
 def _with_overtones(search: SearchState, chosen: ScoredCandidate) -> int | None:
     """Return the order of a harmonic that has overtones too: it is no pure one.
 
-    Strategy: among thousands of poses a mounting's own second order, far below what
-    matters, is significant; so overtones also have to be a share of the wave.
+    Strategy: beside a strong wave, or among thousands of poses, overtones far below
+    what matters are significant; so they also have to be a share of the wave.
     """
     candidate = chosen.candidate
     if not EFFECT_KINDS[candidate.kind].is_wave:
@@ -330,5 +330,6 @@ def _with_overtones(search: SearchState, chosen: ScoredCandidate) -> int | None:
     )
     bank = Bank((together,), np.concatenate(parts, axis=1))
     scores = judge(stage.rows, project(stage.rows, bank))
-    least = max(-_OVERTONE_LOG_P, _OVERTONE_SHARE * chosen.evidence)
-    return order if -float(scores.log_p[0]) > least else None
+    explained = float(np.sum((chosen.projected.directions.T @ chosen.residuals) ** 2))
+    is_share = float(scores.statistics[0]) > _OVERTONE_SHARE * explained
+    return order if is_share and float(scores.log_p[0]) < _OVERTONE_LOG_P else None
