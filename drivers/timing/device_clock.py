@@ -130,6 +130,7 @@ class DeviceClock:
         self._reads: list[tuple[int, int]] = []
         self._exchanges: deque[_Exchange] = deque(maxlen=EXCHANGES)
         self._best: _Exchange | None = None
+        self._forgotten_late_ns = 0.0  # by exchanges that hold no longer
         self._late_ns = 0.0  # of the last reading
         self._run = self._read_ns = self._read_ticks = self._proven_ns = 0
         self._run_late_ns = self._height_ns = self._jump_ns = 0.0
@@ -193,7 +194,17 @@ class DeviceClock:
         """Bound by how much the present times are later than their latches."""
         if self._best is not None:
             return self._late_by_ns(self._best)
-        return self._bound_ns() + self._grain_ns
+        return max(self._bound_ns() + self._grain_ns, self._forgotten_late_ns)
+
+    def _forget_exchanges(self, gained_ns: float) -> None:
+        """Forget exchanges before a gain of the counter, but not how late times may be.
+
+        Until the next exchange the delay may still be all that the best one left open.
+        """
+        if self._best is not None:
+            self._forgotten_late_ns = self._most_late_ns() + gained_ns
+        self._exchanges.clear()
+        self._best = None
 
     def _late_by_ns(self, exchange: _Exchange) -> float:
         """Bound the same by an exchange and the rate's uncertainty since then."""
@@ -270,8 +281,8 @@ class DeviceClock:
             if late_ns < -bound_ns and self._line_bound_ns < UNKNOWN_NS:
                 # Delays have been smaller than was seen until now.
                 self._line_bound_ns = -2.0 * late_ns
-                self._exchanges.clear()  # or the counter has gained since then
-                self._best = None
+                # Or the counter has gained, by more the later this reading is.
+                self._forget_exchanges(self._usual.limit_ns - late_ns)
             self._judge(ticks, late_ns, received_ns)
         elapsed = ticks - self._anchor_ticks
         elapsed_ns = elapsed * self._ns_per_tick

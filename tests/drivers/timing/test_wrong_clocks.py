@@ -270,6 +270,24 @@ def test_a_bound_contains_a_smallest_delay_that_no_line_shows():
             assert error_ns <= clock.error_bound_ns
 
 
+def test_a_smallest_delay_is_kept_in_the_bound_when_answers_are_forgotten():
+    """A reading a little earlier than the line forgets answers, not what they showed.
+
+    All delays are 25 ms, so that every time is 25 ms late; then one is 24.9 ms.
+    """
+    clock, delay_ns = DeviceClock(1_000_000, LATENCY_NS), 25_000_000
+    for k in range(600):
+        at_ns = k * 20_000_000
+        sent_ns = at_ns - delay_ns if k % 50 == 0 else None
+        clock.update(at_ns // 1000, at_ns + delay_ns, sent_ns)
+    assert clock.error_bound_ns >= delay_ns
+    for k in range(600, 620):
+        at_ns = k * 20_000_000
+        clock.update(at_ns // 1000, at_ns + delay_ns - 100_000)
+        assert clock.to_ns(at_ns // 1000) - at_ns > 20_000_000
+        assert clock.error_bound_ns >= delay_ns - 100_000
+
+
 def test_edges_that_are_sent_again_are_not_newer():
     clock = DeviceClock(1e6)
     assert clock.is_newer(5)
