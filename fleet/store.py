@@ -1,4 +1,4 @@
-"""A store: each message goes into tables and files once."""
+"""A store, which writes each message into tables and files once."""
 
 import time
 from collections.abc import Sequence

@@ -40,27 +40,27 @@ _REMEDIES = {
 }
 
 _WORDING: Mapping[str, str] = {
-    "float_type": "{found} is not a number",
-    "finite_number": "{found} is not a finite number",
-    "int_type": "{found} is not an integer",
-    "int_from_float": "{found} is not an integer",
-    "float_parsing": "{found} is not a number; expected one, without its unit",
-    "int_parsing": "{found} is not an integer; expected one, without its unit",
-    "string_type": "{found} is not a string; put it in quotes",
-    "bool_type": "{found} is not true or false",
-    "tuple_type": "{found} is not a list",
-    "model_type": "{found} is not a table of keys",
-    "model_attributes_type": "{found} is not a table of keys",
-    "dict_type": "{found} is not a table of keys",
-    "datetime_type": "{found} is not a date and time such as 2026-11-20T09:00:00Z",
-    "timezone_aware": "{found} has no offset from UTC; end it with Z",
-    "literal_error": "{found} is not valid here; expected {expected}",
-    "greater_than": "{found} is too small; it must be greater than {gt}",
-    "greater_than_equal": "{found} is too small; it must be at least {ge}",
-    "less_than": "{found} is too large; it must be less than {lt}",
-    "less_than_equal": "{found} is too large; it must be at most {le}",
-    "string_too_short": "{found} is too short",
-    "string_pattern_mismatch": "{found} does not have the form {pattern}",
+    "float_type": "{value} is not a number",
+    "finite_number": "{value} is not a finite number",
+    "int_type": "{value} is not an integer",
+    "int_from_float": "{value} is not an integer",
+    "float_parsing": "{value} is not a number; expected one, without its unit",
+    "int_parsing": "{value} is not an integer; expected one, without its unit",
+    "string_type": "{value} is not a string; put it in quotes",
+    "bool_type": "{value} is not true or false",
+    "tuple_type": "{value} is not a list",
+    "model_type": "{value} is not a table of keys",
+    "model_attributes_type": "{value} is not a table of keys",
+    "dict_type": "{value} is not a table of keys",
+    "datetime_type": "{value} is not a date and time such as 2026-11-20T09:00:00Z",
+    "timezone_aware": "{value} has no offset from UTC; end it with Z",
+    "literal_error": "{value} is not valid here; expected {expected}",
+    "greater_than": "{value} is too small; it must be greater than {gt}",
+    "greater_than_equal": "{value} is too small; it must be at least {ge}",
+    "less_than": "{value} is too large; it must be less than {lt}",
+    "less_than_equal": "{value} is too large; it must be at most {le}",
+    "string_too_short": "{value} is too short",
+    "string_pattern_mismatch": "{value} does not have the form {pattern}",
     "too_short": "has {entries}; expected at least {min_length}",
     "too_long": "has {entries}; expected at most {max_length}",
     "missing": "is missing; add it",
@@ -226,10 +226,10 @@ def problem_from_error(error: Mapping[str, Any], known: Collection[str]) -> Prob
     elif kind == "value_error":
         message = str(error["ctx"]["error"])
     elif kind in _WORDING:
-        found_value = shown(error["input"])
+        shown_value = shown(error["input"])
         context = error.get("ctx", {})
         entries = counted(context.get("actual_length", 0), "entry")
-        message = _WORDING[kind].format(found=found_value, entries=entries, **context)
+        message = _WORDING[kind].format(value=shown_value, entries=entries, **context)
         if kind == "too_long" and all(type(value) is int for value in error["input"]):
             message += "; a decimal comma separates entries: write 250.0, not 250,0"
     else:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 from benchmarks.honesty.arm import LIBRARY
 from benchmarks.honesty.cable import HostEnd, open_host_end
@@ -42,6 +42,10 @@ from traverse.protocol.messages import Live, Point, Scan
 FLUSH_S = 0.25
 
 
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+
 class AtOnce(Executor):
     """Executes work at once: writing takes no virtual time."""
 
@@ -57,12 +61,13 @@ class AtOnce(Executor):
 
 
 async def to_thread_at_once(
-    work: Callable[..., Any],
+    work: Callable[Arguments, Result],
     /,
-    *arguments: object,
-) -> Any:  # noqa: ANN401 - what the work returns
+    *arguments: Arguments.args,
+    **named: Arguments.kwargs,
+) -> Result:
     """Stand in for `asyncio.to_thread`; reading and writing take no virtual time."""
-    return work(*arguments)
+    return work(*arguments, **named)
 
 
 class WorldClock(HostClock):

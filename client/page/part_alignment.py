@@ -43,7 +43,7 @@ class PartAlignment:
         await self._send(system)
 
     async def by_best_fit(self) -> None:
-        """Ask for nominal places, show what the fit is worth, and use it if wanted."""
+        """Ask for nominal places, show the fit's quality, and align on confirmation."""
         names = [
             name
             for name in (*self._desk.features, *self._desk.relations)

@@ -313,13 +313,14 @@ def _campaign(
     features = poses.features.copy()
     artefacts: list[Artefact] = []
     names: list[tuple[str, ...]] = []
-    for index, artefact in enumerate(file.artefacts):
+    for index, listed_artefact in enumerate(file.artefacts):
+        artefact = listed_artefact
         listed = artefact.features or table.free_features
         mine = poses.artefacts == index
         if artefact.features:
             # Points that were not touched would only add unknowns.
             kept, among = np.unique(features[mine], return_inverse=True)
-            artefact = artefact.reduced([listed[feature] for feature in kept])  # noqa: PLW2901 the artefact without its untouched points
+            artefact = artefact.reduced([listed[feature] for feature in kept])
             if artefact.features != listed:
                 listed, features[mine] = artefact.features, among
         artefacts.append(artefact)

@@ -69,7 +69,7 @@ class AbsentStatement:
 
 @dataclass(frozen=True, slots=True)
 class AcceptanceEvidence:
-    """Figures of an acceptance test, and what stands in the way of a verdict.
+    """Figures of an acceptance test, and the obstacles to a verdict.
 
     Attributes:
         missing: Names of figures that were not computed.

@@ -34,7 +34,7 @@ COMMANDS: dict[str, "type[Args]"] = {}
 
 
 class Args(Value):
-    """Arguments of one command; the meaning of each key stands beside it."""
+    """Arguments of one command, each key with its meaning."""
 
     model_config = ConfigDict(defer_build=True)  # most are never sent to a daemon
 

@@ -225,7 +225,7 @@ def _b89(reach_mm: float, ball_mm: float, std_mm: float) -> Iterator[PlacedStand
 
 
 def spiral(n: int, opening_deg: float) -> Floats:
-    """Unit vectors (n, 3), evenly on a spiral about the third axis as a scan goes."""
+    """Unit vectors (n, 3) on a spiral about the third axis, in the order of a scan."""
     heights = np.linspace(1.0, np.cos(np.deg2rad(opening_deg)), n)
     turns = np.arange(n) * np.pi * (3.0 - np.sqrt(5.0))
     aside = np.sqrt(1.0 - heights**2)

@@ -252,10 +252,10 @@ async def test_no_point_is_lost_however_often_the_gateway_is_killed(
     async with virtual.running():
         measuring = asyncio.create_task(measure())
         for number in range(n_kills):
-            before = len(seqs())
+            n_before = len(seqs())
             with Program(tmp_path, f"gateway-{number}", *command) as gateway:
-                n_lines = random.randint(1, 40)
-                await until(lambda: len(seqs()) >= before + n_lines, "more lines")  # noqa: B023
+                goal = n_before + random.randint(1, 40)
+                await until(lambda n=goal: len(seqs()) >= n, "more lines")
                 os.kill(gateway.process.pid, 9)
                 await gateway.ended()
         with Program(tmp_path, "gateway", *command) as gateway:

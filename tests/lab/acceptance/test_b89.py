@@ -116,14 +116,14 @@ def test_bars_must_be_all_there():
 def test_the_plan_tells_twenty_different_positions():
     arm = read_arm(CHECKOUT / "cli" / "demo_data" / "arm.toml")
     steps = plan_of("asme-b89.4.22", arm).steps
-    told = re.compile(
+    instruction = re.compile(
         r"bar of (\d+) mm, position (\d+) of 20: (.*), its middle (\d+) mm .* octant "
         r"(. . .) of x y z"
     )
     positions = {
         step.artefact: match.groups()
         for step in steps
-        if (match := told.match(step.say)) is not None
+        if (match := instruction.match(step.say)) is not None
     }
     assert [int(number) for _, number, *_ in positions.values()] == [
         *range(1, N_BARS + 1)

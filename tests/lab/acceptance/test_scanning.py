@@ -109,11 +109,12 @@ def test_25_points_are_those_next_to_the_pattern():
 def test_where_the_probe_stays_the_pole_is_not_drawn():
     even = scan()
     dwelling = on_a_ball(CENTRE, 10.0, np.tile([1.0, 0.0, 0.0], (3000, 1)))
-    alone = representatives(even - CENTRE, "")
-    with_more = representatives(np.vstack([even, dwelling]) - CENTRE, "")
-    assert len(set(with_more)) == 25
+    without_stay = representatives(even - CENTRE, "")
+    with_stay = representatives(np.vstack([even, dwelling]) - CENTRE, "")
+    assert len(set(with_stay)) == 25
     middles = [
-        np.vstack([even, dwelling])[rows].mean(axis=0) for rows in (alone, with_more)
+        np.vstack([even, dwelling])[rows].mean(axis=0)
+        for rows in (without_stay, with_stay)
     ]
     assert np.linalg.norm(middles[1] - middles[0]) < 2.5
 
@@ -199,7 +200,7 @@ def test_a_verdict_on_scanning_rests_on_an_agreement_and_on_the_flat():
         }
         assert ("agreement" in absent["iso10360-8"]) is not is_agreed
         assert "agreement" not in absent["iso10360-12"]
-        # What the flat's certificate lacks is asked for, but no expansion.
+        # The flat's certificate lacks statements; its expansion is not required.
         assert absent["iso10360-8"]["certificate_number"].names == ("plane E 1",)
         assert "expansion" not in absent["iso10360-8"]
         assert "measuring_range" not in absent["iso10360-8"]
