@@ -348,6 +348,7 @@ class DeviceClock:
         self._restart(ticks, received_ns)
 
     def _restart(self, ticks: int, received_ns: int) -> None:
+        self._forget_exchanges(0.0)
         self._anchor_ticks, self._anchor_ns = ticks, received_ns
         self._floor.reset()
         self._reads = []
@@ -355,8 +356,6 @@ class DeviceClock:
         self._fit_ticks = 0
         self._line_bound_ns = UNKNOWN_NS
         self._tie = None
-        self._exchanges.clear()
-        self._best = None
         self._usual = _UsualDelays()
         self._run, self._read_ns, self._proven_ns = 0, 0, received_ns
         self._read_ticks, self._run_late_ns = ticks, 0.0

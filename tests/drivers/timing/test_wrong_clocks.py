@@ -288,6 +288,22 @@ def test_a_smallest_delay_is_kept_in_the_bound_when_answers_are_forgotten():
         assert clock.error_bound_ns >= delay_ns - 100_000
 
 
+def test_a_smallest_delay_is_kept_in_the_bound_over_a_step():
+    """The counter gains 2 s; all delays are 25 ms, and no answer comes after it."""
+    clock, delay_ns = DeviceClock(1_000_000, LATENCY_NS), 25_000_000
+    for k in range(600):
+        at_ns = k * 20_000_000
+        sent_ns = at_ns - delay_ns if k % 50 == 0 else None
+        clock.update(at_ns // 1000, at_ns + delay_ns, sent_ns)
+    for k in range(600, 900):
+        at_ns = k * 20_000_000
+        ticks = (at_ns + 2_000_000_000) // 1000
+        clock.update(ticks, at_ns + delay_ns)
+    assert clock.steps == 1
+    assert not clock.is_uncertain
+    assert clock.error_bound_ns >= clock.to_ns(ticks) - at_ns > 20_000_000
+
+
 def test_edges_that_are_sent_again_are_not_newer():
     clock = DeviceClock(1e6)
     assert clock.is_newer(5)
