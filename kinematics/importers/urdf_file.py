@@ -10,7 +10,7 @@ alone expanded. Lengths leave here in millimetres.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -49,6 +49,8 @@ _KNOWN = {
     "axis": ("xyz",),
     "mimic": ("joint", "multiplier", "offset"),
 }
+# Elements of a joint that do not place it.
+_OTHER_PARTS = ("limit", "dynamics", "calibration", "safety_controller")
 _EXPAND = "expand the file first: xacro FILE > robot.urdf"
 # A quaternion is a rotation if its length is one within this.
 _UNIT = 1e-3
@@ -158,6 +160,10 @@ class _Reading:
         if root.tag != "robot":
             self._refuse(root, f"the root is <{root.tag}>, expected <robot>")
         self._refuse_macros(root)
+        for key, value in root.attrib.items():
+            if key not in ("name", "version") and not key.startswith("xmlns"):
+                problem = f"{key} = {shown(value)} of <robot> is not known here"
+                self._doubts.append(f"{problem} and was ignored: a unit or a scale?")
         links: dict[str, Body | None] = {}
         joints: dict[str, UrdfJoint] = {}
         names: set[str] = set()
@@ -169,6 +175,7 @@ class _Reading:
                     remedy = "write it as <joint>, or take it out"
                     self._refuse(element, f"<{element.tag}> {problem}; {remedy}")
                 continue
+            self._refuse_misspelt(element, ("link", "joint"))
             known = {"link": links, "joint": names}.get(element.tag, ())
             if element.tag in ("link", "joint") and (not name or name in known):
                 problem = f"{element.tag} {shown(name)}: each needs its own name"
@@ -223,6 +230,13 @@ class _Reading:
         for part in element:
             if part.tag in _KNOWN:
                 self._check_attributes(part)
+            elif ":" not in part.tag and part.tag not in _OTHER_PARTS:
+                self._refuse_misspelt(part, _KNOWN)
+                where = f"line {self._lines[part]}: <{part.tag}>"
+                self._doubts.append(
+                    f"{where} of joint {shown(name)} is not known here and was "
+                    "ignored: does it move the joint?"
+                )
         for tag in _KNOWN:
             if len(element.findall(tag)) > 1:
                 problem = f"joint {shown(name)}: has several <{tag}>; expected one"
@@ -253,6 +267,12 @@ class _Reading:
                     f"known here and may move the arm; expected {expected}; write it "
                     "in these, or take it out",
                 )
+
+    def _refuse_misspelt(self, element: Element, known: Iterable[str]) -> None:
+        """Refuse an element whose capitals alone keep it from being read."""
+        tag = element.tag.lower()
+        if tag != element.tag and tag in known:
+            self._refuse(element, f"<{element.tag}> is not known; write <{tag}>")
 
     def _mimic(self, element: Element | None) -> Mimic | None:
         if element is None:

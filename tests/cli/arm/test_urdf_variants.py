@@ -166,6 +166,8 @@ XACRO = "http://www.ros.org/wiki/xacro"
             "</robot>",
             "<drake:joint> is a joint of another tool, which cannot be followed",
         ),
+        ('<origin xyz="0.4', '<Origin xyz="0.4', "<Origin> is not known; write <orig"),
+        ("</robot>", "<Joint/></robot>", "<Joint> is not known; write <joint>"),
     ],
 )
 def test_what_may_move_the_arm_is_refused_by_its_line(made, old, new, expected):
@@ -173,6 +175,15 @@ def test_what_may_move_the_arm_is_refused_by_its_line(made, old, new, expected):
     assert old in text
     output, _ = made(text.replace(old, new, 1), "--hold-mm", "rail=0", status=2)
     assert expected in " ".join(output.split())
+
+
+def test_what_is_ignored_and_may_move_the_arm_is_told(made):
+    text = ROBOT.replace('name="r"', 'name="r" units="mm"')
+    text = text.replace("<axis", '<pose>1 0 0</pose><limit effort="1"/><axis', 1)
+    output, _ = made(text, "--hold-mm", "rail=0")
+    assert "units = 'mm' of <robot> is not known here and was ignored" in output
+    assert "line 4: <pose> of joint 'J1' is not known here and was ignored" in output
+    assert "limit" not in output
 
 
 def test_a_quaternion_turns_as_roll_pitch_yaw_do(made):
