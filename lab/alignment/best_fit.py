@@ -16,6 +16,7 @@ from traverse.kinematics.helmert.adjustment import (
 from traverse.kinematics.helmert.shape import shape_of
 from traverse.kinematics.helmert.transformation import mirrored_share
 from traverse.kinematics.helmert.volume import Volume, disposition_index, mean_motions
+from traverse.lab.alignment.disagreement import disagreements
 from traverse.lab.alignment.nominal import VolumeFunction
 from traverse.lab.alignment.result import (
     FOUND,
@@ -79,9 +80,12 @@ def best_fit_alignment(
     variance_factor = 1.0 if trusted else sigma0**2
     covariance = variance_factor * adjusted.cofactors
     shape = shape_of(to_mm)
+    disagreement: list[AlignmentWarning] = []
+    if test is not None and not test.passed:
+        disagreement = list(disagreements(common.names, from_mm, to_mm))
     problem = turn_problem(covariance, shape)
     if problem is not None:
-        raise HelmertError(problem)
+        raise HelmertError(disagreement[0].text if disagreement else problem)
     volume = volume_of(adjusted.transformation)
     index = disposition_index(to_mm, volume, with_scale=with_scale)
     points = _points(common, adjusted, volume, None if is_stated else sigma0)
@@ -89,6 +93,7 @@ def best_fit_alignment(
         *disposition_flags(shape, index),
         *scatter_flags(common),
         *scale_flags(adjusted.transformation.scale),
+        *disagreement,
         *revealed_flags(test, points, is_stated=is_stated),
         *_suspects(points, is_stated=is_stated),
     ]

@@ -96,6 +96,27 @@ def test_a_scale_of_other_units_is_flagged():
     assert "unlikely_scale" in codes(alignment)
 
 
+@pytest.mark.parametrize("stated", [True, False])
+def test_other_units_and_exchanged_names_are_named_as_causes(stated):
+    points = common(WIDE * [1.0, 1.0, 0.7], seed=3, stated=stated)
+    inches = tuple(Place(p.place_mm / 25.4, p.covariance_mm2) for p in points.measured)
+    with pytest.raises(HelmertError, match="measured ones are in inches"):
+        best_fit_alignment(
+            CommonPoints(points.names, inches, points.nominal), fixed_volume(BOX), ""
+        )
+    names = (*points.names, "far")
+    far = Place(
+        transformation().inverse().places_mm(np.array([[900.0, 90, 50]]))[0],
+        points.measured[0].covariance_mm2,
+    )
+    measured = (*points.measured[1::-1], *points.measured[2:], far)
+    nominal = (*points.nominal, Place(np.array([900.0, 90, 50]), None))
+    with pytest.raises(HelmertError, match="names P0 and P1 are exchanged"):
+        best_fit_alignment(
+            CommonPoints(names, measured, nominal), fixed_volume(BOX), ""
+        )
+
+
 def test_errors_that_are_not_stated_are_estimated_and_test_nothing():
     fit = fitted(WIDE, seed=6, stated=False)
     assert fit.test.p_value is None
