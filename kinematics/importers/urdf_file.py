@@ -10,7 +10,7 @@ alone expanded. Lengths leave here in millimetres.
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -160,10 +160,7 @@ class _Reading:
         if root.tag != "robot":
             self._refuse(root, f"the root is <{root.tag}>, expected <robot>")
         self._refuse_macros(root)
-        for key, value in root.attrib.items():
-            if key not in ("name", "version") and not key.startswith("xmlns"):
-                problem = f"{key} = {shown(value)} of <robot> is not known here"
-                self._doubts.append(f"{problem} and was ignored: a unit or a scale?")
+        self._doubt_attributes(root)
         links: dict[str, Body | None] = {}
         joints: dict[str, UrdfJoint] = {}
         names: set[str] = set()
@@ -192,17 +189,28 @@ class _Reading:
                     )
                     self._refuse(element, f"{problem}{shown(joint.child)}")
                 joints[joint.child] = joint
-        for joint in joints.values():
+        self._refuse_missing_links(joints.values(), links)
+        if self._problems:
+            raise FileError(self._source, self._problems)
+        name = root.get("name", "")
+        return Robot(name, self._source, links, joints, tuple(self._doubts))
+
+    def _doubt_attributes(self, root: Element) -> None:
+        for key, value in root.attrib.items():
+            if key not in ("name", "version") and not key.startswith("xmlns"):
+                problem = f"{key} = {shown(value)} of <robot> is not known here"
+                self._doubts.append(f"{problem} and was ignored: a unit or a scale?")
+
+    def _refuse_missing_links(
+        self, joints: Iterable[UrdfJoint], links: Container[str]
+    ) -> None:
+        for joint in joints:
             for link in (joint.parent, joint.child):
                 if link not in links:
                     problem = (
                         f"joint {shown(joint.name)}: there is no link {shown(link)}"
                     )
                     self._problems.append(Problem(f"line {joint.line}", problem))
-        if self._problems:
-            raise FileError(self._source, self._problems)
-        name = root.get("name", "")
-        return Robot(name, self._source, links, joints, tuple(self._doubts))
 
     def _refuse_macros(self, root: Element) -> None:
         """Refuse elements of xacro, whatever its prefix, and its expressions."""
