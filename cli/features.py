@@ -36,8 +36,8 @@ def features(
     """Measure planes, circles, distances and so on with their uncertainty.
 
     A point belongs to the feature that its label names. With --out, writes the report
-    sheet features.html, features.json and .csv, and a drawing features.dxf. Exit status
-    1: a figure does not conform, or is not decided; or a feature has no figures.
+    sheet features.html, features.json, .csv and .qif, and a drawing features.dxf. Exit
+    status 1: a figure does not conform, or is not decided; or a feature has no figures.
 
     Args:
         points: Points: JSON lines, a recording, or an outbox.
@@ -95,6 +95,7 @@ def _shared(points: "list[Point]", arm: Path | None) -> "Mapping[str, Floats] | 
 
 def _write(inspection: "Inspection", folder: Path) -> str:
     from traverse.client.inspection.drawing import dxf_text
+    from traverse.client.inspection.qif import qif_text
     from traverse.client.inspection.sheet import csv_text, json_text, sheet_html
     from traverse.strict_toml.writing import write_atomically
 
@@ -103,6 +104,7 @@ def _write(inspection: "Inspection", folder: Path) -> str:
         "html": sheet_html(inspection),
         "json": json_text(inspection),
         "csv": csv_text(inspection),
+        "qif": qif_text(inspection),
     }
     remark = ""
     if find_spec("ezdxf") is None:

@@ -15,10 +15,12 @@ from traverse.client.inspection.plan import (
     RelationKind,
     ToleranceEntry,
 )
+from traverse.client.inspection.qif import qif_text
 from traverse.client.inspection.sheet import csv_text, figure_words, json_text
 from traverse.client.inspection.values import (
     FeatureResult,
     FigureResult,
+    Inspection,
     TouchResult,
 )
 from traverse.client.page.controls import Dialogs
@@ -49,6 +51,12 @@ CONDITIONS = (
 )
 LEVELS = {"conforming": "good", "not conforming": "bad"}
 REPORT_URL = "/report"
+_FILES: dict[str, Callable[[Inspection], str]] = {
+    "csv": csv_text,
+    "json": json_text,
+    "dxf": dxf_text,
+    "qif": qif_text,
+}
 
 
 class PartPanel:
@@ -87,7 +95,8 @@ class PartPanel:
                     "Report", partial(ui.navigate.to, REPORT_URL, new_tab=True)
                 )
                 report.props('aria-label="Open the report sheet"')
-                for name, kind in (("CSV", "csv"), ("JSON", "json"), ("DXF", "dxf")):
+                for kind in _FILES:
+                    name = kind.upper()
                     file = self._button(name, partial(self._save, kind), "flat")
                     file.props(f'aria-label="Save results as {name}"')
             with ui.element("div").classes("touching") as self._touching:
@@ -396,9 +405,8 @@ class PartPanel:
         if inspection is None:
             self._follower.sight.refuse("nothing is measured yet", "touch a feature")
             return
-        texts = {"csv": csv_text, "json": json_text, "dxf": dxf_text}
         try:
-            text = await asyncio.to_thread(texts[kind], inspection)
+            text = await asyncio.to_thread(_FILES[kind], inspection)
         except ModuleNotFoundError as error:
             needs = f"a drawing needs {error.name}, which is not installed"
             self._follower.sight.refuse(needs, "install the extra `lab`")

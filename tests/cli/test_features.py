@@ -45,6 +45,7 @@ def test_a_part_is_measured_within_its_uncertainty_and_reported(files):
         rows = list(csv.DictReader(file))
     assert {row["conformity"] for row in rows} == {"", "conforming"}
     assert "CIRCLE" in (folder / "report" / "features.dxf").read_text()
+    assert "PlaneFeature" in (folder / "report" / "features.qif").read_text()
     page = (folder / "report" / "features.html").read_text()
     for text in ("plate 12", "0007", "A. Weber", report["model"], "ISO 14253-1"):
         assert text in page
