@@ -1,8 +1,8 @@
 """The part that is being inspected: features chosen, touches assigned, results."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from traverse.arrays import Floats
 from traverse.client.display.arm_state import ArmSight, Change
@@ -15,9 +15,13 @@ from traverse.client.inspection.plan import (
     RelationKind,
     ToleranceEntry,
 )
-from traverse.client.inspection.results import (
-    inspected,
+from traverse.client.inspection.results import alignment_of, inspected
+from traverse.client.inspection.systems import (
+    Station,
+    in_first_system,
+    station_of_fit,
     system_by_best_fit,
+    system_by_leapfrog,
     system_of_datums,
 )
 from traverse.client.inspection.values import FeatureResult, Inspection
@@ -46,6 +50,8 @@ WHERE: dict[Kind, str] = {
     "cylinder": "Touch around the cylinder, in three heights.",
     "cone": "Touch around the cone, in three heights.",
 }
+LEAST_COMMON = 3
+AGAIN = " again"
 MOST_FEATURES, MOST_TOUCHES = 200, 2000
 
 Share = Callable[[Sequence[str]], Awaitable[Mapping[str, Floats] | str]]
@@ -72,6 +78,9 @@ class InspectionDesk:
         features, relations, tolerances: in the order in which they were made.
         active: name of the feature that new points belong to; None: to none.
         alignment: made of features of this part; None: as the points have it.
+        again: names of features as they are touched once more after the arm was moved,
+            and as before, until they are joined.
+        is_moved: whether it is not known where the arm stands.
         inspection: the latest results; None before the first.
     """
 
@@ -85,6 +94,10 @@ class InspectionDesk:
         self.tolerances: dict[tuple[str, str], ToleranceEntry] = {}
         self.active: str | None = None
         self.alignment: Helmert | None = None
+        self.again: dict[str, str] = {}
+        self.is_moved = False
+        self._stations: list[Station] = []
+        self._station_by_point: dict[str, int] = {}
         self.inspection: Inspection | None = None
         self.version = 0
         self._measured = 0
@@ -99,8 +112,9 @@ class InspectionDesk:
         """Begin a feature; return its name.
 
         Raises:
-            ValueError: there are too many.
+            ValueError: there are too many, or it is not known where the arm stands.
         """
+        self._refuse_while_moved()
         if len(self.features) >= MOST_FEATURES:
             raise ValueError(f"a part has at most {MOST_FEATURES} features; begin anew")
         name = self._free_name(kind)
@@ -115,15 +129,26 @@ class InspectionDesk:
         return name
 
     def touch(self, name: str) -> None:
-        """Have new points belong to a feature."""
+        """Have new points belong to a feature.
+
+        Raises:
+            ValueError: it was touched before the arm was moved.
+        """
+        if name not in self.again:
+            self._refuse_while_moved()
         self.active = name
         self._begun_ns = self._sight.live.time_ns if self._sight.live else 0
         self.version += 1
 
     def accept(self) -> None:
         """End the active feature; one without touches is dropped."""
-        if self.active is not None and not self.features[self.active].points:
-            self.remove(self.active)
+        name = self.active
+        if (
+            name is not None
+            and name not in self.again
+            and not self.features[name].points
+        ):
+            self.remove(name)
         self.active = None
         self.version += 1
 
@@ -131,6 +156,7 @@ class InspectionDesk:
         """Remove a feature or relation, and all relations made of it."""
         self.features.pop(name, None)
         self.relations.pop(name, None)
+        self.again.pop(name, None)
         for draft in self.features.values():
             draft.plane = None if draft.plane == name else draft.plane
         for dependent in [n for n, entry in self.relations.items() if name in entry.of]:
@@ -150,7 +176,12 @@ class InspectionDesk:
         self.version += 1
 
     def relate(self, kind: RelationKind, of: Sequence[str]) -> str:
-        """Add a relation; return its name."""
+        """Add a relation; return its name.
+
+        Raises:
+            ValueError: it is not known where the arm stands.
+        """
+        self._refuse_while_moved()
         name = self._free_name(kind)
         self.relations[name] = RelationEntry(name=name, kind=kind, of=tuple(of))
         self.version += 1
@@ -162,7 +193,8 @@ class InspectionDesk:
         Raises:
             ValueError: they make none.
         """
-        points = list(self._points.values())
+        self._refuse_while_moved()
+        points, _ = self._placed(self._points.values(), "not needed")
         system = system_of_datums(self.plan, points, names)
         self.align_to(system)
         return system
@@ -173,17 +205,83 @@ class InspectionDesk:
         Raises:
             ValueError: they do not determine the part's system.
         """
-        return system_by_best_fit(
-            self.plan,
-            list(self._points.values()),
-            self._refusal or self._shared,
-            nominals_mm,
-        )
+        self._refuse_while_moved()
+        shared_mm = self._refusal or self._shared
+        placed, shared = self._placed(self._points.values(), shared_mm)
+        return system_by_best_fit(self.plan, placed, shared, nominals_mm)
 
     def align_to(self, system: Helmert) -> None:
         """State all results in a system of the part."""
         self.alignment = system
         self.version += 1
+
+    def begin_leapfrog(self) -> None:
+        """Have features that have a place touched once more: the arm was moved.
+
+        Raises:
+            ValueError: too few have one, or it was moved before.
+        """
+        self._refuse_while_moved()
+        common = [
+            name for name in self.features if AGAIN not in name and self.has_place(name)
+        ]
+        if len(common) < LEAST_COMMON:
+            raise ValueError("a leapfrog needs three features that have a place")
+        if self.alignment is None:
+            self.alignment = alignment_of([*self._points.values()])
+        self.accept()
+        again_by_before: dict[str | None, str] = {}
+        planes = {self.features[name].plane for name in common} - {None}
+        for name in [n for n in self.features if n in planes] + common:
+            draft = self.features[name]
+            again = self._free_name(f"{name}{AGAIN}")
+            plane = again_by_before.get(draft.plane)
+            self.features[again] = Draft(draft.kind, draft.side, plane)
+            self.again[again] = name
+            again_by_before[name] = again
+        self.is_moved = True
+        self.version += 1
+
+    def fit_leapfrog(self) -> BestFit:
+        """Fit what was touched again onto the same features of before.
+
+        Raises:
+            ValueError: that does not determine where the arm stands.
+        """
+        touched_again = {
+            again: before
+            for again, before in self.again.items()
+            if self.features[again].points and self.has_place(before)
+        }
+        shared_mm = self._refusal or self._shared
+        placed, shared = self._placed(self._points.values(), shared_mm)
+        return system_by_leapfrog(self.plan, placed, shared, touched_again)
+
+    def end_leapfrog(self, fit: BestFit | None) -> Helmert | None:
+        """Bring all touches since into the first station's system.
+
+        Args:
+            fit: of `fit_leapfrog`; None: the arm was not moved, what was touched again
+                goes.
+
+        Returns:
+            From the arm's system now to the part's, else to the first station's.
+        """
+        system = None
+        names, self.again, self.is_moved = list(self.again), {}, False
+        if fit is not None:
+            self._stations.append(station_of_fit(fit))
+            for name in names:
+                of_station = dict.fromkeys(self.features[name].points, self._station)
+                self._station_by_point.update(of_station)
+            system = fit.system
+            if self.alignment is not None:
+                system = self.alignment.after(system)
+        for name in names:
+            if fit is None or not self.features[name].points:
+                self.remove(name)
+        self.accept()
+        return system
 
     def set_tolerance(self, entry: ToleranceEntry | None, key: tuple[str, str]) -> None:
         """Set the tolerance of a figure, by its feature and name; None: none."""
@@ -210,6 +308,8 @@ class InspectionDesk:
         self.features, self.relations, self.tolerances = {}, {}, {}
         self._points, self._shared, self.active = {}, {}, None
         self.alignment = None
+        self.again, self.is_moved = {}, False
+        self._stations, self._station_by_point = [], {}
         self.part = self.serial = ""
         self.part_temperature = None
         self.version += 1
@@ -271,16 +371,52 @@ class InspectionDesk:
                 self._refusal = answer if isinstance(answer, str) else ""
                 if not isinstance(answer, str):
                     self._shared.update(answer)
-            points = [point for i, point in self._points.items() if i in used]
-            shared = self._refusal or dict(self._shared)
+            points, shared = self._placed(
+                (point for i, point in self._points.items() if i in used),
+                self._refusal or dict(self._shared),
+            )
             # In a thread: a part of many cylinders takes a while.
             inspection = await asyncio.to_thread(
                 inspected, plan, points, shared, self.alignment
             )
-            self.inspection, self._measured = inspection, version
+            self.inspection = self._without_places(inspection)
+            self._measured = version
         finally:
             self._is_measuring = False
         return True
+
+    @property
+    def _station(self) -> int:
+        return len(self._stations) - 1
+
+    def _placed(
+        self, points: Iterable[Point], shared_mm: Mapping[str, Floats] | str
+    ) -> tuple[list[Point], Mapping[str, Floats] | str]:
+        return in_first_system(
+            list(points), shared_mm, self._stations, self._station_by_point
+        )
+
+    def _without_places(self, inspection: Inspection) -> Inspection:
+        """Drop places of features whose station is not known yet."""
+        features = [
+            replace(
+                feature,
+                problem="touched after the arm was moved, and not joined yet",
+                figures=tuple(f for f in feature.figures if f.name not in "xyz"),
+                place_mm=None,
+                direction=None,
+            )
+            if feature.name in self.again and not feature.problem
+            else feature
+            for feature in inspection.features
+        ]
+        return replace(inspection, features=tuple(features))
+
+    def _refuse_while_moved(self) -> None:
+        if self.is_moved:
+            raise ValueError(
+                "the arm was moved: touch features again, and join them first"
+            )
 
     def _free_name(self, kind: str) -> str:
         used_names = self.features.keys() | self.relations.keys()
@@ -309,4 +445,6 @@ class InspectionDesk:
                 )
                 return
             self._points[point.id] = point
+            if self._stations and self.active not in self.again:
+                self._station_by_point[point.id] = self._station
             self.assign(point.id, self.active)

@@ -1,11 +1,13 @@
-"""The part's system by a best fit of features onto their nominal places.
+"""Best fit of features: onto nominal places, or onto themselves from another station.
 
 The features' errors are those of their touches, with what these share of the arm and
 with touches that belong to several features, such as those of the plane of two bores.
+A station is a place of the arm. An arm that is moved has the same errors of its
+parameters at both stations, so these are shared by both sides of the fit.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,7 +44,9 @@ class BestFit:
     """A best fit of features, and what it is worth.
 
     Attributes:
-        system: from the arm's to the part's.
+        system: from the arm's to the part's, or to that of the first station.
+        centre_mm: about which `covariance` is stated, in the system that it leads to.
+        covariance: of shift and turn, (6, 6); without U, of unit weights.
         residuals_mm: nominal less fitted, by feature.
         sigma0: residuals over those that U lets expect; without U, in mm. None
             without redundancy.
@@ -54,12 +58,30 @@ class BestFit:
     """
 
     system: Helmert
+    centre_mm: Floats
+    covariance: Floats
     residuals_mm: dict[str, Vector]
     sigma0: float | None
     redundancy: int
     index: VolumeError
     error: VolumeError | None
     doubts: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Places:
+    """Places of features in one system.
+
+    Attributes:
+        covariances_mm2: (n, 3, 3).
+        shared_mm: factors of what they share, (n, 3, rank), of both systems the same.
+        touches_mm: what was touched there, (n_touches, 3).
+    """
+
+    places_mm: Floats
+    covariances_mm2: Floats
+    shared_mm: Floats
+    touches_mm: Floats
 
 
 def best_fit(
@@ -78,40 +100,102 @@ def best_fit(
     Raises:
         ValueError: they do not determine the system; says what is left open.
     """
-    elements = [_located(features, name) for name in nominals_mm]
-    errors, to_mm = features.errors, np.array([*nominals_mm.values()]).reshape(-1, 3)
-    from_mm = np.array([element.place_mm for element in elements]).reshape(-1, 3)
-    none = _ROUNDING_MM2 * np.tile(np.eye(3), (len(elements), 1, 1))
+    measured = _places_of(features, list(nominals_mm))
+    measured = replace(measured, touches_mm=features.errors.points_mm)
+    nominal = _Places(
+        np.array([*nominals_mm.values()]).reshape(-1, 3),
+        np.tile(_ROUNDING_MM2 * np.eye(3), (len(nominals_mm), 1, 1)),
+        np.zeros_like(measured.shared_mm),
+        np.zeros((0, 3)),
+    )
+    return _fit(list(nominals_mm), measured, nominal, is_known=is_known)
+
+
+def leapfrog_fit(
+    features: Features, before_by_again: Mapping[str, str], *, is_known: bool
+) -> BestFit:
+    """Fit features that were touched from a new station onto those of before.
+
+    Args:
+        features: of both stations, each in the system of its own.
+        before_by_again: names of the same feature, of at least three.
+        is_known: whether the errors of the touches are.
+
+    Raises:
+        ValueError: they do not determine where the arm is now.
+    """
+    again, before = list(before_by_again), list(before_by_again.values())
+    both, n = _places_of(features, [*again, *before]), len(again)
+    new, old = (
+        _Places(
+            both.places_mm[rows],
+            both.covariances_mm2[rows],
+            both.shared_mm[rows],
+            _touches_of(features, names),
+        )
+        for rows, names in ((slice(n), again), (slice(n, None), before))
+    )
+    return _fit(again, new, old, is_known=is_known)
+
+
+def _fit(
+    names: list[str], measured: _Places, onto: _Places, *, is_known: bool
+) -> BestFit:
+    from_mm, to_mm = measured.places_mm, onto.places_mm
     if is_known:
-        covariances_mm2, shared_mm = _place_errors(elements, errors)
         adjusted = adjusted_helmert(
-            from_mm, to_mm, covariances_mm2, none, from_shared_mm=shared_mm
+            from_mm,
+            to_mm,
+            measured.covariances_mm2,
+            onto.covariances_mm2,
+            from_shared_mm=measured.shared_mm,
+            to_shared_mm=onto.shared_mm,
         )
     else:
-        alike = np.tile(np.eye(3), (len(elements), 1, 1))
-        adjusted = adjusted_helmert(from_mm, to_mm, 0.0 * none, alike)
+        alike = np.tile(np.eye(3), (len(names), 1, 1))
+        adjusted = adjusted_helmert(from_mm, to_mm, 0.0 * alike, alike)
     if mirrored_share(from_mm, to_mm) < _MIRRORED:
         raise HelmertError(
             "the features fit the mirror image of their nominal places far better: a "
             "sign of a coordinate is wrong, or places are exchanged"
         )
-    touched_mm = adjusted.transformation.places_mm(errors.points_mm)
-    around_mm = np.concatenate([to_mm, touched_mm])
+    touched_mm = adjusted.transformation.places_mm(measured.touches_mm)
+    around_mm = np.concatenate([to_mm, touched_mm, onto.touches_mm])
     box = Box(around_mm.min(axis=0), around_mm.max(axis=0))
     index = disposition_index(to_mm, box)
-    error = (
-        volume_error(box, adjusted.centre_mm, _trusted(adjusted)) if is_known else None
-    )
+    covariance = _trusted(adjusted)
+    error = volume_error(box, adjusted.centre_mm, covariance) if is_known else None
     x_mm, y_mm, z_mm = adjusted.misclosures_mm.T.tolist()
     return BestFit(
         adjusted.transformation,
-        dict(zip(nominals_mm, zip(x_mm, y_mm, z_mm, strict=True), strict=True)),
+        adjusted.centre_mm,
+        covariance,
+        dict(zip(names, zip(x_mm, y_mm, z_mm, strict=True), strict=True)),
         adjusted.sigma0,
         adjusted.redundancy,
         index,
         error,
         tuple(_doubts(adjusted, to_mm, index, is_known=is_known)),
     )
+
+
+def _places_of(features: Features, names: list[str]) -> _Places:
+    """Return places with their errors.
+
+    Raises:
+        ValueError: a feature has no place, or was not measured.
+    """
+    elements = [_located(features, name) for name in names]
+    if not elements:
+        raise HelmertError("no feature has a place to be fitted onto")
+    places_mm = np.array([element.place_mm for element in elements])
+    covariances_mm2, shared_mm = _place_errors(elements, features.errors)
+    return _Places(places_mm, covariances_mm2, shared_mm, np.zeros((0, 3)))
+
+
+def _touches_of(features: Features, names: list[str]) -> Floats:
+    weights = np.stack([features.elements[name].by_points[PLACE] for name in names])
+    return features.errors.points_mm[np.any(weights != 0.0, axis=(0, 1, 3))]
 
 
 def _located(features: Features, name: str) -> Element:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.client.inspection.best_fit import BestFit, best_fit
 from traverse.client.inspection.plan import (
     FeatureEntry,
     Plan,
@@ -19,7 +18,6 @@ from traverse.client.inspection.values import (
     Inspection,
     TouchResult,
 )
-from traverse.kinematics.features.datum import datum_system
 from traverse.kinematics.features.figures import (
     Conformity,
     Figure,
@@ -40,7 +38,6 @@ from traverse.kinematics.helmert.transformation import Helmert, closed_helmert
 from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
 from traverse.plurals import counted
 from traverse.protocol.messages import Point
-from traverse.protocol.messages.fields import Vector
 
 MEASURED_SIDES = {"pretouch", "pulled", "inside", "outside"}
 """Compensations that know the direction to the material."""
@@ -142,60 +139,21 @@ def _measured(
     return _Measured(features, every, system, tip_mm, unknown)
 
 
-def system_of_datums(
-    plan: Plan, points: Sequence[Point], names: Sequence[str]
-) -> Helmert:
-    """Return the part's system by 3-2-1 of a plane, a line and a point, by their names.
+def features_of_arm(
+    plan: Plan, points: Sequence[Point], shared_mm: Mapping[str, Floats] | str
+) -> tuple[Features, bool]:
+    """Compute features and what relations make, as touched, in the arm's system.
 
-    The line leads from its first touch to its last.
-
-    Raises:
-        ValueError: they are not measured, or make no system.
-    """
-    assigned = assigned_points(plan, points)
-    features = _measured(plan, assigned, "not needed", _OF_ARM).features
-    for name in names:
-        if name not in features.elements:
-            raise ValueError(f"{name}: {features.problems.get(name, 'not measured')}")
-    plane, line, point = (features.elements[name] for name in names)
-    of_line = assigned[names[1]]
-    forwards = np.subtract(of_line[-1].xyz_mm, of_line[0].xyz_mm)
-    return datum_system(plane, line, point, forwards)
-
-
-def system_by_best_fit(
-    plan: Plan,
-    points: Sequence[Point],
-    shared_mm: Mapping[str, Floats] | str,
-    nominals_mm: Mapping[str, Vector],
-) -> BestFit:
-    """Return the part's system by a best fit of features onto nominal places.
-
-    Args:
-        plan: with the features; where it states the part's temperature, nominal places
-            at 20 °C are taken as long as the part is now.
-        points: as of `inspected`.
-        shared_mm: as of `inspected`.
-        nominals_mm: by feature.
-
-    Raises:
-        ValueError: they are not measured, or do not determine it.
+    Returns:
+        The features, and whether their errors are known.
     """
     assigned = assigned_points(plan, points)
     measured = _measured(plan, assigned, shared_mm, _OF_ARM)
-    judge = _Judge(plan, assigned, is_known=not measured.unknown, is_of_part=False)
+    is_known = not measured.unknown
+    judge = _Judge(plan, assigned, is_known=is_known, is_of_part=False)
     for entry in plan.relations:
         _relation(entry, measured.features, judge)
-    of_part = plan.part_temperature
-    length = 1.0 if of_part is None else of_part.expansion.length
-    return best_fit(
-        measured.features,
-        {
-            name: (length * x_mm, length * y_mm, length * z_mm)
-            for name, (x_mm, y_mm, z_mm) in nominals_mm.items()
-        },
-        is_known=not measured.unknown,
-    )
+    return measured.features, is_known
 
 
 def assigned_points(plan: Plan, points: Sequence[Point]) -> dict[str, list[Point]]:
@@ -241,7 +199,7 @@ def _errors(
     errors = JointCovariance(
         places_mm, covariances[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]], factors
     )
-    alignment = alignment or _alignment(points, places_mm)
+    alignment = alignment or alignment_of(points)
     if alignment is None:
         return errors, None, unknown
     turn = alignment.scale * alignment.rotation
@@ -253,8 +211,9 @@ def _errors(
     return aligned, alignment, unknown
 
 
-def _alignment(points: Sequence[Point], places_mm: Floats) -> Helmert | None:
+def alignment_of(points: Sequence[Point]) -> Helmert | None:
     """Return the alignment that all points have in common; None without."""
+    places_mm = np.array([point.xyz_mm for point in points]).reshape(-1, 3)
     part_points_mm = [
         point.part_xyz_mm for point in points if point.part_xyz_mm is not None
     ]

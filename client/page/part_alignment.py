@@ -1,4 +1,4 @@
-"""The part's system made of its features: 3-2-1, and best fit onto nominal places."""
+"""Systems made of the part's features: 3-2-1, best fit onto nominal places, leapfrog."""
 
 from collections.abc import Iterator, Sequence
 
@@ -12,6 +12,7 @@ from traverse.protocol.messages.fields import Vector
 
 LEAST_PLACES = 3
 USE = "Use it"
+MOVED, NOT_MOVED = "It was moved", "It was not moved"
 
 
 class PartAlignment:
@@ -79,6 +80,53 @@ class PartAlignment:
         if answer == USE:
             self._desk.align_to(fit.system)
             await self._send(fit.system)
+
+    async def begin_leapfrog(self) -> None:
+        """Ask for the features once more: the arm stands elsewhere now."""
+        answer, _ = await self._dialogs.ask(
+            "Was the arm moved?",
+            (MOVED,),
+            details="Features with a place are touched once more, three at least; the "
+            "part must stay where it is. Until they are joined, the arm states no "
+            "part coordinates.",
+        )
+        if answer != MOVED:
+            return
+        try:
+            self._desk.begin_leapfrog()
+        except ValueError as error:
+            self._follower.sight.refuse(
+                str(error), "measure points, circles or spheres"
+            )
+            return
+        await self._follower.do(lambda arm: arm.clear_alignment())
+
+    async def end_leapfrog(self) -> None:
+        """Show how what was touched again fits, and join it on confirmation."""
+        self._desk.accept()
+        try:
+            fit = self._desk.fit_leapfrog()
+        except ValueError as error:
+            self._follower.sight.refuse(str(error), "touch more features again")
+            return
+        words = "\n".join(fit_words(fit))
+        answer, _ = await self._dialogs.ask("Leapfrog", (USE,), details=words)
+        if answer != USE:
+            return
+        system = self._desk.end_leapfrog(fit)
+        if system is not None:
+            await self._send(system)
+
+    async def give_up_leapfrog(self) -> None:
+        """Take the move back, and what was touched since."""
+        answer, _ = await self._dialogs.ask(
+            "The arm was not moved? What was touched again goes.", (NOT_MOVED,)
+        )
+        if answer != NOT_MOVED:
+            return
+        self._desk.end_leapfrog(None)
+        if self._desk.alignment is not None:
+            await self._send(self._desk.alignment)
 
     async def choose(
         self, title: str, places: Sequence[str], names: Sequence[str]

@@ -24,7 +24,7 @@ from traverse.client.inspection.values import (
     TouchResult,
 )
 from traverse.client.page.controls import Dialogs
-from traverse.client.page.part_alignment import PartAlignment
+from traverse.client.page.part_alignment import NOT_MOVED, PartAlignment
 from traverse.client.page.presses import Presses
 from traverse.kinematics.features.measured import Side
 from traverse.kinematics.fits.elements import LEAST_POINTS, Kind
@@ -119,6 +119,12 @@ class PartPanel:
                     self._button(relation.capitalize(), partial(self._relate, relation))
                 self._button("Align 3-2-1", self._alignment.by_datums)
                 self._button("Align best fit", self._alignment.by_best_fit)
+                self._button("Arm moved", self._alignment.begin_leapfrog)
+            with ui.element("div").classes("bar") as self._moved:
+                self._moved.props('role="group" aria-label="Leapfrog"')
+                ui.label("The arm was moved: touch features again, then join them.")
+                self._button("Join", self._alignment.end_leapfrog, "unelevated")
+                self._button(NOT_MOVED, self._alignment.give_up_leapfrog)
             self._left_out = ui.label().classes("left-out")
             self._rows = ui.element("div").classes("features")
         self.show()
@@ -158,8 +164,10 @@ class PartPanel:
     def _show_active(self) -> None:
         desk, name = self._desk, self._desk.active
         self._touching.set_visibility(name is not None)
-        self._kinds.set_visibility(name is None)
-        self._relations.set_visibility(name is None)
+        is_free = name is None and not desk.is_moved
+        self._kinds.set_visibility(is_free)
+        self._relations.set_visibility(is_free)
+        self._moved.set_visibility(name is None and desk.is_moved)
         if name is None:
             return
         draft = desk.features[name]
@@ -219,6 +227,15 @@ class PartPanel:
         try:
             name = self._desk.begin(kind)
             self._last_kind = kind
+        except ValueError as error:
+            self._follower.sight.refuse(str(error))
+            return
+        await self._label(name)
+
+    async def _touch(self, name: str) -> None:
+        self._desk.accept()
+        try:
+            self._desk.touch(name)
         except ValueError as error:
             self._follower.sight.refuse(str(error))
             return
@@ -284,9 +301,7 @@ class PartPanel:
             details="" if result is None else _listed(result, result.figures),
         )
         if answer == "Touch more":
-            desk.accept()
-            desk.touch(name)
-            await self._label(name)
+            await self._touch(name)
         elif answer == "Remove":
             desk.remove(name)
         elif answer and result is not None:

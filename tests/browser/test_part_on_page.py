@@ -7,10 +7,12 @@ import os
 import numpy as np
 import pytest
 from playwright.async_api import Page, expect
+from scipy.spatial.transform import Rotation
 
 from tests.browser.conftest import OpenPage, PosedDaemon
 from tests.client.inspection.touched import ARM, touched_points
 from traverse.kinematics.arm_file.arm import read_arm
+from traverse.kinematics.helmert.transformation import Helmert
 from traverse.lab.measured_points.touch_errors import shared_by_points
 from traverse.protocol.messages import Point
 
@@ -156,6 +158,64 @@ async def test_bores_and_an_apex_are_fitted_onto_nominal_places(
         await dialog.get_by_role("button", name="Use it").click()
         await expect(row).to_contain_text(f"x {places[2][0]:.0f}"[:4])
         await picture(page, "best-fit-used")
+
+
+@pytest.mark.slow
+async def test_an_arm_that_is_moved_goes_on_in_the_first_system(
+    posed: PosedDaemon, address: str, served_page: OpenPage
+) -> None:
+    by_feature, shared, _ = measured()
+    system = Helmert(
+        Rotation.from_euler("xyz", [0.1, -0.2, 2.0]).as_matrix(),
+        np.array([400.0, -100.0, 20.0]),
+    )
+    once = (
+        *(("Plane", by_feature["plate"]), ("Circle", by_feature["hole a"])),
+        *(("Circle", by_feature["hole b"]), ("Point", by_feature["edge"][:1])),
+        ("Point", by_feature["edge"][3:]),
+    )
+    async with posed.posing(), served_page(posed.arm, address) as page:
+        part, dialog = page.locator(".part"), page.get_by_role("dialog")
+        for kind, points in once:
+            await part.get_by_role("button", name=kind, exact=True).click()
+            await expect(part.locator(".asks")).to_contain_text("0 touches")
+            await touch_all(posed, points, shared)
+            await expect(part.locator(".touches button")).to_have_count(len(points))
+            await part.get_by_role("button", name="Accept").click()
+        row = part.locator(".feature", has_text="point 2").first
+        await expect(row).to_contain_text("±")
+        before = await row.text_content()
+        await part.get_by_role("button", name="Arm moved").click()
+        await dialog.get_by_role("button", name="It was moved").click()
+        await expect(part.get_by_role("button", name="Sphere")).not_to_be_visible()
+        names = ("plane 1", "circle 1", "circle 2", "point 1", "point 2")
+        for name, (_, points) in zip(names, once, strict=True):
+            again = part.locator(".feature", has_text=f"{name} again 1")
+            await again.click()
+            await dialog.get_by_role("button", name="Touch more").click()
+            await expect(part.locator(".asks")).to_contain_text("0 touches")
+            await touch_all(posed, [moved(point, system) for point in points], shared)
+            await expect(part.locator(".touches button")).to_have_count(len(points))
+            await part.get_by_role("button", name="Accept").click()
+        await expect(again).to_contain_text("not joined yet")
+        await picture(page, "leapfrog-touched")
+        await part.get_by_role("button", name="Join", exact=True).click()
+        await expect(dialog).to_contain_text("Touched places are good to")
+        await picture(page, "leapfrog-fit")
+        await dialog.get_by_role("button", name="Use it").click()
+        await expect(again).to_contain_text("±")
+        await expect(row).to_have_text(before or "")
+        await picture(page, "leapfrog-joined")
+
+
+def moved(point: Point, system: Helmert) -> Point:
+    """The same touch from a station that `system` leads to the first one from."""
+    back = system.inverse()
+    places_mm = back.places_mm(np.array([point.xyz_mm, point.surface_mm]))
+    xyz_mm, surface_mm = map(tuple, places_mm.tolist())
+    ijk = tuple((back.rotation @ np.array(point.ijk)).tolist())
+    changes = {"xyz_mm": xyz_mm, "surface_mm": surface_mm, "ijk": ijk}
+    return point.model_copy(update=changes)
 
 
 async def test_touches_can_be_left_out_moved_and_undone(

@@ -4,12 +4,14 @@ import asyncio
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tests.client.display.values import live
 from tests.client.inspection.touched import ARM, touched_points
 from traverse.client.display.arm_state import ArmSight, Change
 from traverse.client.display.inspection_desk import MOST_FEATURES, InspectionDesk
 from traverse.kinematics.arm_file.arm import read_arm
+from traverse.kinematics.helmert.transformation import Helmert
 from traverse.lab.measured_points.touch_errors import shared_by_points
 
 
@@ -158,3 +160,94 @@ def test_bores_and_an_apex_are_fitted_onto_their_nominal_places(desk):
     apex = [figure.value for figure in desk.result("apex 1").figures[:3]]
     off_mm = np.subtract(nominals_mm["apex 1"], apex)
     np.testing.assert_allclose(off_mm, fit.residuals_mm["apex 1"], atol=1e-9)
+
+
+def moved_touches(feature, system):
+    """Touch a feature from a station that `system` leads to the first one from."""
+    back = system.inverse()
+    points = [p for p in touched_points()[0] if p.label.feature == feature]
+    places_mm = back.places_mm(np.array([p.xyz_mm for p in points]))
+    surfaces_mm = back.places_mm(np.array([p.surface_mm for p in points]))
+    return [
+        p.model_copy(
+            update={
+                "id": f"{p.id} again",
+                "xyz_mm": tuple(place_mm),
+                "surface_mm": tuple(surface_mm),
+                "ijk": tuple(back.rotation @ p.ijk),
+            }
+        )
+        for p, place_mm, surface_mm in zip(
+            points, places_mm.tolist(), surfaces_mm.tolist(), strict=True
+        )
+    ]
+
+
+def test_after_the_arm_was_moved_results_go_on_in_the_first_system(desk):
+    async def refused(_):
+        return "never identified"
+
+    touched = (("plane", "plate"), ("circle", "hole a"), ("circle", "hole b"))
+    for kind, feature in touched:
+        desk.begin(kind)
+        touch(desk, feature)
+    for row in (0, 3):
+        desk.begin("point")
+        corner = [p for p in touched_points()[0] if p.label.feature == "edge"][row]
+        desk._changed(Change("point", point=corner))
+    desk.accept()
+    asyncio.run(desk.measure(refused))
+    before = {name: desk.result(name).place_mm for name in desk.features}
+    desk.begin_leapfrog()
+    assert [*desk.again.values()] == [*desk.features][:5]
+    with pytest.raises(ValueError, match="the arm was moved"):
+        desk.begin("sphere")
+    with pytest.raises(ValueError, match="the arm was moved"):
+        desk.touch("circle 1")
+    turn = Rotation.from_euler("xyz", [0.1, -0.2, 2.0]).as_matrix()
+    system = Helmert(turn, np.array([400.0, -100.0, 20.0]))
+    edge = moved_touches("edge", system)
+    again = [moved_touches(feature, system) for _, feature in touched]
+    for name, points in zip(desk.again, [*again, [edge[0]], [edge[3]]], strict=True):
+        desk.touch(name)
+        for point in points:
+            desk._changed(Change("point", point=point))
+    asyncio.run(desk.measure(refused))
+    unjoined = desk.result("circle 1 again 1")
+    assert "not joined yet" in unjoined.problem
+    assert unjoined.place_mm is None
+    fit = desk.fit_leapfrog()
+    np.testing.assert_allclose(fit.system.rotation, turn, atol=1e-9)
+    sent = desk.end_leapfrog(fit)
+    np.testing.assert_allclose(sent.translation_mm, [400, -100, 20], atol=1e-6)
+    asyncio.run(desk.measure(refused))
+    for name, place_mm in before.items():
+        place_again_mm = desk.result(f"{name} again 1").place_mm
+        np.testing.assert_allclose(place_again_mm, place_mm, atol=1e-6)
+    desk.begin("cone")
+    for point in moved_touches("cone", system):
+        desk._changed(Change("point", point=point))
+    asyncio.run(desk.measure(refused))
+    _, truth = touched_points()
+    apex_mm = desk.result("cone 1").place_mm
+    assert abs(apex_mm[0] - truth["hole a x"]) < 100.0
+
+
+def test_an_arm_that_was_not_moved_after_all_is_as_before(desk):
+    with pytest.raises(ValueError, match="three features that have a place"):
+        desk.begin_leapfrog()
+    for row in range(3):
+        desk.begin("point")
+        corner = [p for p in touched_points()[0] if p.label.feature == "plate"][row]
+        desk._changed(Change("point", point=corner))
+    desk.accept()
+    asyncio.run(desk.measure(shares([])))
+    desk.begin_leapfrog()
+    desk.touch(next(iter(desk.again)))
+    desk.accept()
+    assert len(desk.features) == 6
+    with pytest.raises(ValueError, match="no feature has a place"):
+        desk.fit_leapfrog()
+    assert desk.end_leapfrog(None) is None
+    assert [*desk.features] == ["point 1", "point 2", "point 3"]
+    desk.begin("sphere")
