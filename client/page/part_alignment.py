@@ -1,4 +1,4 @@
-"""Systems made of the part's features: 3-2-1, best fit onto nominal places, leapfrog."""
+"""Systems made of features: 3-2-1, best fit onto nominal places, leapfrog."""
 
 from collections.abc import Iterator, Sequence
 
