@@ -32,6 +32,7 @@ RATE_HZ = 10_000.0
 SECONDS = sized(10.0, 1.0)
 N_POINTS = sized(10_000_000, 200_000)
 N_BLOCK = 100_000
+SILENCE_S = 60.0  # without any point: the filters let none through
 N_JOINTS = 7
 SPEED_MM_S = 100.0
 FILTERS = """
@@ -55,7 +56,7 @@ max_mm_s = 100000
 kind = "quality"
 allowed = [
     "interpolated", "geometry_unknown", "turns_uncertain", "identity_unconfirmed",
-    "time_uncertain",
+    "time_uncertain", "utc_uncertain",
 ]
 [[scan.filters]]
 kind = "distance"
@@ -135,7 +136,8 @@ async def share_of_core(folder: Path, filters: str, seconds: float) -> str:
         rig.simulator(folder),
         rig.daemon(folder, port, filters) as process,
     ):
-        return await _scanned(port, process, seconds)
+        async with asyncio.timeout(seconds + SILENCE_S):
+            return await _scanned(port, process, seconds)
 
 
 async def _scanned(
