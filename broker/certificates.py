@@ -1,4 +1,4 @@
-"""Until when certificates are valid.
+"""Until when certificates are valid, and warnings before they end.
 
 Python's `ssl` reads the dates of a peer's certificate, and not those of its own: of DER
 (ITU-T X.690) it takes little to find them (RFC 5280, section 4.1).
@@ -6,13 +6,75 @@ Python's `ssl` reads the dates of a peer's certificate, and not those of its own
 
 import re
 import ssl
-from collections.abc import Iterator
-from datetime import UTC, datetime
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+WARN_BEFORE = timedelta(days=14)
+WARN_AGAIN = timedelta(days=1)
+OF_BROKER = "the broker's certificate"
 
 _PEM = re.compile(r"-----BEGIN CERTIFICATE-----.+?-----END CERTIFICATE-----", re.DOTALL)
 _SEQUENCE, _UTC_TIME, _GENERALIZED_TIME, _VERSION = 0x30, 0x17, 0x18, 0xA0
 _FORMATS = {_UTC_TIME: "%y%m%d%H%M%SZ", _GENERALIZED_TIME: "%Y%m%d%H%M%SZ"}
 _CENTURY = 50  # years from here on are of the twentieth (RFC 5280, 4.1.2.5.1)
+
+
+@dataclass(frozen=True, slots=True)
+class EndWarning:
+    """That a certificate has ended or will soon, and the remedy."""
+
+    text: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.text}; {self.remedy}"
+
+
+def warning_of_end(name: str, end: datetime, now: datetime) -> EndWarning | None:
+    """Warn of a certificate that ends within `WARN_BEFORE`; None: it does not yet."""
+    if end - now > WARN_BEFORE:
+        return None
+    verb = "ends" if end > now else "has ended"
+    remedy = f"renew {name}"
+    if name != OF_BROKER:
+        remedy += (
+            "; it is used from the next connection on, by the daemon at once after "
+            "`systemctl reload`"
+        )
+    return EndWarning(
+        f"{name} {verb} on {end:%Y-%m-%d %H:%M} UTC; after that the broker is not "
+        "connected to again once the connection is lost",
+        remedy,
+    )
+
+
+class CertificateWatch:
+    """Warns of the certificates of a connection, of each once a day.
+
+    Args:
+        warn: called with warnings.
+        utc: the time now.
+    """
+
+    def __init__(
+        self,
+        warn: Callable[[EndWarning], None],
+        utc: Callable[[], datetime] = lambda: datetime.now(UTC),
+    ) -> None:
+        self._warn, self._utc = warn, utc
+        self._warned: dict[str, datetime] = {}
+
+    def check(self, ends: Mapping[str, datetime]) -> None:
+        """Look at the ends of certificates by their names; call often."""
+        now = self._utc()
+        for name, end in ends.items():
+            warned = self._warned.get(name)
+            if warned is not None and abs(now - warned) < WARN_AGAIN:
+                continue
+            if (warning := warning_of_end(name, end, now)) is not None:
+                self._warned[name] = now
+                self._warn(warning)
 
 
 def ends_of_pem(content: bytes) -> list[datetime]:

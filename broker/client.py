@@ -9,13 +9,13 @@ socket, so that a flood slows down its sender and not the event loop.
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from datetime import datetime
 from ssl import SSLContext
 from typing import Self, cast
 
-from traverse.broker.certificates import end_of_peer
+from traverse.broker.certificates import OF_BROKER, end_of_peer
 from traverse.broker.decoder import PacketDecoder, PacketError
 from traverse.broker.errors import (
     ClosedBeforeAnswerError,
@@ -80,6 +80,7 @@ class MqttClient(asyncio.BufferedProtocol):
         identifier: unique at the broker; it may be empty with ``clean_start``.
         clean_start: the broker drops earlier subscriptions and messages.
         connect_properties: properties of CONNECT (MQTT 5).
+        file_ends: when the certificates of its files end, by their names.
         acknowledges: acknowledge messages as soon as they have been handled; else
             call `acknowledge`.
         max_payload_bytes: longer payloads are cut.
@@ -95,6 +96,7 @@ class MqttClient(asyncio.BufferedProtocol):
     username: str | None = None
     password: str | None = field(default=None, repr=False)
     tls_context: SSLContext | None = None
+    file_ends: Mapping[str, datetime] = field(default_factory=dict)
     keep_alive_s: int = 10
     identifier: str = ""
     version: Version = Version.V311
@@ -228,11 +230,14 @@ class MqttClient(asyncio.BufferedProtocol):
         )
 
     @property
-    def certificate_end(self) -> datetime | None:
-        """When the broker's certificate ends; None without TLS."""
-        if self._transport is None:
-            return None
-        return end_of_peer(self._transport.get_extra_info("ssl_object"))
+    def certificate_ends(self) -> Mapping[str, datetime]:
+        """When certificates of the connection end, by their names."""
+        tls = None
+        if self._transport is not None:
+            tls = self._transport.get_extra_info("ssl_object")
+        if (end := end_of_peer(tls)) is None:
+            return self.file_ends
+        return {**self.file_ends, OF_BROKER: end}
 
     def next_number(self) -> int:
         """Packet identifier that no `publish` or `subscribe` waits for."""

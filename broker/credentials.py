@@ -24,6 +24,8 @@ from traverse.strict_toml.ownership import reason_of_owner
 
 CREDENTIAL = "credential:"
 _NAME = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,255}")
+# A chain ends with its first certificate, a list of authorities with its last.
+_CHAINS = ("certificate_file", min), ("ca_file", max)
 MAX_FILE_BYTES = 1 << 20
 MAX_PASSWORD_BYTES = 1024
 
@@ -48,7 +50,7 @@ class Credentials:
     Attributes:
         tls: context of an encrypted connection, or None.
         digest: of all files, to detect changes.
-        ends: of certificates, by the key that names their file.
+        ends: of certificates, by key and path of their files.
     """
 
     password: str | None = field(repr=False)
@@ -96,6 +98,7 @@ def connection_options(
         "username": address.username,
         "password": credentials.password,
         "tls_context": credentials.tls,
+        "file_ends": credentials.ends,
         "keep_alive_s": address.keepalive_s,
     }
 
@@ -125,8 +128,22 @@ def read_credentials(address: BrokerAddress) -> Credentials:
         _context(files) if address.tls else None,
         digest.digest(),
         tuple(_warnings(address, files)),
-        dict(_ends(contents)),
+        dict(_ends(files, contents)),
     )
+
+
+def certificate_ends(address: BrokerAddress) -> Mapping[str, datetime]:
+    """Return when certificates of its files end; systemd's are left out.
+
+    Raises:
+        CredentialsError: one of them cannot be read.
+    """
+    files: dict[str, Path] = {}
+    for key, _ in _CHAINS:
+        name = getattr(address, key)
+        if name is not None and not str(name).startswith(CREDENTIAL):
+            files[key] = address.folder / name
+    return dict(_ends(files, {key: _content(key, path) for key, path in files.items()}))
 
 
 def _content(key: str, path: Path) -> bytes:
@@ -192,11 +209,12 @@ def _why(error: OSError) -> str:
     return getattr(error, "reason", None) or error.strerror or type(error).__name__
 
 
-def _ends(contents: Mapping[str, bytes]) -> Iterator[tuple[str, datetime]]:
-    """Yield when files of certificates end: a chain with its first, others at last."""
-    for key, end_of in (("certificate_file", min), ("ca_file", max)):
+def _ends(
+    files: Mapping[str, Path], contents: Mapping[str, bytes]
+) -> Iterator[tuple[str, datetime]]:
+    for key, end_of in _CHAINS:
         if ends := ends_of_pem(contents.get(key, b"")):
-            yield key, end_of(ends)
+            yield f"{key} {files[key]}", end_of(ends)
 
 
 def _warnings(address: BrokerAddress, files: Mapping[str, Path]) -> Iterator[str]:

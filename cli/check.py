@@ -3,6 +3,7 @@
 import contextlib
 import json
 from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
 
@@ -51,7 +52,7 @@ def check(
             for wrong_file in wrong or ()
             for p in wrong_file.problems
         ]
-        doubts = list(_doubts(content))
+        doubts = list(_doubts(content, file.parent))
         report = {
             "file": str(file),
             "kind": kind,
@@ -64,20 +65,32 @@ def check(
     else:
         name = kind.replace("'s", "")
         typer.echo(f"{file}: valid {name}")
-        for doubt in _doubts(content):
+        for doubt in _doubts(content, file.parent):
             typer.echo(f"{file}: {doubt}", err=True)
     if wrong is not None:
         raise typer.Exit(REFUSED)
 
 
-def _doubts(content: object) -> Iterator[str]:
-    """Question implausible values."""
+def _doubts(content: object, folder: Path) -> Iterator[str]:
+    """Question implausible values, and certificates that end soon."""
+    from traverse.broker.certificates import warning_of_end
+    from traverse.broker.credentials import CredentialsError, certificate_ends
+    from traverse.daemon.inputs import Inputs, address_of
     from traverse.kinematics.arm_file.arm import Arm
     from traverse.kinematics.importers.unit_doubts import arm_doubts
 
     if isinstance(content, Arm):
         yield from arm_doubts(content)
     yield from getattr(content, "notes", ())  # of a campaign
+    if isinstance(content, Inputs) and (section := content.configuration.broker):
+        try:
+            ends = certificate_ends(address_of(section, folder))
+        except CredentialsError as error:
+            yield f"broker.{error}"
+            return
+        for name, end in ends.items():
+            if warning := warning_of_end(name, end, datetime.now(UTC)):
+                yield str(warning)
 
 
 def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:

@@ -7,6 +7,7 @@ import signal
 from collections.abc import AsyncIterator, Coroutine
 from typing import Any
 
+from traverse.broker.certificates import CertificateWatch
 from traverse.daemon.acquisition.device import Device, running_drivers
 from traverse.daemon.commands.dispatcher import MAX_REMEMBERED
 from traverse.daemon.commands.expiry import PERIOD_S
@@ -17,7 +18,6 @@ from traverse.daemon.inputs import StartupError
 from traverse.daemon.measurement import Measurement
 from traverse.daemon.monitoring.latencies import timed_collections
 from traverse.daemon.monitoring.metrics_endpoint import metrics_endpoint
-from traverse.daemon.mqtt.certificate_watch import CertificateWatch
 from traverse.daemon.mqtt.connection import run_until_first
 from traverse.daemon.pose.arm_model import log_model
 from traverse.daemon.service import Service
@@ -187,7 +187,16 @@ async def process_timeouts(measurement: Measurement) -> None:
 async def _poll_periodically(service: Service) -> None:
     """Continue deferred work a few times a second, and publish health."""
     due_s = clock_due_s = 0.0
-    certificates = CertificateWatch(service.events, service.clock)
+    certificates = CertificateWatch(
+        # Not as a lasting event: the points of a connection that stands are good.
+        lambda warning: service.events.report(
+            "warning",
+            "broker.certificate",
+            warning.text,
+            remedy=warning.remedy,
+            distinct=True,
+        )
+    )
     loop = asyncio.get_running_loop()
     while True:
         period_s = service.measurement.configuration.health.period_s

@@ -6,12 +6,14 @@ many wait for that.
 """
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Self
 
 from traverse.broker.address import BrokerAddress
+from traverse.broker.certificates import CertificateWatch
 from traverse.broker.client import REFUSAL, Handlers, MqttClient
 from traverse.broker.credentials import CredentialsError, connection_options
 from traverse.broker.errors import MqttError
@@ -21,9 +23,12 @@ from traverse.broker.reasons import Wording, is_refusal, reason_of, sentence
 from traverse.client.errors import BrokerUnreachableError
 
 log = logging.getLogger(__name__)
+# Not below `traverse.client`, which commands silence: nothing else says this.
+CERTIFICATES_LOG = "traverse.certificates"
 
 FIRST_WAIT_S = 0.05
 LAST_WAIT_S = 10.0
+LOOK_S = 3600.0  # at the ends of certificates
 WORDING = Wording(
     who="this client",
     where="",
@@ -143,6 +148,11 @@ class ReconnectingConnection:
         self.reason = "not tried yet"
         self._settled = asyncio.Event()  # there was one, or waiting is in vain
         self._connection: ManualAckConnection | None = None
+        self._certificates = CertificateWatch(
+            lambda warning: logging.getLogger(CERTIFICATES_LOG).warning(
+                "broker %s: %s", address, warning
+            )
+        )
 
     @property
     def is_connected(self) -> bool:
@@ -174,7 +184,11 @@ class ReconnectingConnection:
                     self.reason = ""
                     self._settled.set()
                     changed(True)
-                    await connection.wait_closed()
+                    while True:
+                        self._certificates.check(connection.certificate_ends)
+                        with contextlib.suppress(TimeoutError):
+                            async with asyncio.timeout(LOOK_S):
+                                await connection.wait_closed()
             except (MqttError, OSError) as error:
                 self._report_lost(str(error), changed)
                 if isinstance(error, AccessRefusedError):

@@ -104,7 +104,7 @@ class BrokerConnection:
 
     Attributes:
         state_known: set as soon as the connection is up, or has failed.
-        certificate_ends: of the connection, by what each is the certificate of.
+        certificate_ends: of the connection, by their names.
     """
 
     address: BrokerAddress
@@ -181,7 +181,7 @@ class BrokerConnection:
                 )
                 async with self._connection(handlers) as client:
                     connected_s = loop.time()
-                    self.certificate_ends = self._ends(client)
+                    self.certificate_ends = client.certificate_ends
                     self.reconnects += connected_before
                     connected_before, last_reason = True, ""
                     await subscriber.subscribe(client)
@@ -227,12 +227,6 @@ class BrokerConnection:
             if self._access is None or now.digest != self._access.digest:
                 log.info("password or certificates have changed; connecting anew")
                 return
-
-    def _ends(self, client: MqttClient) -> dict[str, datetime]:
-        ends = {} if self._access is None else dict(self._access.ends)
-        if client.certificate_end is not None:
-            ends["the broker's certificate"] = client.certificate_end
-        return ends
 
     def _properties(self, message: OutgoingMessage) -> bytes:
         """Packed properties of a message (MQTT 5)."""

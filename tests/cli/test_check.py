@@ -6,6 +6,7 @@ from click.testing import Result
 
 import traverse.cli
 from tests.campaign_texts import ONE_CONE
+from tests.certificates import Authority
 from tests.running import invoke
 
 DATA = Path(traverse.cli.__file__).parent / "demo_data"
@@ -116,6 +117,22 @@ def test_a_configuration_is_checked_with_the_files_that_it_names(
     report = json.loads(check(text + stop, tmp_path, "--json", status=2).stdout)
     files = {Path(problem["file"]).name for problem in report["problems"]}
     assert files == {"probes.toml", "checked.toml"}
+
+
+@pytest.mark.needs("openssl")
+def test_certificates_of_a_broker_that_end_soon_or_are_absent_are_doubts(
+    tmp_path: Path,
+) -> None:
+    Authority(tmp_path, "ca")
+    section = '[broker]\nhost = "b"\ntls = true\nca_file = "ca.crt"\n'
+    result = check(section + DAEMON.format(rest=DEVICE), tmp_path)
+    assert "checked.toml: ca_file" in result.stderr
+    assert "ca.crt ends on 20" in result.stderr
+    (tmp_path / "ca.crt").unlink()
+    report = check(section + DAEMON.format(rest=DEVICE), tmp_path, "--json").stdout
+    (doubt,) = json.loads(report)["doubts"]
+    assert doubt.startswith("broker.ca_file: ")
+    assert "cannot be read: No such file" in doubt
 
 
 @pytest.mark.parametrize("name", ["missing.toml", "."])

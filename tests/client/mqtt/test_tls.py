@@ -15,8 +15,10 @@ from tests.docs.pages import commands
 from tests.end_to_end.programs import Program
 from tests.mosquitto import HOST, Mosquitto, free_port
 from tests.running import invoke
+from traverse.broker.certificates import OF_BROKER
 from traverse.client import Arm, BrokerAddress, BrokerUnreachableError
 from traverse.client.display.follower import Follower, following
+from traverse.client.mqtt.connection import CERTIFICATES_LOG
 from traverse.client.mqtt.subscription import find_arms
 from traverse.protocol.messages import Point
 from traverse.testing.waiting import until
@@ -120,7 +122,7 @@ async def reason(address: BrokerAddress) -> str:
 
 
 async def test_points_and_commands_go_with_certificate_and_password(
-    house: House,
+    house: House, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with (
         house.daemon().running() as daemon,
@@ -130,6 +132,13 @@ async def test_points_and_commands_go_with_certificate_and_password(
         captured = await daemon.take(3)
         assert await read(arm, 3) == captured
         assert isinstance(await arm.capture(), Point)
+    # All end in two days; to find arms warns of none.
+    warnings = [r.getMessage() for r in caplog.records if r.name == CERTIFICATES_LOG]
+    files = house.address.certificate_file, house.address.ca_file
+    names = f"certificate_file {files[0]}", f"ca_file {files[1]}", OF_BROKER
+    assert len(warnings) == len(names)
+    for name, warning in zip(names, warnings, strict=True):
+        assert warning.startswith(f"broker {house.address}: {name} ends on 20")
 
 
 async def test_a_broker_of_another_authority_or_name_is_not_trusted(

@@ -194,7 +194,8 @@ async def test_certificates_can_be_renewed_while_it_runs(
         await bench.all_sent()
         assert bench.publisher.reconnects == 1
         ends = bench.publisher.certificate_ends
-        assert set(ends) == {"certificate_file", "ca_file", "the broker's certificate"}
+        files = f"certificate_file {tmp_path}/arm.crt", f"ca_file {house.certificate}"
+        assert set(ends) == {*files, "the broker's certificate"}
         in_two_days = datetime.now(UTC) + timedelta(days=2)
         assert all(abs(end - in_two_days) < timedelta(hours=1) for end in ends.values())
         mine["arm.key"].write_text("rubbish")

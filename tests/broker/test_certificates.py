@@ -6,11 +6,8 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from tests.certificates import Authority
-from tests.daemon.values import SetClock
 from tests.running import run_program
-from traverse.broker.certificates import ends_of_pem
-from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.mqtt.certificate_watch import REPEAT_NS, CertificateWatch
+from traverse.broker.certificates import OF_BROKER, CertificateWatch, ends_of_pem
 
 
 def stated_end(path):
@@ -35,25 +32,21 @@ def test_the_ends_in_a_file_are_those_that_openssl_states(tmp_path):
 
 
 def test_a_certificate_is_warned_of_two_weeks_before_and_then_daily():
-    clock, occurrences = SetClock(), []
-    watch = CertificateWatch(EventLog(clock, occurrences.append), clock)
-    now = datetime.fromtimestamp(clock.to_utc_ns(clock.monotonic_ns()) // 10**9, UTC)
+    now = datetime(2026, 11, 28, 12, 0, tzinfo=UTC)
     end = now + timedelta(days=15)
-    ends = {
-        "certificate_file": end,
-        "the broker's certificate": now + timedelta(days=400),
-    }
+    ends = {"certificate_file arm.crt": end, OF_BROKER: now + timedelta(days=400)}
+    warnings = []
+    watch = CertificateWatch(warnings.append, lambda: now)
     for _ in range(16):
         watch.check(ends)
         watch.check(ends)
-        clock.now_ns += REPEAT_NS
+        now += timedelta(days=1)
     watch.check({})
-    assert len(occurrences) == 15
-    first, last = occurrences[0], occurrences[-1]
-    assert first.code == "broker.certificate"
-    assert first.active is None
-    assert (
-        f"certificate_file of [broker] ends on {end:%Y-%m-%d %H:%M} UTC" in first.text
+    assert len(warnings) == 15
+    assert str(warnings[0]) == (
+        "certificate_file arm.crt ends on 2026-12-13 12:00 UTC; after that the broker "
+        "is not connected to again once the connection is lost; renew certificate_file "
+        "arm.crt; it is used from the next connection on, by the daemon at once after "
+        "`systemctl reload`"
     )
-    assert "renew certificate_file of [broker]; it is used after" in first.remedy
-    assert "has ended on" in last.text
+    assert "has ended on" in warnings[-1].text
