@@ -30,7 +30,6 @@ class OptionalBuild(build_ext):
 
 
 def extensions() -> list[Extension]:
-    """Describe the extension module."""
     if cythonize is None:
         return []
     kernel = Extension(

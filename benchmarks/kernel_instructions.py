@@ -74,7 +74,6 @@ def counted(name: str, folder: Path) -> tuple[Counter[str], str, int]:
 
 
 def kind(target: str, text: str) -> str:
-    """Which kind of instruction a line of the listing is."""
     is_vector = re.search(VECTOR[target], text)
     if re.search(ARITHMETIC[target], text):
         return "arithmetic of two at once" if is_vector else "arithmetic of one"

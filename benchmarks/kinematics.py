@@ -87,7 +87,6 @@ def batch(geometry: Geometry, angles_rad: Floats, peers: list[Peer]) -> list[Tas
 
 
 def jacobian(geometry: Geometry, angles_rad: Floats, peers: list[Peer]) -> list[Task]:
-    """Centres and derivatives by all angles, axes and links."""
     n = len(angles_rad)
     tasks = [Task("numpy", partial(numpy_derivatives, geometry, angles_rad), n)]
     out = numpy_derivatives(geometry, angles_rad)

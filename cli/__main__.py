@@ -112,7 +112,6 @@ def _options(
 
 
 def command_line(names: Iterable[str]) -> CommandGroup:
-    """Make the command line of some commands."""
     group = CommandGroup(
         "traverse",
         cls=Commands,
@@ -162,7 +161,6 @@ def requested() -> CommandGroup:
 
 
 def main() -> None:
-    """Run the command line."""
     requested()()
 
 

@@ -169,7 +169,6 @@ async def _fail_with(daemon: asyncio.subprocess.Process, folder: Path) -> None:
 
 
 async def _be_ready(simulator: asyncio.subprocess.Process, folder: Path) -> None:
-    """Wait until the simulator has printed that it is ready."""
     line = b""
     if simulator.stdout is not None:
         with contextlib.suppress(TimeoutError):

@@ -35,7 +35,6 @@ def write_files(folder: Path, host: str, port: int) -> None:
 
 
 def expected_points() -> list[Expected]:
-    """One round, in the order in which the simulated operator takes its points."""
     simulation = tomllib.loads((DATA / "simulator.toml").read_text("utf-8"))
     points = []
     for motion in simulation["motion"]:

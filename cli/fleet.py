@@ -188,7 +188,6 @@ def _run(
     *,
     as_json: bool,
 ) -> None:
-    """Run campaigns, tell of each as it ends, and of all."""
     from traverse.fleet.campaigns import (
         Request,
         check_request,

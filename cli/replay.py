@@ -141,7 +141,6 @@ def _own_id(point_id: str, sessions: dict[str, str]) -> str:
 
 
 def report_of(about: Mapping[str, str], result: "ReplayResult") -> str:
-    """All figures as one JSON object."""
     points, scans = result.points, result.scans
     table = {
         "schema": "traverse/replay/1",

@@ -213,7 +213,6 @@ def _covariance_beside(arm: "Arm", file: Path | None) -> Path | None:
 
 
 def _arm(data: Path, file: Path | None) -> "tuple[Arm, bytes]":
-    """The arm, and its file as it is."""
     from traverse.kinematics.arm_file.arm import parse_arm, read_arm
 
     if file is not None:

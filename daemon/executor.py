@@ -64,7 +64,6 @@ class MeasurementCommand(ABC, Generic[T_co]):
         return cls(**{name: kind(**values)})
 
     def execute(self, measurement: Measurement) -> T_co:
-        """Record the command, execute it, and return its result."""
         measurement.evaluate_readings()
         now_ns = measurement.clock.step()
         record = self.to_record()
@@ -99,7 +98,6 @@ def recorded_command(name: str, values: Mapping[str, Any]) -> MeasurementCommand
 
 
 def stop_scan(measurement: Measurement) -> int:
-    """Stop a running scan; return its number of points."""
     return StopScan().execute(measurement) if measurement.scanner.is_running else 0
 
 

@@ -119,7 +119,6 @@ async def _in_background(*works: Coroutine[Any, Any, None]) -> AsyncIterator[Non
 
 
 async def _measure(service: Service, stopping: asyncio.Event) -> None:
-    """Begin to measure, and wait until the daemon is to end."""
     measurement = service.measurement
     configuration = measurement.configuration
     service.publish_status()

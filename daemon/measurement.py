@@ -234,7 +234,6 @@ class Measurement(MeasurementContext):
         self._set_batch_window()
 
     def _use_conditions(self) -> None:
-        """Set the conditions that apply, and feed that of the geometry."""
         model, section = self.model, self.configuration.quality
         identities = {name: it.identity for name, it in self.devices.items()}
         subjects = subjects_by_condition(model, section, identities)
@@ -247,7 +246,6 @@ class Measurement(MeasurementContext):
             self.conditions.establish("channels")
 
     def set_model(self, model: ArmModel) -> None:
-        """Measure with another probe from the next sample on."""
         self.evaluate_readings()
         self.pipeline.use_model(model)
         self._use_conditions()
@@ -364,7 +362,6 @@ class Measurement(MeasurementContext):
         self._utc.check()
 
     def judge_utc(self, doubt: str, remedy: str) -> None:
-        """Doubt UTC for a reason, or trust it without one."""
         self._utc.doubt, self._utc.remedy = doubt, remedy
         self._check_host_clock()
 

@@ -209,7 +209,6 @@ def health_counters(
     connection: BrokerConnection,
     queue: OutgoingQueue,
 ) -> dict[str, int]:
-    """Return all counters by their names in the health message."""
     capture, scanner = measurement.capture, measurement.scanner
     return {
         "points_captured": capture.captured,

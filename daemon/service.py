@@ -253,7 +253,6 @@ class Service:
         return 0.0
 
     def status(self, online: bool) -> Status:
-        """Return the status, or that of a daemon that has ended."""
         signer = self.outbox.signer
         message = status_message(
             self.measurement,

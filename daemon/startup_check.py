@@ -20,7 +20,6 @@ BROKER_ANSWER_S = 12.0  # in either version of MQTT
 
 
 def startup_limit_s(devices: Sequence[Device]) -> float:
-    """Return the time limit of the check."""
     return DEVICES_ANSWER_S * len(devices) + BROKER_ANSWER_S
 
 
@@ -65,7 +64,6 @@ async def check_startup(
 
 
 async def check_devices(devices: Iterable[Device]) -> list[tuple[int, str]]:
-    """Wait for all devices; return failures with their exit status."""
     failures = []
     for device in devices:
         name = f"device {device.section.id}"

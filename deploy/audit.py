@@ -37,7 +37,6 @@ def report(source: str) -> list[dict[str, object]] | None:
 
 
 def lines_of(dependencies: list[dict[str, object]]) -> list[str]:
-    """One line an advisory."""
     lines = []
     for package in dependencies:
         advisories = package.get("vulns", [])

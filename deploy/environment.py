@@ -73,7 +73,6 @@ def uv_settings(listed: str) -> dict[str, str]:
 
 
 def environment_of_uv() -> Mapping[str, str] | None:
-    """Install uv; return its environment, None if it is unavailable."""
     command = [*PIP_INSTALL, "--constraint", str(LOCK), "uv"]
     if subprocess.run(command, check=False).returncode:
         return None

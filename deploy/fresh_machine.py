@@ -49,7 +49,6 @@ class NotHereError(Exception):
 
 
 def main() -> int:
-    """Run the commands; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("suite", nargs="?", default="bookworm", help="of Debian")
     parser.add_argument("--python", default="python3", help="Debian's package of it")
@@ -118,7 +117,6 @@ def say(text: str) -> None:
 
 
 def readme_commands() -> list[str]:
-    """Read the commands of the README's first console block."""
     text = (CHECKOUT / "README.md").read_text("utf-8")
     block = text.partition("```console\n")[2].partition("```")[0]
     lines = [line for line in block.splitlines() if line.startswith("$ make ")]
@@ -219,7 +217,6 @@ def unpacked(archive: Path) -> Iterator[Path]:
 
 
 def available_bytes() -> int:
-    """Return the available memory."""
     lines = Path("/proc/meminfo").read_text("utf-8").splitlines()
     fields = dict(line.split(":", 1) for line in lines)
     return int(fields["MemAvailable"].split()[0]) * 1024

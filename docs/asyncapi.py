@@ -28,7 +28,6 @@ extension type, see the reference of the messages.
 
 
 def document() -> Table:
-    """The whole document."""
     messages = {name(message): message for message in MESSAGES}
     channels: Table = {}
     operations: Table = {}

@@ -108,7 +108,6 @@ def _members(
 
 
 def schemas() -> dict[str, dict[str, Any]]:
-    """Return every schema by the name of its file."""
     return {name: _draft_7(_schema(name, model)) for name, model in FILES.items()}
 
 
@@ -130,7 +129,6 @@ def _draft_7(value: Any) -> Any:  # noqa: ANN401 - of JSON
 
 
 def texts() -> dict[str, str]:
-    """Return the content of every file."""
     return {
         f"{name}.schema.json": json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
         for name, schema in schemas().items()
@@ -138,7 +136,6 @@ def texts() -> dict[str, str]:
 
 
 def main() -> int:
-    """Write the files, or compare them."""
     if "--check" in sys.argv[1:]:
         differ = [
             name

@@ -25,7 +25,6 @@ was for a second; else every number is flagged while it is not established.
 
 
 def page() -> str:
-    """The whole page."""
     return "\n".join([HEAD, *map(_section, CONDITIONS)])
 
 
@@ -45,7 +44,6 @@ def _section(row: Condition) -> str:
 
 
 def main() -> int:
-    """Write or compare."""
     text = page()
     if "--check" not in sys.argv[1:]:
         PAGE.write_text(text, "utf-8")

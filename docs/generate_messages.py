@@ -93,7 +93,6 @@ over a restart, for ten minutes. What `args` holds depends on the name:
 
 
 def main() -> int:
-    """Write, or compare, all files."""
     parser = argparse.ArgumentParser(description=inspect.getdoc(sys.modules[__name__]))
     parser.add_argument("--check", action="store_true", help="compare, do not write")
     check = parser.parse_args().check
@@ -118,7 +117,6 @@ def main() -> int:
 
 
 def reference_page() -> str:
-    """The page, in Markdown."""
     lines = [HEAD, "| topic | payload | QoS | schema | example |", "|---" * 5 + "|"]
     lines += [*map(_message_row, MESSAGES), "", RULES]
     seen: dict[str, str] = {}

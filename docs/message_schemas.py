@@ -21,12 +21,10 @@ def json_schemas() -> dict[str, Schema]:
 
 
 def name(message: type[Value]) -> str:
-    """The name of a message in files and topics: "point"."""
     return message.__name__.lower()
 
 
 def json_schema(value: type[Value]) -> Schema:
-    """The schema of a message's JSON payload."""
     schema = value.model_json_schema()
     if "schema" in schema.get("properties", {}):
         # It has a default for whoever builds a message; no payload is without it.
@@ -37,7 +35,6 @@ def json_schema(value: type[Value]) -> Schema:
 
 
 def command_schema(args: type[Args]) -> Schema:
-    """The envelope with the arguments of one command in it."""
     schema = json_schema(Command)
     inner = args.model_json_schema()
     definitions = schema.pop("$defs", {}) | inner.pop("$defs", {})

@@ -39,11 +39,9 @@ class Track:
 
     @property
     def is_silent(self) -> bool:
-        """Whether there was no valid count."""
         return self.n_invalid == self.n_samples
 
     def begin(self) -> None:
-        """Count from the last sample on."""
         self.moved_counts = self.lowest_counts = self.highest_counts = 0
         self.n_samples = self.n_invalid = self.n_weak = 0
 
@@ -64,7 +62,6 @@ class Track:
 
 
 def tracks_of(device: str, identity: Identity) -> list[Track]:
-    """Return a track for each channel of a device."""
     reported = identity.counts_per_turn or (None,) * len(identity.moduli_counts)
     return [
         Track(f"{device}/{channel}", modulus, per_turn)

@@ -176,7 +176,6 @@ def run_task(task: Task) -> Outcome:
 
 
 def _lines(task: Task, arm_file: Path, out: Path) -> tuple[list[str], bool]:
-    """Run a task; return its summary, and whether all is well."""
     if isinstance(task.options, DiagnosisOptions):
         diagnosis = diagnosed(task.campaign, task.arm, task.options)
         return write_diagnosed(diagnosis, arm_file, out, task.provenance), True

@@ -61,7 +61,6 @@ def add_evidence(database: Database, path: Path) -> str:
 
 
 def _certificate_rows(file: Path) -> Iterator[Values]:
-    """The certificate, and the signed one beside it."""
     values = json_of(file)
     moment = datetime.fromisoformat(values["date_utc"]).astimezone(UTC)
     time_ns = int(moment.timestamp()) * 10**9

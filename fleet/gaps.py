@@ -42,7 +42,6 @@ class Gap:
 
     @property
     def series(self) -> tuple[str, str, str]:
-        """Arm, session and scan."""
         return self.arm, self.session, self.scan
 
 

@@ -90,8 +90,6 @@ class MemberCounts:
 
 @dataclass(slots=True)
 class _Queue:
-    """Messages that wait to be written, in their order."""
-
     waiting: deque[IncomingMessage] = field(default_factory=deque)
     changed: ChangeSignal = field(default_factory=ChangeSignal)
 

@@ -14,14 +14,12 @@ from traverse.protocol.messages import Event, Health, Point, Scan, Status
 
 
 def _insert(table: str, columns: str, conflict: str = "DO NOTHING") -> str:
-    """Write a statement that inserts a row, with an action where the row exists."""
     marks = ", ".join(["%s"] * len(columns.split()))
     names = ", ".join(columns.split())
     return f"INSERT INTO {table} ({names}) VALUES ({marks}) ON CONFLICT {conflict}"
 
 
 def _replace(table: str, columns: str, condition: str = "") -> str:
-    """Write a statement that inserts the row of an arm, or replaces it."""
     changes = ", ".join(f"{name} = excluded.{name}" for name in columns.split()[1:])
     return _insert(table, columns, f"(arm) DO UPDATE SET {changes} {condition}")
 

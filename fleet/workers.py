@@ -125,7 +125,6 @@ def _died() -> WorkerDiedError:
 
 
 def drained(queue: deque[Given]) -> Iterator[Given]:
-    """Take entries from the left until there is none."""
     while queue:
         yield queue.popleft()
 
@@ -173,7 +172,6 @@ def _result(
 
 
 def _versions() -> str:
-    """Return the versions that results depend on."""
     return ", ".join(
         [
             f"Python {platform.python_version()}",

@@ -111,7 +111,6 @@ class EffectKind:
 
     @property
     def has_order(self) -> bool:
-        """Whether it is one of several orders."""
         return "order" in self.keys
 
     @property
@@ -121,12 +120,10 @@ class EffectKind:
 
     @property
     def sizes(self) -> tuple[str, ...]:
-        """Keys that are estimated."""
         return tuple(key for key in self.keys if key not in self.fixed)
 
     @property
     def vectors(self) -> tuple[str, ...]:
-        """Keys of vectors."""
         return tuple(key for key, of in self.keys.items() if of is Vector)
 
     @property
@@ -136,7 +133,6 @@ class EffectKind:
 
     @property
     def is_wave(self) -> bool:
-        """Whether it is a wave of the joint's own reading."""
         return self.family is Family.OWN_ANGLE and "cos_rad" in self.keys
 
     @property
@@ -149,7 +145,6 @@ class EffectKind:
         return self.family not in _NOT_OF_POSES
 
     def least_order(self, component: object = None) -> int:
-        """Return the least order, of a component where there are some."""
         return self.components.get(str(component), self.minimum_order)
 
     def plausible_size(self, order: float | None = None) -> float:
@@ -175,7 +170,6 @@ class EffectKind:
         return max(plain + self.log_prior_per_order * above, self.least_log_prior)
 
     def columns(self, joint: str | None) -> tuple[str, ...]:
-        """Name the columns of a campaign that it is a function of."""
         of_arm = joint is None
         return tuple(
             column.format(joint)

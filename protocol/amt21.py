@@ -29,7 +29,6 @@ def is_address(number: int) -> bool:
 
 
 def position_request(address: int) -> bytes:
-    """Request an encoder's position."""
     return _request(address, _POSITION)
 
 

@@ -33,12 +33,10 @@ _MessageT = TypeVar("_MessageT", bound=Message)
 
 
 def content_type(encoding: Encoding) -> str:
-    """The MQTT 5 content type of payloads in this encoding."""
     return f"application/{encoding}"
 
 
 def encode(message: Message, encoding: Encoding) -> bytes:
-    """Write a message as a payload."""
     if encoding == "json":
         return message.model_dump_json().encode()
     payload: bytes = msgpack.packb(

@@ -39,7 +39,6 @@ class InputEventDecoder:
         self._rest = b""
 
     def feed(self, data: bytes) -> Iterator[InputEvent]:
-        """Yield complete events, in order."""
         data = self._rest + data
         n_complete = len(data) - len(data) % EVENT_BYTES
         self._rest = data[n_complete:]

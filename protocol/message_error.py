@@ -37,7 +37,6 @@ class MessageError(ValueError):
 
     @classmethod
     def of(cls, where: str, problem: str, expected: str) -> Self:
-        """Create an error with a single mistake."""
         return cls((Problem(where, problem, expected),))
 
     @classmethod
@@ -57,7 +56,6 @@ class MessageError(ValueError):
 
 
 def _found_value(kind: str, value: object) -> str:
-    """The value there, shortened."""
     if kind == "missing":
         return "nothing"
     if kind == "extra_forbidden":

@@ -61,7 +61,6 @@ class Layout:
 
     @property
     def position_bytes(self) -> int:
-        """Length of P."""
         return self.word_bytes + 2 * self.turns
 
     def reply_bytes(self, request: bytes) -> int:
@@ -167,7 +166,6 @@ class Replies:
         self._in_step = False
 
     def feed(self, data: bytes) -> list[Position]:
-        """Take read bytes; return the replies that they complete."""
         kept = self._kept + data
         positions: list[Position] = []
         offset = 0

@@ -24,7 +24,6 @@ MOST_LINKS = 100_000
 
 
 def first_link(session: str) -> str:
-    """Return the link of the first point of a session."""
     return hashlib.sha256(session.encode()).hexdigest()
 
 
@@ -33,14 +32,11 @@ def content_of(point: Point) -> bytes:
 
 
 def link_to(content: bytes) -> str:
-    """Return the link of the next point."""
     return hashlib.sha256(content).hexdigest()
 
 
 @dataclass(slots=True)
 class _Session:
-    """The chain of one session as far as it was read."""
-
     next_seq: int = 0
     links: OrderedDict[int, str] = field(default_factory=OrderedDict)
 

@@ -94,12 +94,10 @@ def command_filter(arm: str) -> str:
 
 
 def reply_filter(arm: str) -> str:
-    """Return the filter of an arm's replies."""
     return f"{_topic(arm, 'reply')}/+"
 
 
 def kind_filter(kind: str) -> str:
-    """Return the filter of one kind of message from all arms."""
     if kind not in CHANNELS:
         raise MessageError.of("kind", repr(kind), f"one of {', '.join(CHANNELS)}")
     return f"{ROOT}/+/{kind}" + ("/+" if kind in NAMED else "")

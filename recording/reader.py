@@ -62,8 +62,6 @@ def _from_json(topic: str, content: bytes, kind: TypeAdapter[T]) -> T:
 
 
 class _Parts:
-    """Collects the contents of the records."""
-
     def __init__(self) -> None:
         self.joints: tuple[str, ...] | None = None
         self.texts: dict[str, str] = {}

@@ -85,7 +85,6 @@ class RunWriter:
 
     @property
     def n_bytes(self) -> int:
-        """How long the file is so far."""
         return self._file.tell() if not self._file.closed else 0
 
     def add(self, entry: Entry) -> None:
@@ -114,7 +113,6 @@ class RunWriter:
             os.fdatasync(self._file.fileno())
 
     def close(self, *, sync: bool = False) -> None:
-        """Write the index and close the file."""
         if self._file.closed:
             return
         try:

@@ -346,7 +346,6 @@ def tables_in(value: object) -> list[Mapping[str, Any]]:
 
 
 def number_in(value: object) -> float | None:
-    """Take a finite number, or nothing."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:
@@ -357,7 +356,6 @@ def number_in(value: object) -> float | None:
 
 
 def numbers_in(value: object) -> tuple[float, ...] | None:
-    """Take a list of finite numbers, or nothing."""
     if not isinstance(value, Sequence) or isinstance(value, str):
         return None
     numbers = tuple(number_in(entry) for entry in value)

@@ -70,7 +70,6 @@ class Table:
             self._problems.append((line, Problem(where, message)))
 
     def refuse_header(self, message: str, column: str | None = None) -> None:
-        """Note a fault of the header, or of one of its columns."""
         self.refuse(self.dialect.header_line, message, column)
 
     def check(self) -> None:

@@ -124,8 +124,6 @@ class PeerRig:
 
 
 def rig_fixture(make: Callable[[Path], PeerRig]) -> Any:  # noqa: ANN401 - of pytest
-    """Make a fixture that makes a rig in a folder, and takes it down."""
-
     @pytest.fixture
     async def rig(tmp_path: Path) -> AsyncIterator[PeerRig]:
         rig = make(tmp_path)

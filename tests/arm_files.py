@@ -1,5 +1,3 @@
-"""Texts of arm files."""
-
 from collections.abc import Sequence
 
 Encoder = tuple[int, int, str]  # counts a turn, sign, source
@@ -30,7 +28,6 @@ def arm_text(
     probe: str = 'radius_mm = 3.0\nkind = "hard"',
     gravity_m_s2: float = 9.80665,
 ) -> str:
-    """An arm file of some joints and the keys of its probe."""
     parts = (
         f'schema = "traverse/arm/1"\nname = "{name}"\norigin_mm = {list(origin_mm)}\n',
         *joints,

@@ -1,5 +1,3 @@
-"""Certificates for tests, made by openssl."""
-
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path

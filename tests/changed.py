@@ -125,7 +125,6 @@ def selected(root: Path, changed: set[str]) -> list[str]:
 
 
 def main(root: Path, options: list[str]) -> None:
-    """Print the selection, then become pytest."""
     chosen = selected(root, changed_files(root))
     selected_files, left = chosen[:MOST_FILES], chosen[MOST_FILES:]
     lines = [

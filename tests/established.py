@@ -54,7 +54,6 @@ def believe_utc(folder: Path) -> None:
 
 
 def confirmed(model: ArmModel, devices: Mapping[str, Identity]) -> ReferenceMemory:
-    """The memory of an operator who has confirmed these devices as they are."""
     return ReferenceMemory(
         {
             name: ConfirmedDevice(

@@ -46,7 +46,6 @@ class ForkedWorkers:
 
     @property
     def interpreter(self) -> str:
-        """The interpreter that execnet starts for a worker."""
         return f"{sys.executable} -I -S {__file__} worker {self._socket}"
 
     def close(self) -> None:

@@ -16,7 +16,6 @@ def envelope(request: Any = "r", args: Any = None, **fields: Any) -> dict[str, A
 
 
 def in_both_encodings(value: Any) -> Iterator[bytes]:
-    """A value in JSON and in MessagePack."""
     yield json.dumps(value).encode()
     yield msgpack.packb(value)
 

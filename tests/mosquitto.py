@@ -107,7 +107,6 @@ class Mosquitto:
         raise AssertionError(f"mosquitto did not end: {self._log.read_text()}")
 
     def kill(self) -> None:
-        """End it as a power cut would."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()

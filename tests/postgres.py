@@ -37,11 +37,9 @@ class Postgres:
 
     @property
     def url(self) -> str:
-        """Of the database `fleet`."""
         return self._url("fleet")
 
     def new_database(self, name: str) -> str:
-        """Make an empty database; its address."""
         command = f"CREATE DATABASE {name}"
         self._run("psql", "-q", "-c", command, self._url("postgres"))
         return self._url(name)

@@ -57,7 +57,6 @@ def search_path(needed: frozenset[str], folder: Path) -> str:
 
 @cache
 def _base_programs() -> tuple[str, ...]:
-    """List the programs of the packages that no Debian is without."""
     if (query := find("dpkg-query")) is None:
         return ()
     form = "${Essential} ${Priority} ${Package}\n"

@@ -26,7 +26,6 @@ WHEN = 'operator = "M. Curie"\nplace = "Room 2"\nstart_utc = 2026-11-20T09:00:00
 
 
 def write_simulated(folder: Path, mix: str, n_poses: int) -> None:
-    """Write `campaign`, dated, and the arm file `arm.toml`."""
     arm = read_arm(ARM)
     poses = make_poses(arm, CampaignSpec(mix=mix, n_poses=n_poses), seed=3)
     write_campaign(folder / "campaign", draw_noise(poses, 5), arm)

@@ -45,7 +45,6 @@ def run_traverse(
 def run_program(
     *words: object, status: int | None = 0, **options: Any
 ) -> subprocess.CompletedProcess[str]:
-    """Run a program, with the options of `subprocess.run`."""
     ran = subprocess.run(
         [str(word) for word in words],
         capture_output=True,

@@ -25,7 +25,6 @@ counts_per_turn = [4096, 4096]
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory) -> Path:
-    """A folder with the template, built and installed."""
     source = tmp_path_factory.mktemp("source") / "extension"
     shutil.copytree(TEMPLATE, source)
     site = tmp_path_factory.mktemp("site")

@@ -204,7 +204,6 @@ def sections(checked: subprocess.CompletedProcess[str]) -> dict[str, str]:
 
 
 def section(reports: dict[str, str], contract: str) -> str:
-    """That of the contract whose name begins so."""
     (report,) = (text for name, text in reports.items() if name.startswith(contract))
     return report
 

@@ -84,7 +84,6 @@ class WarmStart:
 
     @property
     def pid(self) -> int:
-        """Of the process, which is there after a test."""
         return self._server.pid
 
     def start(
@@ -125,7 +124,6 @@ _started: list[WarmStart] = []
 
 
 def warm_start() -> WarmStart:
-    """Return the process of this worker, started on first use."""
     if not _started:
         _started.append(WarmStart())
     return _started[0]

@@ -113,7 +113,6 @@ def drawn_arm(seed: int) -> Case:
 
 
 def tested(case: Case) -> Line:
-    """Test one arm by its certificates, and by exact standards."""
     arm, _, exact = _prepared()
     drawn = case.drawn
     limits = limits_of("1.65", case.temperature_std_c)
@@ -246,7 +245,6 @@ def _prepared() -> tuple[Arm, PoseSet, tuple[StatedArtefact, ...]]:
 def limits_of(
     rule: str, temperature_std_c: float = TEMPERATURE_STD_C, **mpe: float
 ) -> Limits:
-    """Limits with one of `RULES`."""
     return Limits(
         schema="traverse/acceptance-limits/1",
         decision="simple" if rule == "simple" else "iso14253-1",
@@ -321,14 +319,12 @@ def _paired(
 
 
 def drawn_again(test: int) -> SimulatedCampaign:
-    """Measure one and the same arm once more."""
     arm, poses, _ = _prepared()
     deviations = Deviations(links_mm=LINKS_MM, axes_rad=AXES_RAD)
     return drawn_acceptance(touched_by(poses, true_arm(arm, deviations, 1)), test)
 
 
 def tested_again(drawn: SimulatedCampaign) -> Line:
-    """Test it with exact standards."""
     arm, _, exact = _prepared()
     measured = _measured(arm, drawn, exact, WARM_C)
     return {

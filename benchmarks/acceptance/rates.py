@@ -63,7 +63,6 @@ def _rates(
 
 
 def agreement(tested: Sequence[Tested], key: str) -> dict[str, Any]:
-    """Compare figures with the truth."""
     true = np.array([arm.true_mm[key] for arm in tested])
     measured = np.array([arm.found_mm[key] for arm in tested])
     u_mm = np.array([arm.standard_mm[key] for arm in tested])

@@ -34,7 +34,6 @@ def series(_asked: argparse.Namespace) -> list[Series[Any]]:
 
 
 def judge(lines: Sequence[Line]) -> Verdict:
-    """Make the tables."""
     outcomes_of_trials = _outcomes(lines)
     report = {
         "ratios": ratios(outcomes_of_trials),

@@ -113,7 +113,6 @@ def drawn_measurement(seed: int) -> Case:
 
 
 def run(case: Case) -> Line:
-    """Align, and compare with the truth."""
     return {"outcome": asdict(_outcome(case))}
 
 

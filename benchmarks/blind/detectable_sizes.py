@@ -128,14 +128,12 @@ def ruler(
 
 
 def noise_free_campaign(poses: PoseSet) -> Campaign:
-    """Make a campaign without noise, which states the assumed noise."""
     stated = poses.spec.noise
     exact = campaign_from_simulation(exact_columns(poses))
     return replace(exact, encoder_rad=stated.encoder_rad, contact_mm=stated.contact_mm)
 
 
 def exact_columns(poses: PoseSet) -> Columns:
-    """Measure without noise."""
     return draw_noise(poses, 0, _SILENT).campaign
 
 

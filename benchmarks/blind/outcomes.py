@@ -84,7 +84,6 @@ def _hide(scenario: Scenario, seed: int) -> Case:
 
 
 def find_and_score(case: Case, *, knows_masses: bool = True) -> Line:
-    """Diagnose a case, and score it beside the rivals."""
     begun_s = time.process_time()
     diagnosis = find(case, knows_masses=knows_masses)
     # Of a core: how many others there are does not matter.

@@ -206,7 +206,6 @@ def _has_a_name(measure: SizeScale, hidden: Hidden) -> bool:
 
 
 def truth_of(measure: SizeScale, hidden: Hidden) -> TrueTerm:
-    """Convert a hidden effect for the score."""
     keys = hidden.keys
     return TrueTerm(
         identity=(

@@ -31,7 +31,6 @@ def round_lines(case: Case, diagnosis: Diagnosis, score: Score) -> list[str]:
 
 
 def round_json(case: Case, diagnosis: Diagnosis, score: Score) -> dict[str, Any]:
-    """Return the same as plain values."""
     return {
         "seed": case.seed,
         "size": case.scenario.size,
@@ -62,7 +61,6 @@ def hidden_table(case: Case) -> list[dict[str, Any]]:
 
 
 def score_in_words(case: Case, score: Score) -> str:
-    """Return the score as a sentence."""
     if not case.hidden:
         return "a false alarm" if score.detected else "right: nothing was hidden"
     if not score.detected:
@@ -164,7 +162,6 @@ def _arm(path: Path | None) -> Arm:
 
 
 def _write(case: Case, diagnosis: Diagnosis, out: Path) -> None:
-    """Write the campaign, the truth beside it, and the diagnosis."""
     folder = out / "campaign"
     write_campaign(folder, case.simulated, case.arm)
     text = json.dumps({"hidden": hidden_table(case)}, indent=1) + "\n"

@@ -61,7 +61,6 @@ class Runs:
         return self._lines.get(scenario, [])
 
     def answers(self, scenarios: Sequence[str], question: Question) -> list[bool]:
-        """Collect the answers of all runs of some scenarios."""
         answers = (question(line) for name in scenarios for line in self.of(name))
         return [answer for answer in answers if answer is not None]
 
@@ -200,7 +199,6 @@ def _score(key: str) -> Question:
 
 
 def _score_where(condition: str, key: str) -> Question:
-    """Ask only where another part of the score is true."""
     return lambda line: (
         bool(line["score"][key])
         if line.get("score") and line["score"][condition]

@@ -129,7 +129,6 @@ async def rate(port: int, arm: str, reader: Reader) -> float:
 
 
 async def send(port: int, arm: str, session: str) -> None:
-    """Send points as quickly as the broker takes them."""
     async with aiomqtt.Client("127.0.0.1", port) as client:
         for seq in range(N_BURST):
             changed = {"session": session, "seq": seq, "id": f"{session}-{seq}"}

@@ -35,13 +35,11 @@ POINTS, MAGNIFIED, LONGEST_S = 8, 500, 120.0
 
 
 async def confirmed(broker: str) -> None:
-    """Confirm the arm's device and positions."""
     async with Arm("demo-7", broker) as arm:
         await arm.confirm_reference()
 
 
 def typed(folder: Path, options: tuple[str, ...], out: Path) -> None:
-    """Measure until so many points are typed."""
     with desktop(folder) as shown:
         os.environ["DISPLAY"] = shown.name
         with rig.program(folder / "keys.log", *RUN, "keys", *options):
@@ -104,7 +102,6 @@ def draw_entity(
     centre: list[float],
     half_m: float | None,
 ) -> None:
-    """Draw near lines and spheres."""
     for line in entity.get("lines", ()):
         ends = np.array([xyz(end) for end in line["points"]])
         if half_m is not None and np.abs(ends - centre).max() > half_m:
@@ -122,7 +119,6 @@ def xyz(table: dict[str, float]) -> list[float]:
 
 
 def rgba(table: dict[str, float]) -> tuple[float, ...]:
-    """Read a colour."""
     return tuple(table.get(channel, 0.0) for channel in "rgba")
 
 
@@ -141,7 +137,6 @@ def surface(sphere: dict[str, Any]) -> np.ndarray:
 
 
 def take_pictures(folder: Path, out: Path) -> None:
-    """Make both pictures."""
     port = rig.free_port()
     broker = f"127.0.0.1:{port}"
     for name in ("arm.toml", "arm.cov.npz"):
@@ -159,7 +154,6 @@ def take_pictures(folder: Path, out: Path) -> None:
 
 
 def main(folder: Path) -> None:
-    """Make both pictures, in a folder."""
     out = folder.resolve()
     with tempfile.TemporaryDirectory() as temporary, contextlib.chdir(temporary):
         take_pictures(Path(), out)

@@ -109,7 +109,6 @@ def certificates(out: Path) -> None:
 
 
 def verified(folder: str, picture: Path, *more: str) -> None:
-    """Verify, and draw the first page."""
     traverse(
         *("verify", "acceptance", "--standard", "iso10360-12", "--arm", "arm.toml"),
         *("--limits", "limits.toml", "--out", folder),
@@ -120,7 +119,6 @@ def verified(folder: str, picture: Path, *more: str) -> None:
 
 
 def identification(out: Path) -> None:
-    """The report of the tutorial's identification without a length."""
     text = TUTORIAL.read_text("utf-8")
     bench = next(re.finditer(r"```toml\n(.*?)```", text, re.DOTALL))[1]
     Path("bench.toml").write_text(bench, "utf-8")
@@ -144,7 +142,6 @@ def small(picture: Image.Image, file: Path) -> None:
 
 
 def main(folder: Path) -> None:
-    """Make all pictures, in a folder."""
     out = folder.resolve()
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary, contextlib.chdir(temporary):

@@ -96,7 +96,6 @@ async def stale_picture(
 
 
 async def take_pictures(folder: Path, out: Path) -> None:
-    """Start everything, and bring it into one state after the other."""
     port = rig.free_port()
     shutil.copy(DEMO / "arm.toml", folder)
     shutil.copy(DEMO / "arm.cov.npz", folder)
@@ -128,7 +127,6 @@ async def take_pictures(folder: Path, out: Path) -> None:
 
 
 def main(folder: Path) -> None:
-    """Take all pictures, into a folder."""
     out = folder.resolve()
     with tempfile.TemporaryDirectory() as temporary, contextlib.chdir(temporary):
         asyncio.run(take_pictures(Path(), out))  # none shows a path of this machine

@@ -65,7 +65,6 @@ def judge(lines: Sequence[Line]) -> Verdict:
 
 
 def warned_days(line: Line) -> list[int]:
-    """Return the days with any alarm."""
     by_rule = (days for rules in line["alarms"].values() for days in rules.values())
     return sorted({day for days in by_rule for day in days})
 

@@ -186,7 +186,6 @@ class Begun:
         self._begin_s.value = time_s
 
     def end(self) -> None:
-        """Let the devices end before their script does."""
         self._ended.set()
 
     def is_over(self) -> bool:
@@ -256,7 +255,6 @@ class Stage:
         return make_device(self.table, mounting)
 
     def live(self, clock: MonotonicClock) -> None:
-        """Run the device until the motion is over, in a process of its own."""
         device = self.device()
         end_s = self.script.duration_s
         live_real([device], clock, self.begun, end_s, self.begun.is_over)

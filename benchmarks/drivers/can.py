@@ -52,7 +52,6 @@ class CheapNodes(FakeNodes):
             node.count += 1
 
     def put(self, frames: list[tuple[int, bytes]]) -> None:
-        """Deliver frames to all other nodes on the bus."""
         own_queue = getattr(self._bus, "queue", None)  # of python-can's virtual bus
         receivers = [queue for queue in channels[CHANNEL] if queue is not own_queue]
         for can_id, data in frames:
@@ -134,7 +133,6 @@ def thread_named(part: str) -> threading.Thread:
 
 
 async def measure(seconds: float, sync: Literal["host", "external"]) -> list[str]:
-    """Run, and return the result."""
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     driver = CanOpenDriver(
         "arm",
@@ -200,7 +198,6 @@ def stream_line(deliveries: list[object]) -> str:
 
 
 def dispatch(n_syncs: int = 20_000) -> str:
-    """Dispatch the same frames in both ways, without a bus."""
     frames = [
         (0x180 + node, bytearray(u32(k))) for k in range(n_syncs) for node in NODES
     ]

@@ -48,7 +48,6 @@ def group(folder: Path, port: int) -> Iterator[Group]:
 
 
 def run_publishers(folder: Path, n: int, rate_hz: float, seconds: float) -> Fleet:
-    """Arms without daemons."""
     port, sent = rig.free_port(), folder / "sent.json"
     with rig.mosquitto(folder, port) as broker:
         idle_mb = rig.rss_mb(broker)

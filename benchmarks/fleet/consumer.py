@@ -62,7 +62,6 @@ async def consume(port: int, name: str) -> dict[str, object]:
 
 
 def main(port: int, name: str, file: Path) -> None:
-    """Consume until ended, then write the received messages."""
     consumed = asyncio.run(consume(port, name))
     file.write_text(json.dumps(consumed), "utf-8")
 

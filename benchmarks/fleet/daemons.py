@@ -64,7 +64,6 @@ async def order(port: int, n: int, args: ScanArgs) -> None:
 def run_daemons(
     folder: Path, n: int, rate_hz: float, seconds: float, group: MakeGroup
 ) -> Fleet:
-    """Let daemons scan for a time."""
     port = rig.free_port()
     with contextlib.ExitStack() as stack:
         broker = stack.enter_context(rig.mosquitto(folder, port))

@@ -96,7 +96,6 @@ class Case:
 
 
 def design_of() -> Arm:
-    """Take the arm of the demonstration, with masses."""
     return weighed(demo_arm())
 
 

@@ -39,7 +39,6 @@ class Publisher:
         self._point_due_s = self.due_s
 
     def serve(self) -> None:
-        """Send the messages that are due."""
         self._send("scan", encode(self._block(), "msgpack"))
         self.scan_seq += self._n_block
         if time.monotonic() >= self._point_due_s:

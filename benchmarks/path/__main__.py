@@ -57,7 +57,6 @@ def check_agreement(payloads: list[bytes], texts: list[str]) -> float:
 def tables(
     n_samples: int = N_SAMPLES, n_plain: int = N_PLAIN, rounds: int = ROUNDS
 ) -> Iterator[Table]:
-    """Check that both agree, then time them."""
     model = read_model(ARM, {"base": None})
     data, some = line_bytes(n_samples, model), line_bytes(n_plain, model)
     payloads = WholePath(model, RATE_HZ).run([some], 1)

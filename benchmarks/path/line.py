@@ -29,5 +29,4 @@ def line_bytes(n_samples: int, model: ArmModel) -> bytes:
 
 
 def cut(data: bytes, n_bytes: int) -> list[bytes]:
-    """The bytes as reads bring them."""
     return [data[start : start + n_bytes] for start in range(0, len(data), n_bytes)]

@@ -26,7 +26,6 @@ class PlainLoop:
         self._last = model.encoders.zeros_rad / self._to_rad
 
     def run(self, data: bytes) -> list[str]:
-        """A JSON text for each frame."""
         texts = []
         for segment in data.split(b"\0"):
             if not segment:
@@ -62,7 +61,6 @@ class PlainLoop:
         return self._model.geometry.probe_direction
 
     def _pose(self, angles_rad: np.ndarray) -> np.ndarray:
-        """Matrices of 4 by 4, one after the other."""
         geometry = self._model.geometry
         pose = np.eye(4)
         pose[:3, 3] = geometry.origin_mm

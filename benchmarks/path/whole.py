@@ -98,7 +98,6 @@ class WholePath:
 
 
 def scanner(model: ArmModel, rate_hz: float, offer: ScanSink) -> Scanner:
-    """A running scan of every sample."""
     started = Scanner(HostClock(), offer, BLOCK_S)
     started.start(plan_scan(rate_hz, rate_hz), model, "bench")
     started.follow(1, rate_hz)
@@ -108,7 +107,6 @@ def scanner(model: ArmModel, rate_hz: float, offer: ScanSink) -> Scanner:
 def whole_path(
     model: ArmModel, rate_hz: float, data: bytes, n: int, delivery: Delivery
 ) -> Task:
-    """All stages together."""
     reads = cut(data, delivery.read_bytes)
 
     def run() -> list[bytes]:

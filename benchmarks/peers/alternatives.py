@@ -150,7 +150,6 @@ def entries(payload: bytes) -> Iterator[NewMessage]:
 
 
 def transactions_s(add: Add, source: Iterator[NewMessage], size: int) -> list[Any]:
-    """CPU and elapsed time of each of some transactions."""
     durations = []
     for _ in range(N_WRITES):
         some = [next(source) for _ in range(size)]

@@ -16,7 +16,6 @@ AGREEMENT_MM = 1e-9
 
 
 def installed_peers(geometry: Geometry) -> tuple[list[Peer], list[str]]:
-    """Return the installed peers, and the names of missing ones."""
     available, missing = [], []
     for name in MODULES:
         try:

@@ -72,7 +72,6 @@ async def ours(port: int) -> AsyncIterator[Client]:
 
 @asynccontextmanager
 async def paho(port: int) -> AsyncIterator[Client]:
-    """Connect paho, with the thread that it has."""
     library = importlib.import_module("paho.mqtt.client")
     loop = asyncio.get_running_loop()
     link = library.Client(library.CallbackAPIVersion.VERSION2)
@@ -135,7 +134,6 @@ CLIENTS = {"Traverse": ours, "paho": paho, "gmqtt": gmqtt}
 
 
 async def send_all(client: Client) -> None:
-    """Publish all, so many at a time."""
     if (by_thread := getattr(client, "send_all", None)) is not None:
         await asyncio.to_thread(by_thread)
         return

@@ -26,7 +26,6 @@ def demo_arm() -> Arm:
 def mix_poses(
     mix: str, n_poses: int, seed: int, travel: str = "wide", arm: Arm | None = None
 ) -> PoseSet:
-    """Make exact contacts of a mix of artefacts."""
     spec = CampaignSpec.model_validate(
         {
             "mix": mix,
@@ -53,7 +52,6 @@ _N_POSES = 100
 
 
 def condition_numbers(travel: str, seed: int) -> dict[str, list[float]]:
-    """Compute the condition numbers of a set of poses for each of `ORDERS`."""
     return {"outcome": [_condition(travel, orders, seed) for orders in ORDERS]}
 
 

@@ -45,7 +45,6 @@ CLEAN_HEADER = (
 
 
 def clean_verdict(mix: str, outcomes: Sequence[Outcome]) -> Verdict:
-    """Judge campaigns without blunders."""
     n = len(outcomes)
     n_passed = sum(o.passed for o in outcomes)
     low, high = binomial_interval(n_passed, n)

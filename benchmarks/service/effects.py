@@ -114,7 +114,6 @@ SETS = {"none": (), "five": FIVE, "all 20": (*FIVE, *OTHERS)}
 
 
 def arm_with(tables: tuple[dict[str, Any], ...]) -> Arm:
-    """The arm of the demonstration with masses and these effects."""
     arm = read_arm(rig.ARM)
     joints = tuple(j.model_copy(update={"mass_kg": 1.0}) for j in arm.joints)
     changes = {
@@ -126,7 +125,6 @@ def arm_with(tables: tuple[dict[str, Any], ...]) -> Arm:
 
 
 def block_of(n_samples: int) -> Block:
-    """Samples of such an arm with everything that effects may need."""
     rng = np.random.default_rng(1)
     start_ns = time.time_ns()
     return Block(

@@ -80,7 +80,6 @@ class Followed:
     missing: int = 0
 
     def add(self, block: Scan) -> None:
-        """Process a received block."""
         self.points += len(block.dtime_ns)
         self.lost, self.dropped = block.lost, block.dropped
 
@@ -88,7 +87,6 @@ class Followed:
 async def follow(
     port: int, seconds: float, process: "subprocess.Popen[bytes]"
 ) -> tuple[list[Size], Followed]:
-    """Scan, and measure the daemon ten times and at five minutes."""
     followed, sizes = Followed(), []
     early_s = min(EARLY_S, seconds / 2)
     looks = sorted({early_s, *(seconds * i / 10 for i in range(1, 11))})

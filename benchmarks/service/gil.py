@@ -78,7 +78,6 @@ class Reader:
 
 @contextlib.contextmanager
 def stamps() -> Iterator[int]:
-    """The pipe into which times are written."""
     command = (sys.executable, "-c", WRITER)
     with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
         try:
@@ -105,7 +104,6 @@ def delays(turn: Callable[[], object], seconds: float) -> dict[str, float]:
 
 
 def loads() -> dict[str, Callable[[], object]]:
-    """Return loads of the main thread."""
     model = read_model(ARM, {"base": None})
     effective = arm_with(SETS["all 20"])
     angles_rad = np.random.default_rng(1).uniform(-3.0, 3.0, (N_POSES, 7))

@@ -49,7 +49,6 @@ class Followed:
 
 
 async def order_scan(client: ConfiguredClient, action: str, rate_hz: float) -> None:
-    """Send the command that starts or stops a scan."""
     args = ScanArgs(action="start", rate_hz=rate_hz)
     if action == "stop":
         args = ScanArgs(action="stop")

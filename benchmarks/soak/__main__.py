@@ -73,7 +73,6 @@ async def _first_points(bench: Bench) -> None:
 
 
 async def _disks(bench: Bench) -> list[str]:
-    """Return failures with a full disk, then with a read-only one."""
     faults = []
     troubles = {
         "full disk": disk.full(bench.state),
@@ -114,7 +113,6 @@ def _in_outbox(bench: Bench) -> int:
 def table(
     bench: Bench, outages: Outages, verdict: Verdict, seconds: float, disks: str
 ) -> str:
-    """Format the result for people."""
     rows = [(f"outages: {kind}", n) for kind, n in sorted(outages.counts.items())]
     rows += [("outages in all", sum(outages.counts.values()))]
     rows += [
@@ -129,7 +127,6 @@ def table(
 
 
 def main(options: argparse.Namespace) -> int:
-    """Run in a folder of its own; return the exit status."""
     begun_s = time.monotonic()
     print(f"{load()}; seed {options.seed}", flush=True)
     with ExitStack() as stack:

@@ -76,7 +76,6 @@ class Kept:
             self.kills += 1
 
     async def keep(self) -> None:
-        """Restart it after every end, until cancelled."""
         while True:
             self.start()
             while self.is_running:  # noqa: ASYNC110 - no event reports it
@@ -85,7 +84,6 @@ class Kept:
             self.down_s = PAUSE_S
 
     def stop(self, number: int = signal.SIGTERM) -> None:
-        """Stop it, in order or not."""
         if self._process is None:
             return
         self._process.send_signal(number)
@@ -214,7 +212,6 @@ class Bench:
             log.write(json.dumps(line) + "\n")
 
     def write_daemon(self) -> None:
-        """Write the daemon's configuration; the network must be there."""
         (self.folder / "daemon.toml").write_text(
             DAEMON.format(folder=self.folder, port=self.daemons_network.port)
         )

@@ -46,7 +46,6 @@ class Store:
         self._database.close()
 
     def place(self) -> dict[str, int]:
-        """Return the cursor, the newest session last."""
         rows = self._database.execute("SELECT session, next_seq FROM place")
         return dict(rows.fetchall())
 

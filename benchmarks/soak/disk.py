@@ -137,5 +137,4 @@ async def _wait_for_event(events: Feed[Event], *, active: bool) -> None:
 
 
 def arm_for(port: int) -> Arm:
-    """A client that only commands."""
     return Arm(ARM, f"127.0.0.1:{port}", reply_timeout_s=5.0)

@@ -231,7 +231,6 @@ def _counts_per_turn(arm: Path) -> tuple[int, ...]:
 def _edges(
     folder: Path, lives: list[str], turns: tuple[int, ...]
 ) -> tuple[set[tuple[int, ...]], set[tuple[int, ...]]]:
-    """Return counts of all presses, and of acknowledged ones."""
     promised = _promised(list(lines(folder / "acknowledged.jsonl")))
     presses, acknowledged = set(), set()
     for life in lives:
@@ -277,7 +276,6 @@ def _figures(folder: Path) -> Counter[str]:
 
 
 def _some(fault: str, cases: set[Any]) -> list[str]:
-    """Summarise all of a kind in a line."""
     if not cases:
         return []
     return [f"{len(cases)} {fault}: {sorted(cases)[:3]}"]

@@ -54,7 +54,6 @@ def drawn_subset(measured: Measured, seed: int) -> Case:
 
 
 def drawn_simulated(seed: int) -> Case:
-    """Draw a simulated arm that a tracker follows."""
     rng = np.random.default_rng([SEED, seed])
     n_poses = int(rng.integers(FEWEST, MOST + 1))
     noise = Noise(float(rng.uniform(1e-5, 3e-4)), float(rng.uniform(0.01, 0.3)))

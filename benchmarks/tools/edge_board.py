@@ -121,7 +121,6 @@ class EdgeBoard:
         self._sample_seq += 1
 
     def _send_latched(self, request: int) -> None:
-        """Answer a request to latch now."""
         self._write_sample(1, request, 0)
 
     def _write_sample(self, cause: int, request: int, seq: int) -> None:

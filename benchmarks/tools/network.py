@@ -53,7 +53,6 @@ class Network:
         self._is_open.clear()
 
     def pass_on(self) -> None:
-        """Be a sound network again."""
         self._is_closed = False
         self._is_open.set()
 

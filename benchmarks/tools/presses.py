@@ -48,7 +48,6 @@ class Spent:
 
     @classmethod
     def by(cls, pid: int) -> "Spent":
-        """Read the time of a running program."""
         folder, cpu_ns, switches = Path(f"/proc/{pid}/task"), [], 0
         for number in sorted(os.listdir(folder), key=int):
             words = (folder / number / "schedstat").read_text("ascii").split()
@@ -71,5 +70,4 @@ def figures(values_ns: Sequence[int]) -> dict[str, float]:
 
 
 def press_of(counts: Sequence[int]) -> int:
-    """The press that a point is of, by its counts."""
     return counts[0] - int(COUNTS[0])

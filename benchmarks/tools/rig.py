@@ -55,7 +55,6 @@ period_s = 1.0
 
 
 def free_port() -> int:
-    """A port on loopback that is free at this moment."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

@@ -121,7 +121,6 @@ def one_core() -> None:
 
 
 def load() -> str:
-    """How busy the machine is."""
     return f"load {os.getloadavg()[0]:.2f} on {os.cpu_count()} cores"
 
 

@@ -13,5 +13,4 @@ IS_TINY = bool(os.environ.get("TINY"))
 
 
 def sized(full: Size, tiny: Size) -> Size:
-    """Choose a size."""
     return tiny if IS_TINY else full

@@ -48,7 +48,6 @@ AFTER = ("sent",)
 
 
 def note(noted: Noted, stage: str) -> None:
-    """Have the calls of a stage noted from now on."""
     owner, name, counts = STAGES[stage]
     method = getattr(owner, name)
 

@@ -96,14 +96,12 @@ class Cable:
     def open_port(
         self, path: str, baud_rate: int, wake_fd: int, **line: object
     ) -> "HostEnd":
-        """The driver's end; for its ``open_port``."""
         del baud_rate, wake_fd
         if not self.plugged:
             raise DeviceError(f"cannot open {path}: there is no such port", "plug it")
         return HostEnd(self.held_by_host(), path)
 
     def held_by_host(self) -> "Cable":
-        """The host holds its end from now on."""
         self.held = True
         return self
 

@@ -15,7 +15,6 @@ _KINDS = frozenset({".py", ".pyx", ".pxd", ".pxi", ".c", ".h", ".inc", ".toml"})
 
 
 def code_version(folders: Iterable[str] = FOLDERS) -> str:
-    """Digest the code that outcomes depend on."""
     digest = hashlib.sha256()
     for folder in folders:
         for path in sorted((_CHECKOUT / folder).rglob("*")):
@@ -47,10 +46,8 @@ def append(path: Path, lines: Iterable[Line]) -> None:
 
 
 def unbroken(lines: Iterable[Line]) -> list[Line]:
-    """Select the trials that ended with an outcome."""
     return [line for line in lines if line["error"] is None]
 
 
 def outcomes(lines: Iterable[Line], scenario: str) -> list[Any]:
-    """Return "outcome" of the trials of a scenario."""
     return [line["outcome"] for line in unbroken(lines) if line["scenario"] == scenario]

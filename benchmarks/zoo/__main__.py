@@ -55,7 +55,6 @@ class Case:
 
     @property
     def name(self) -> str:
-        """The file and the end."""
         return f"{self.path.name} to {self.chain[-1].child}"
 
     def imported(self, holds: Holds) -> MadeArm:

@@ -290,7 +290,6 @@ def _lacks_absolute(arm: "Arm") -> bool:
 
 
 def _with_absolute(arm: "Arm", absolute: bool) -> "Arm":
-    """Return the arm with encoders marked absolute or not, where that was unknown."""
     joints = [
         joint
         if joint.encoder is None or joint.encoder.absolute is not None

@@ -315,7 +315,6 @@ def integers_of(option: str, text: str, count: int) -> tuple[int, ...]:
 def posture_of(
     rad: str | None, deg: str | None, default_rad: Sequence[float]
 ) -> tuple[float, ...]:
-    """Return the base posture from the option that is given."""
     if rad is not None and deg is not None:
         raise typer.BadParameter(
             "is given in degrees too; give one of them", param_hint="--base-posture-rad"

@@ -40,5 +40,4 @@ class ArmOptions:
 
     @property
     def probe_kind(self) -> str:
-        """As in an arm file."""
         return "switching" if self.switching else "hard"

@@ -22,7 +22,6 @@ def shown(
     remarks: Sequence[str],
     question: str,
 ) -> RenderableType:
-    """Compose the picture for a terminal; a question replaces the instruction."""
     targets = Table(box=None, pad_edge=False)
     for title in ("", "artefact", "done", "", "agreement"):
         targets.add_column(title)
@@ -63,7 +62,6 @@ def shown(
 
 
 def instruction(collection: Collection, current: Target | None) -> str:
-    """The next instruction, in a sentence."""
     if current is None:
         return "All touches are complete. Press q to end, or continue."
     left = max(0, current.wanted - collection.count(current))
@@ -76,7 +74,6 @@ def instruction(collection: Collection, current: Target | None) -> str:
 
 
 def summary(collection: Collection) -> list[str]:
-    """The collected touches, in lines, at the end and in a pipe."""
     lines = []
     for artefact in collection.file.artefacts:
         # Of a repeated feature the last target counts all.

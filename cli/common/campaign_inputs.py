@@ -39,7 +39,6 @@ def check_prior(family: Path | None, prior: list[str] | None) -> None:
 def read_noted(
     folder: Path, arm: Path, family: Path | None, prior: list[str] | None
 ) -> "tuple[Arm, Campaign]":
-    """Read the inputs and print remarks on them."""
     from traverse.lab.runs.inputs import read_inputs
 
     check_prior(family, prior)

@@ -21,7 +21,6 @@ remarks."""
 
 
 def allowed_flags(option: str) -> frozenset[str]:
-    """The flags that `--allow` names, with commas; refuses unknown ones."""
     flags = frozenset(flag.strip() for flag in option.split(",") if flag.strip())
     known = {str(flag.name).lower() for flag in FLAG_MEANINGS}
     if unknown := sorted(flags - known):
@@ -33,7 +32,6 @@ def allowed_flags(option: str) -> frozenset[str]:
 
 
 def remedy_of(flag: str) -> str:
-    """Return the remedy for a flag of a point."""
     bit = QualityFlag[flag.upper()]
     rows = [row.remedy for row in CONDITIONS if row.flags & bit]
     return rows[0] if rows else FLAG_MEANINGS[bit]

@@ -32,7 +32,6 @@ def check_schema(content: bytes, file: Path, schemas: Path) -> None:
 
 
 def schema_words(schemas: Path | None) -> str:
-    """Name the schema that the file was checked against."""
     if schemas is None:
         return "not checked against the schema (no schemas folder given)"
     return f"keeps to {schemas / SCHEMA}"

@@ -86,7 +86,6 @@ def end_by_state(state: str, *, strict: bool) -> None:
 
 
 def system_refusal(error: OSError) -> str:
-    """Return which file or folder the system refuses, why, and what to do."""
     if error.filename is None:
         return system_reason(error)
     path = Path(str(error.filename))

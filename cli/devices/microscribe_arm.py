@@ -97,7 +97,6 @@ def topic_name(text: str) -> str:
 def _session(
     port: str, rates: Sequence[int]
 ) -> Iterator[tuple[MicroscribeLine, MicroscribeIdentification]]:
-    """A session with the arm; ends with the block."""
     wake_read, wake_write = os.pipe2(os.O_NONBLOCK)
 
     def open_line(rate: int) -> MicroscribeLine:

@@ -73,8 +73,6 @@ def load_gateway(name: str) -> Gateway:
 
 
 def _command(name: str, gateway: Gateway) -> Callable[..., None]:
-    """Return a command with the common options of gateways and its own."""
-
     def command(
         *,
         arm: str,

@@ -42,7 +42,6 @@ def run(port: str, work: Coroutine[Any, Any, None]) -> None:
 
 
 async def until_signal(work: Coroutine[Any, Any, None]) -> None:
-    """Await it until SIGINT or SIGTERM."""
     task = asyncio.create_task(work)
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, task.cancel)

@@ -74,7 +74,6 @@ async def _converse(
     angle_deg: float,
     as_json: bool,
 ) -> "JointSearch":
-    """Ask for one joint after the other."""
     from traverse.cli.joints.devices import turning_devices, typed_lines
     from traverse.cli.joints.search import JointSearch, encoder_sentence
 
@@ -122,7 +121,6 @@ async def _converse(
 def _print_rest(
     devices: "TurningDevices", search: "JointSearch", as_json: bool
 ) -> None:
-    """Print the noise of the channels at rest."""
     from traverse.cli.joints.search import channel_sentence
 
     for track in devices.tracks:

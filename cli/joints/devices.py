@@ -58,7 +58,6 @@ class TurningDevices:
             refuse("no device of this configuration has encoders")
 
     async def rested(self) -> None:
-        """Wait for samples at rest of all devices."""
         self.begin()
         await self._until(
             lambda: all(track.n_samples >= REST_SAMPLES for track in self.tracks)
@@ -86,7 +85,6 @@ class TurningDevices:
             refuse(f"not all devices send samples within {ANSWER_S:g} s", UNREACHABLE)
 
     async def read(self, device: Device) -> None:
-        """Take a device's samples until cancelled."""
         name = device.section.id
         while True:
             for delivery in await device.delivery_queue.take():
@@ -117,7 +115,6 @@ class TurningDevices:
 async def turning_devices(
     sections: Sequence[DeviceSection],
 ) -> AsyncIterator[TurningDevices]:
-    """Read devices within the block."""
     loop = asyncio.get_running_loop()
     devices = [open_device(section, loop) for section in sections]
     turning = TurningDevices(devices)

@@ -71,11 +71,9 @@ class JointSearch:
 
     @property
     def missing(self) -> list[str]:
-        """Names of the joints whose encoder was not found."""
         return [j.name for j in self._arm.joints if j.name not in self.turned]
 
     def arm_with_encoders(self) -> "Arm":
-        """Return the arm with the encoders that were found."""
         from traverse.kinematics.arm_file.arm import Encoder
 
         joints = []
@@ -101,7 +99,6 @@ class JointSearch:
         return self._arm.model_copy(update={"joints": tuple(joints)})
 
     def prompt(self, joint: "Joint") -> str:
-        """Say how a joint is turned."""
         axis = " ".join(f"{component:g}" for component in joint.axis)
         return (
             f"{joint.name}: turn it alone by about {self._angle_deg:g} degrees, "
@@ -110,7 +107,6 @@ class JointSearch:
 
 
 def channel_sentence(track: Track, noise_counts: int, alarm: str) -> str:
-    """Describe a channel at rest."""
     words = [f"{track.source}: {track.modulus_counts} counts, moves by {noise_counts}"]
     for n, defect in (
         (track.n_invalid, "without a valid count"),

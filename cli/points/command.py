@@ -204,7 +204,6 @@ def verify(
 
 
 def read_public_key_file(path: Path) -> bytes:
-    """Read a public key, or refuse the file."""
     from traverse.protocol.signed_points import read_public_key
 
     try:
@@ -310,7 +309,6 @@ def export(
 
 
 def _check(connection: "Connection", session: str) -> None:
-    """End the command where the outbox has nothing of a session."""
     from traverse.daemon.store import queries
 
     if not queries.read_messages(connection, session, 0, LAST, 1):
@@ -321,7 +319,6 @@ def _check(connection: "Connection", session: str) -> None:
 
 
 def outbox_of(db: Path | None, config: Path | None) -> Path:
-    """Find the outbox by the options."""
     from traverse.daemon.state_dir import OUTBOX, state_path
 
     if (db is None) == (config is None):

@@ -46,7 +46,6 @@ def opened_outbox(path: Path) -> Iterator[sqlite3.Connection]:
 def session_line(
     session: StoredSession, points: int, unsent: int, *, as_json: bool
 ) -> str:
-    """One session, with how many points there are and the broker lacks."""
     if as_json:
         fields = {**asdict(session), "begun_ns": str(session.begun_ns)}
         return json.dumps({**fields, "points": points, "unsent": unsent})
@@ -60,7 +59,6 @@ def session_line(
 
 
 def point_line(message: StoredMessage, *, as_json: bool) -> str:
-    """One point, or one retraction."""
     if not message.is_whole:
         if as_json:
             return json.dumps({"damaged": True, "seq": str(message.seq)})
@@ -112,7 +110,6 @@ def write_points(
 
 
 def point_of(message: StoredMessage) -> Point | str:
-    """Read a stored point, or return why it is unreadable."""
     if not message.is_whole:
         return f"seq {message.seq!r}: damaged, and left out"
     try:

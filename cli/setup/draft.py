@@ -106,7 +106,6 @@ class Draft:
         return previous
 
     def arm_files(self) -> list[str]:
-        """Return the names of the arm files beside the configuration."""
         return [
             path.name
             for path in sorted(self.path.parent.glob("*.toml"))

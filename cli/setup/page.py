@@ -41,8 +41,6 @@ TABLES: dict[str, type[BaseModel]] = {
 
 
 def serve_setup(draft: Draft, serving: page_serving.Serving) -> None:
-    """Serve the page until the process is requested to end."""
-
     @ui.page("/", title="Set-up - Traverse", reconnect_timeout=RECONNECT_S)
     def page() -> None:
         SetupPage(draft)

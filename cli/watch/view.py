@@ -34,7 +34,6 @@ MM = Unit("mm", 1.0, 4)
 
 
 def picture(name: str, sight: ArmSight) -> RenderableType:
-    """State of an arm, for a terminal."""
     current_verdict = verdict(sight)
     head = f" {current_verdict.word.upper()}  {printable(current_verdict.text)} "
     lines: list[RenderableType] = [Text(head, style=COLOURS[current_verdict.level])]

@@ -126,12 +126,10 @@ class ArmSight:
 
     @property
     def is_online(self) -> bool:
-        """Whether the broker is there, and reports the arm on line."""
         return self.is_linked and self.status is not None and self.status.online
 
     @property
     def is_stale(self) -> bool:
-        """Whether the displayed pose is out of date."""
         longest_s = max(STALE_S, 3.0 * min(self._live_intervals_s, default=0.0))
         return not self.is_online or self.is_silent or self.age_s > longest_s
 
@@ -147,7 +145,6 @@ class ArmSight:
 
     @property
     def is_health_stale(self) -> bool:
-        """Whether the displayed figures are out of date."""
         longest_s = max(HEALTH_STALE_S, 3.0 * self._health_period_s)
         return not self.is_online or self.health_age_s > longest_s
 
@@ -163,7 +160,6 @@ class ArmSight:
 
     @property
     def earlier_session(self) -> str | None:
-        """The session with points before the one that is shown."""
         shown = self.shown_session or self.session
         before = []
         for session, points in self.sessions.items():
@@ -175,7 +171,6 @@ class ArmSight:
 
     @property
     def last_point(self) -> Point | None:
-        """The last point of the arm's session that is not retracted."""
         held = self.sessions.get(self.session, {})
         return next(reversed(held.values()), None)
 
@@ -314,7 +309,6 @@ class ArmSight:
             self.scan = ScanProgress(scan, runs=True)
 
     def take_link(self, is_linked: bool, reason: str) -> None:
-        """Take a change of the connection to the broker."""
         if (is_linked, reason) != (self.is_linked, self.link_reason):
             changed = is_linked != self.is_linked
             self.is_linked, self.link_reason = is_linked, reason
@@ -326,7 +320,6 @@ class ArmSight:
                 self._notify(Change("link"))
 
     def take_absence(self, text: str) -> None:
-        """Note that the broker has no status of this arm."""
         if text and self.status is None and text != self.absence:
             self.absence = text
             self._notify(Change("absent", text))

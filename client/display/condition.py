@@ -96,7 +96,6 @@ def condition_words(lost: ConditionStanding) -> str:
 
 
 def wanted_commands(sight: ArmSight) -> dict[str, list[str]]:
-    """Return commands by which the operator establishes conditions, with the causes."""
     causes_of: dict[str, list[str]] = {}
     for condition in lost_conditions(sight):
         # Encoders that count from where they are can be homed instead.

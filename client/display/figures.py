@@ -35,7 +35,6 @@ class Unit:
         return f"{value:{'+' if sign else ''}z.{self.digits}f}"
 
     def with_name(self, value_mm: float) -> str:
-        """Format a length with its unit."""
         return f"{self.text(value_mm)} {self.name}"
 
 

@@ -214,7 +214,6 @@ async def _each_change(
 
 @contextlib.asynccontextmanager
 async def following(follower: Follower) -> AsyncIterator[None]:
-    """Follow while the block lasts."""
     task = asyncio.create_task(follower.run())
     try:
         yield

@@ -78,7 +78,6 @@ class GuidedCheck:
             self.suspect = None
 
     def leave_out(self) -> None:
-        """Leave the suspect out: it was another place."""
         self.suspect = None
 
     def count_in(self) -> None:
@@ -219,7 +218,6 @@ class CheckDesk:
             self.diameter_mm = self.check.diameter_mm = diameter_mm
 
     def answer(self, act: Callable[[GuidedCheck], None]) -> None:
-        """Answer the question about the suspect."""
         if self.check is not None:
             act(self.check)
 

@@ -103,7 +103,6 @@ class Ply(Sink):
 
 
 def _numbered(names: Iterable[str], numbers: dict[str, int]) -> list[int]:
-    """Return the number of each name; a new one gets the next."""
     return [numbers.setdefault(name, len(numbers)) for name in names]
 
 

@@ -139,12 +139,10 @@ def write_drawing(drawing: "Drawing", file: IO[bytes]) -> None:
 
 
 def layer_name(text: str, end: str = "") -> str:
-    """Make a name of a layer out of a text of people."""
     return _NOT_IN_LAYER.sub("_", printable(text))[: _MAX_TEXT - len(end)] + end
 
 
 def extended_data(**values: str | int | None) -> list[tuple[int, str]]:
-    """Return extended data: a text for each known value."""
     return [
         (_TEXT, printable(f"{name}={value}")[:_MAX_TEXT])
         for name, value in values.items()

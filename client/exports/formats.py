@@ -44,7 +44,6 @@ def format_class(name: str) -> type[Sink]:
 
 
 def format_names() -> tuple[str, ...]:
-    """Return the names of all formats, other packages' last."""
     return tuple(dict.fromkeys((*FORMATS, *offered_extensions(EXPORT_GROUP))))
 
 

@@ -96,7 +96,6 @@ def scan_table(
 
 
 def standing(points: Sequence[Point]) -> list[Point]:
-    """Return points that are not retracted, without the retractions."""
     retracted_ids = {point.retracts for point in points}
     return [p for p in points if p.retracts is None and p.id not in retracted_ids]
 

@@ -77,7 +77,6 @@ def text_element(parent: Element, name: str, text: str) -> Element:
 
 
 def add_attributes(parent: Element, values: Mapping[str, str | None]) -> None:
-    """Add user-defined attributes, without those that are None."""
     known = {name: value for name, value in values.items() if value is not None}
     attributes = SubElement(parent, "Attributes", n=str(len(known)))
     for name, value in known.items():

@@ -156,7 +156,6 @@ class Ros2(Sink):
             self._write(topic, "sensor_msgs/msg/PointCloud2", first_ns, cloud, 0)
 
     def end(self) -> None:
-        """Write the index."""
         self._writer.finish()  # type: ignore[no-untyped-call]  # its library has few types
 
     def _write(

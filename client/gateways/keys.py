@@ -128,7 +128,6 @@ class DesktopKeyboard:
     def _key_of(
         self, character: str, from_keysym: Callable[[int], Any]
     ) -> tuple[Any, bool]:
-        """Return the key of a character, and whether it needs Shift."""
         mapping = getattr(self._controller, "keyboard_mapping", None)
         if mapping is None:  # only that of X has one
             return character, False
@@ -261,7 +260,6 @@ STATUS_S = 1.0
 
 
 def keys_template(separator: str, after: str) -> str:
-    """Return the template of typed lines."""
     columns = SEPARATORS[separator].join(("{x:.4f}", "{y:.4f}", "{z:.4f}"))
     return columns + AFTER[after]
 

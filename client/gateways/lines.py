@@ -101,7 +101,6 @@ class LineGateway:
                     self._note_sent(item)
 
     async def send_scans(self, arm: Arm) -> None:
-        """Send the points of all scans from now on, as far as received."""
         scan, next_seq = "", 0
         async for block in await arm.scans():
             n_lost = block.seq - next_seq if block.scan == scan else 0

@@ -37,14 +37,11 @@ _IN_SPACE = "THREEDIMENSIONAL"
 
 @dataclass(frozen=True, slots=True)
 class _Characteristic:
-    """A figure that is stated for itself."""
-
     feature: FeatureResult
     figure: FigureResult
 
     @property
     def kind(self) -> str:
-        """Its kind in QIF, which names its elements."""
         figure, feature = self.figure.name, self.feature.kind
         if figure == feature:
             return _BETWEEN[figure]

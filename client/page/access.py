@@ -91,7 +91,6 @@ class Guard:
         await answer(scope, receive, send)
 
     async def _answer(self, scope: Scope, receive: Receive) -> ASGIApp:
-        """Return the answer to a request: the page, or a refusal."""
         request = HTTPConnection(scope)
         host = request.headers.get("host", "")
         origin = request.headers.get("origin", "")

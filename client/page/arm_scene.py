@@ -29,7 +29,6 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
         self._drawn: set[str] = set()  # ids of points
 
     def show_pose(self, live: Live) -> None:
-        """Show a pose, unless the arm has not moved."""
         if live.skeleton_mm is None:
             return
         places_mm = np.array(live.skeleton_mm)

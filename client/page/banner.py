@@ -88,7 +88,6 @@ class Banner:
         self._remedy.set_text(verdict.remedy)
 
     def tell(self, kind: str, text: str) -> None:
-        """Show the last event, until the next one."""
         self._message.classes(kind, remove=" ".join(KINDS))
         self._time.set_text(time.strftime("%H:%M:%S"))
         self._message.set_text(f"{WORDS.get(kind, '')}{text}")

@@ -28,7 +28,6 @@ class BoundedHttpProtocol(HttpProtocol):
     def connection_made(  # type: ignore[override]  # as uvicorn's
         self, transport: asyncio.Transport
     ) -> None:
-        """Accept it, or close it at once."""
         super().connection_made(transport)
         peer: Any = transport.get_extra_info("peername")
         address = str(peer[0]) if isinstance(peer, tuple) else ""

@@ -77,7 +77,6 @@ class Controls:
         self._acts[key] = act
 
     def name(self, key: str, name: str, *, is_on: bool = False) -> None:
-        """Set the name of a button, and whether it is active."""
         _, button, label = self._buttons[key]
         label.set_text(name)
         button.classes("on" if is_on else "", remove="on")

@@ -69,7 +69,6 @@ def health_table(sight: ArmSight) -> str:
 
 
 def condition_list(sight: ArmSight) -> str:
-    """Return conditions that are not established, with remedies."""
     status = sight.status
     if status is None or not sight.is_online or not status.conditions:
         return ""

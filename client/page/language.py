@@ -12,7 +12,6 @@ COMMA, POINT = "Decimal comma", "Decimal point"
 
 
 def language_names() -> dict[str, str]:
-    """Return the names of the languages of the catalogue, by code."""
     with CATALOGUE.open(encoding="utf-8") as catalogue:
         codes, names = (next(catalogue).rstrip("\n").split("\t") for _ in range(2))
     return dict(zip(codes, names, strict=True))

@@ -242,7 +242,6 @@ class OperatorPage:
         self._points.show(self._sight, newest)
 
     def _points_key(self) -> tuple[object, ...]:
-        """Return a key that changes with the list of points or its form."""
         sight, points = self._sight, self._sight.points
         session = sight.shown_session or sight.session
         last = next(reversed(points), "")
@@ -308,7 +307,6 @@ class OperatorPage:
         self._run("document.body.classList.toggle('digits')")
 
     def _speak(self, point: Point) -> None:
-        """Speak the coordinates of a new point, where the operator wants that."""
         unit = self._choices.unit
         of_system = place_mm(point, self._choices.system(self._sight)) or point.xyz_mm
         words = ", ".join(

@@ -368,7 +368,6 @@ class PartPanel:
             desk.set_about(part, serial, operator)
 
     async def _change_conditions(self) -> None:
-        """Ask for the uncertainties of ball and part."""
         desk, part = self._desk, self._desk.part_temperature
         present = [
             desk.ball_radius_std_mm,

@@ -48,7 +48,6 @@ class PointsPanel:
             self._rows = ui.html("", sanitize=False)
 
     def show(self, sight: ArmSight, newest: str | None) -> None:
-        """Show the last points, one of them as new."""
         points, system = list(sight.points.values()), self._choices.system(sight)
         self._rows.set_content(
             point_rows(

@@ -45,7 +45,6 @@ class Choices:
     scan_spacing_mm: float | None = None
 
     def system(self, sight: ArmSight) -> System:
-        """Return the system of coordinates, both of the read-out and of the list."""
         return "part" if self.of_part and sight.is_aligned else "arm"
 
     def system_words(self, sight: ArmSight) -> str:
@@ -79,7 +78,6 @@ class Figures:
             ui.label("STALE").classes("stale-word").props('aria-hidden="true"')
 
     def show(self, sight: ArmSight) -> None:
-        """Show the current state."""
         stale = sight.is_stale
         self._panel.classes("stale" if stale else "", remove="stale")
         live, unit = sight.live, self._choices.unit
@@ -160,7 +158,6 @@ def _offsets_text(offsets_mm: Sequence[float | None], unit: Unit) -> str:
 def _expanded(
     live: Live, point: Point | None, system: System
 ) -> tuple[list[float] | None, str]:
-    """Return the expanded uncertainty of each coordinate, and its subject."""
     if is_geometry_unknown(live):
         return None, f"U: {GEOMETRY_UNKNOWN}"
     if live.covariance_mm2 is not None:

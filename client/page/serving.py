@@ -31,7 +31,6 @@ class Serving:
 
 
 def serve_pages(serving: Serving) -> None:
-    """Serve the pages that are registered until the process is requested to end."""
     app.add_middleware(Guard, token=serving.token)
     ui.run(
         host=serving.host,

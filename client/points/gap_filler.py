@@ -49,7 +49,6 @@ class GapFiller:
         self._silences = 0
 
     def wake(self) -> None:
-        """Check again for missing points."""
         self._questions.notify()
 
     async def run(self) -> None:

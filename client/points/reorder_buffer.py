@@ -79,7 +79,6 @@ class ReorderBuffer:
 
     @property
     def needs_request(self) -> bool:
-        """Whether a request may be necessary."""
         head = self.sessions.head
         return self.can_request and (
             self.needs_session_list
@@ -91,7 +90,6 @@ class ReorderBuffer:
 
     @property
     def n_held(self) -> int:
-        """Number of points that arrived before their turn."""
         followed = sum(len(session.held) for session in self.sessions)
         return followed + sum(map(len, self._unknown_sessions.values()))
 
@@ -148,7 +146,6 @@ class ReorderBuffer:
         return self.tail_request() if head.needs_confirmation else None
 
     def tail_request(self) -> ResendRequest:
-        """Request points after the last known one."""
         head = self.sessions.head
         if head is None:
             return ResendRequest(None)
@@ -161,7 +158,6 @@ class ReorderBuffer:
         return None if followed is None else followed.next_seq
 
     def unanswered(self, ask: ResendRequest) -> None:
-        """Note that no answer arrived."""
         self.needs_session_list = self.needs_session_list or ask.session is None
 
     def resent(self, ask: ResendRequest, answer: Resent) -> int | None:
@@ -227,7 +223,6 @@ class ReorderBuffer:
             self.refuse(self._refusal)
 
     def _adopt_unknown_sessions(self, *, from_lowest: bool = False) -> None:
-        """Sort in points that waited for the list of sessions."""
         unknown_sessions, self._unknown_sessions = self._unknown_sessions, {}
         for session, held in unknown_sessions.items():
             lowest = min(held)

@@ -56,7 +56,6 @@ class SessionPoints:
         return self.has_ended and self.next_seq > self.known
 
     def missing(self) -> tuple[int, int] | None:
-        """Return the first and last number of the first known gap."""
         end = min(self.held) - 1 if self.held else self.known
         return None if end < self.next_seq else (self.next_seq, end)
 
@@ -125,16 +124,13 @@ class SessionSequence:
 
     @property
     def head(self) -> SessionPoints | None:
-        """The session whose points are in turn."""
         return next(iter(self._sessions.values()), None)
 
     @property
     def begins_now(self) -> bool:
-        """Whether nothing earlier is followed."""
         return self._since is None
 
     def get(self, session: str) -> SessionPoints | None:
-        """Return a session that is followed and not complete."""
         return self._sessions.get(session)
 
     def past(self, session: str) -> int | None:

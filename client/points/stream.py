@@ -63,12 +63,10 @@ class PointStream:
 
     @property
     def room(self) -> int:
-        """Number of points that may still wait."""
         return self._limit - len(self._order.ready)
 
     @property
     def waiting(self) -> int:
-        """Number of points available without waiting."""
         return len(self._order.ready)
 
     @property

@@ -65,7 +65,6 @@ class Device:
         self.max_speed_rad_s = getattr(self.section, "max_speed_rad_s", None)
 
     def is_recent(self, now_ns: int) -> bool:
-        """Whether its readings are, as far as it is there and streams."""
         if self.state != "ready" or not self.period_ns:
             return True
         most_ns = max(RECENT_NS, RECENT_PERIODS * self.period_ns)
@@ -82,7 +81,6 @@ class Device:
 
     @property
     def temperature_c(self) -> float | None:
-        """Temperature of the first sensor that has one."""
         return next((c for c in self.temperatures_c if c is not None), None)
 
     def status(self) -> DriverStatus:
@@ -126,7 +124,6 @@ def open_device(section: DeviceSection, loop: asyncio.AbstractEventLoop) -> Devi
 
 @contextlib.asynccontextmanager
 async def running_drivers(devices: Sequence[Device]) -> AsyncIterator[None]:
-    """Read all devices within the block."""
     try:
         for device in devices:
             device.driver.start()

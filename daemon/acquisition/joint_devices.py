@@ -28,7 +28,6 @@ class JointDevices:
 
     @property
     def has_simultaneous_latch(self) -> bool:
-        """Whether one device latches all joints at one instant."""
         identity = self.devices[0].identity
         return self.is_single and identity is not None and identity.latches
 
@@ -45,7 +44,6 @@ class JointDevices:
 
     @property
     def temperature_c(self) -> float | None:
-        """Temperature of the arm: the first sensor's."""
         temperatures_c = (device.temperature_c for device in self.devices)
         return next((c for c in temperatures_c if c is not None), None)
 

@@ -208,7 +208,6 @@ class JointStream:
         return exact(counts, status)
 
     def at_own_instants(self, block: CountSamples) -> Interpolated:
-        """Return the device's own samples at their own instants."""
         status = block.status[:, self.channels]
         if block.skew_ns is None and are_valid(status).all():
             # What `at` would find, at once.

@@ -58,7 +58,6 @@ class Resampler:
         self.use_model(model)
 
     def use_model(self, model: ArmModel) -> None:
-        """Use another arm from the next sample on."""
         self.clock = self._settings.clock or model.devices[0]
         self._model = model
         self._wraps = model.wraps_counts(self._moduli)

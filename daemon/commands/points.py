@@ -86,7 +86,6 @@ class PointCommands:
 
     @handles(UndoArgs)
     async def undo(self, args: UndoArgs) -> Result:
-        """Retract the last point; return ids of retraction and point."""
         return point_result(await Undo(args.id).execute(self.measurement))
 
     @handles(LabelArgs)
@@ -292,7 +291,6 @@ class PointCommands:
 
 
 def point_result(point: Point) -> dict[str, Any]:
-    """Return the reply to a command that captured or retracted a point."""
     result = {"session": point.session, "seq": point.seq, "id": point.id}
     if point.retracts is not None:
         return result | {"retracts": point.retracts}

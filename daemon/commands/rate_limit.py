@@ -91,7 +91,6 @@ class CommandRateLimiter:
         """In the current flood, or the last one."""
 
     def admit(self) -> bool:
-        """Return whether a command may be examined; otherwise it is dropped."""
         if self._all.take():
             return True
         if self._last_ns is None:

@@ -132,7 +132,6 @@ class ConfigurationReloader:
         return new._replace(model=model, probe=probe)
 
     async def _quiet(self) -> None:
-        """Wait until no point is being taken."""
         try:
             async with asyncio.timeout(QUIET_S):
                 while not self.measurement.is_idle:  # noqa: ASYNC110 - a state, no event
@@ -165,7 +164,6 @@ def restart_required(old: Inputs, new: Inputs) -> list[str]:
 
 
 def changed_tables(old: Configuration, new: Configuration) -> list[str]:
-    """List changed tables, but `arm`."""
     return [
         name
         for name in type(new).model_fields

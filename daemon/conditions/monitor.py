@@ -108,7 +108,6 @@ class ConditionMonitor:
 
     @property
     def all_established(self) -> bool:
-        """Whether numbers are ok: all counting conditions are established."""
         return not any(
             not standing.established and standing.subject in self._counting
             for standing in self._standings.values()
@@ -116,7 +115,6 @@ class ConditionMonitor:
 
     @property
     def standings(self) -> tuple[Standing, ...]:
-        """All states, in the order of the table."""
         return tuple(self._standings.values())
 
     def establish(self, name: str, subject: str = ARM, text: str = "") -> None:

@@ -50,7 +50,6 @@ class BrokerSection(StrictModel):
     @model_validator(mode="before")
     @classmethod
     def _default_tls_port(cls, raw: object) -> object:
-        """Use the port of MQTT over TLS as default with TLS."""
         if isinstance(raw, Mapping) and raw.get("tls") is True and "port" not in raw:
             return {**raw, "port": TLS_PORT}
         return raw
@@ -370,7 +369,6 @@ def _unknown_device(where: str, name: object, ids: Iterable[str]) -> Problem:
 
 
 def _gesture_problems(index: int, table: Mapping[str, Any]) -> Iterator[Problem]:
-    """Find gestures of an input that are ambiguous or meaningless."""
     where = f"capture.inputs[{index}]"
     if "hold" in table and "long" in table:
         text = "cannot be combined with hold: both begin with a long press; use one"

@@ -71,7 +71,6 @@ class EventLog:
 
     @property
     def active(self) -> tuple[Occurrence, ...]:
-        """Lasting conditions, oldest first."""
         return tuple(self._active.values())
 
     def report(

@@ -79,7 +79,6 @@ class SampleAverage:
         self._moments_mm_s = np.zeros(3)
 
     def add(self, poses: PoseBlock) -> None:
-        """Add the needed samples of a block."""
         if self.is_complete:
             return
         times_ns = poses.sample_time_ns

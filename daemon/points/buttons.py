@@ -74,7 +74,6 @@ class GestureDetector:
         return edge_ns is not None and other_ns > edge_ns + EDGE_DELAY_NS
 
     def edge(self, active: bool, time_ns: int) -> list[GestureDecision]:
-        """Process a press or a release."""
         decided = self.passed(time_ns - 1)
         if not active:
             if self._down_ns is not None and self._up_ns is None:
@@ -181,7 +180,6 @@ class ButtonTracker:
         return not self._open and not self._held
 
     def down(self, which: Input, time_ns: int) -> Press:
-        """Process the press of a button."""
         button = self._button(which)
         press = self._open[which, button.presses] = Press()
         self._held.pop(which, None)
@@ -234,7 +232,6 @@ class ButtonTracker:
 
 
 def buttons_of(settings: CaptureSection) -> ButtonTracker:
-    """Make the buttons of a configuration."""
     times = GestureTimes(
         int(settings.hold_s * 1e9),
         int(settings.long_s * 1e9),

@@ -48,16 +48,13 @@ class Session:
 
     @property
     def next_id(self) -> str:
-        """Identifier of the next point or retraction."""
         return f"{self.id}-{self.next_seq}"
 
     @property
     def last(self) -> Point | None:
-        """Last point that has not been retracted, if any."""
         return self._standing[-1] if self._standing else None
 
     def since(self, utc_ns: int) -> list[Point]:
-        """Return its points since an instant that have not been retracted."""
         return [point for point in self._standing if point.time_ns >= utc_ns]
 
     def add(self, point: Point) -> None:
@@ -89,7 +86,6 @@ class ActiveSession:
         self.session = Session(self._now_ns())
 
     def begin(self, note: str = "") -> Session:
-        """Begin the next one."""
         self.session = Session(self._now_ns(), note, self.session.id)
         return self.session
 
@@ -178,7 +174,6 @@ class Capture:
 
     @property
     def session(self) -> Session:
-        """Session that points are added to."""
         return self._active.session
 
     def take(self, measured: PointMeasurement, trigger: Trigger) -> PendingPoint:

@@ -39,7 +39,6 @@ class RetractDetector:
     place_mm: Floats | None = None
 
     def add(self, poses: PoseBlock) -> None:
-        """Process a block of the stream."""
         if self.place_mm is None:
             beyond = first_sample_beyond(
                 poses, self.from_ns, self.from_mm, self.distance_mm
@@ -75,7 +74,6 @@ class TipCompensator:
 
     @property
     def needs_trajectory(self) -> bool:
-        """Whether the place before the touch matters."""
         return self._method == "pretouch" and self.air_mm is None
 
     def before(self, time_ns: int, place_mm: Floats) -> Floats | None:

@@ -133,13 +133,11 @@ class PointController:
         self._add(request)
 
     def take_now(self) -> PointFuture:
-        """Take a point at this instant from the stream."""
         return self._take_from_now(None)
 
     def add_latched(
         self, latch: LatchedCounts, answer: PointFuture, requested_by: str | None
     ) -> None:
-        """Take a point from counts that a device latched on request."""
         deadline_ns = self._deadline_ns()
         seen = Observation(latch.sample_time_ns, deadline_ns, latch=latch)
         self._add(
@@ -174,11 +172,9 @@ class PointController:
         return self._now_ns() + self._stage.point_wait_ns
 
     def report(self, code: str, text: str, data: dict[str, str] | None = None) -> None:
-        """Report a state, each time it changes."""
         self._events.report("info", code, text, data=data, distinct=True)
 
     def begin_session(self, note: str = "") -> Session:
-        """Number points from 0 again."""
         session = self._capture.begin_session(note)
         text = f"session {session.id} begins{': ' if note else ''}{note}"
         self.report("capture.session", text)
@@ -290,7 +286,6 @@ class PointController:
             request.resolve(outcome)
 
     def _report_edge(self, edge: EdgeRequest) -> None:
-        """Report an edge that was dealt with, then the gesture it made."""
         trigger, press, latch = edge.trigger, edge.press, edge.latch
         if trigger is None:
             return

@@ -74,7 +74,6 @@ class PointEvaluator:
 
     @property
     def needs_poses(self) -> bool:
-        """Whether points depend on the poses of the stream."""
         return bool(self._averages or self._pulls) or self.tip.follows_stream
 
     def follow(self, poses: PoseBlock) -> None:
@@ -175,7 +174,6 @@ class PointEvaluator:
             average.is_mixed = average.is_mixed or average.n > 0
 
     def forget(self, observation: Observation) -> None:
-        """Stop observing an instant."""
         if observation.average is not None:
             self._averages.remove(observation.average)
         if observation.pull is not None:

@@ -35,20 +35,16 @@ class RequestQueue:
 
     @property
     def first(self) -> Request:
-        """The request in turn."""
         return self._requests[0]
 
     @property
     def observations(self) -> Iterator[Observation]:
-        """Observations of all waiting requests."""
         return filter(None, map(observation_of, self._requests))
 
     def add(self, request: Request) -> None:
-        """Take a request."""
         self._requests.append(request)
 
     def remove_first(self) -> None:
-        """Remove the first request, which has been dealt with."""
         self._requests.popleft()
 
     def must_not_wait(self, now_ns: int | None) -> bool:

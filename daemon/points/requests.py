@@ -41,12 +41,10 @@ class EdgeRequest:
 
     @property
     def received_ns(self) -> int:
-        """When the daemon got it."""
         return self.latch.received_ns
 
     @property
     def captures(self) -> bool:
-        """Whether it requests a point, as far as is known."""
         if self.press is not None and self.press.action is not None:
             return self.press.action in CAPTURING
         return self.observation is not None
@@ -96,5 +94,4 @@ Request = EdgeRequest | PointRequest | OrderedAct
 
 
 def observation_of(request: Request) -> Observation | None:
-    """Observation that a request needs; None where it captures nothing."""
     return None if isinstance(request, OrderedAct) else request.observation

@@ -100,7 +100,6 @@ class PreTriggerBuffer:
             self._drop_oldest()
 
     def clear(self) -> None:
-        """Drop all, as after a loss or a change of files."""
         self._segments.clear()
         self._n_bytes = 0
 

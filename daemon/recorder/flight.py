@@ -25,7 +25,6 @@ RETRY_S = 30.0
 
 
 def reason_of(error: Exception) -> str:
-    """Describe an error for people."""
     if owner := reason_of_owner(error):
         return owner
     if isinstance(error, OSError) and error.strerror:
@@ -67,7 +66,6 @@ class FlightRecorder:
         self.n_bytes = 0
 
     def use(self, act: Callable[["FlightRecorder"], object]) -> None:
-        """Call ``act`` with it unless it is off or paused."""
         if not self.section.flight or self._retry_s is not None:
             return
         try:
@@ -89,7 +87,6 @@ class FlightRecorder:
     def begin_segment(
         self, at_ns: int, utc_ns: int, files: Mapping[str, bytes]
     ) -> None:
-        """Take the next message as a state, which may begin a new segment."""
         if self._writer is not None and at_ns - self._begun_ns < SEGMENT_NS:
             return
         self.close()
@@ -99,7 +96,6 @@ class FlightRecorder:
         self._delete_old(utc_ns)
 
     def end_segment(self) -> None:
-        """Begin a new segment with the next state."""
         self._begun_ns = -SEGMENT_NS
 
     def add(self, entry: Entry) -> None:
@@ -109,12 +105,10 @@ class FlightRecorder:
             self.n_bytes += len(entry.content)
 
     def attach(self, files: Mapping[str, bytes]) -> None:
-        """Add a file that is in force from now on."""
         if self._writer is not None:
             self._writer.attach(files)
 
     def flush(self) -> None:
-        """Flush to the operating system, or to the disk."""
         check_room(self.folder, self.section)
         self._flush()
 

@@ -47,7 +47,6 @@ class RecorderItem:
 
     @property
     def n_bytes(self) -> int:
-        """Approximate memory."""
         if isinstance(self.value, CountSamples):
             n, channels = self.value.counts.shape
             return int(ITEM_BYTES + n * (25 + 9 * channels))

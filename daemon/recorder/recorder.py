@@ -152,11 +152,9 @@ class StepRecorder(StepListener):
         self.request_state()
 
     def request_state(self) -> None:
-        """Record a snapshot before the next step."""
         self._due_ns = 0
 
     def keep_if_due(self, now_ns: int) -> None:
-        """Keep the last minutes if that is due after a fault."""
         if self._keep_at is None or now_ns < self._keep_at[0]:
             return
         code, self._keep_at = self._keep_at[1], None

@@ -77,7 +77,6 @@ class RecorderThread:
 
     @property
     def recorded(self) -> Recorded | None:
-        """Figures of the running recording; None without one."""
         manual = self._manual
         try:
             return None if manual is None else manual.recorded

@@ -72,7 +72,6 @@ class PointComparison:
 
     @property
     def new(self) -> int:
-        """Points of the replay that were not published."""
         return sum(map(len, self._now.values()))
 
     def _match(self, key: Key) -> None:

@@ -246,7 +246,6 @@ class Replay:
     def _join(
         self, entry: Entry, table: Mapping[str, Any], samples: CountSamples
     ) -> None:
-        """Process samples now, or join them with those that follow."""
         measurement, block = self._measurement, self.block
         if measurement is None:
             return

@@ -69,7 +69,6 @@ class JsonLines(logging.Formatter):
 
 
 def fields_of(record: logging.LogRecord) -> Mapping[str, str | int]:
-    """Return the fields of an entry, `extra={"fields": {...}}`, without empty ones."""
     fields: Mapping[str, str | int] = getattr(record, "fields", {})
     return {name: value for name, value in fields.items() if value != ""}
 

@@ -49,7 +49,6 @@ class Notifier:
             return
 
     def ready(self) -> None:
-        """Report the end of start-up, or of a reload."""
         self.send("READY=1")
 
     def reloading(self) -> None:
@@ -61,7 +60,6 @@ class Notifier:
         self.send("STOPPING=1", f"EXTEND_TIMEOUT_USEC={int(limit_s * 1e6)}")
 
     def starting(self, limit_s: float) -> None:
-        """Report that start-up takes at most ``limit_s`` more."""
         self.send(f"EXTEND_TIMEOUT_USEC={int(limit_s * 1e6)}")
 
     def status(self, text: str) -> None:
@@ -114,7 +112,6 @@ class StatusLine:
         return f"{doing}: {', '.join(parts)}"
 
     def _time(self, name: str, state: str) -> str:
-        """Return the local time at which a state was first reported."""
         before, since = self._since.get(name, ("", ""))
         if before != state:
             since = self._now()

@@ -38,7 +38,6 @@ def parameters(command: AnyCommand) -> Iterator[str]:
 
 
 def sections(command: AnyCommand, name: str) -> Iterator[str]:
-    """Yield the sections of a command and its subcommands."""
     yield f".SS {escaped(name)}\n{paragraphs(command.help or '')}"
     yield from parameters(command)
     for word, subcommand in getattr(command, "commands", {}).items():

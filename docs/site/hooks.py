@@ -38,7 +38,6 @@ _ITEM = re.compile(r"\[(?P<title>[^\]]+)\]\((?P<path>[^)\s#:]+)\)")
 
 
 def on_config(config: MkDocsConfig) -> None:
-    """Make the navigation of the map."""
     config.nav = navigation((DOCS / "index.md").read_text("utf-8"))
 
 
@@ -69,7 +68,6 @@ def navigation(index: str) -> list[Any]:
 
 
 def site_path(target: Path) -> str:
-    """Where the site has a file of the checkout."""
     real = Path(os.path.normpath(target))
     if real.is_relative_to(DOCS):
         return real.relative_to(DOCS).as_posix()
@@ -77,7 +75,6 @@ def site_path(target: Path) -> str:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the files beside docs/ that pages link to."""
     waiting = [Path(str(file.abs_src_path)) for file in files.documentation_pages()]
     known = set(waiting)
     while waiting:
@@ -92,7 +89,6 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def links_outside(page: Path) -> Iterator[Path]:
-    """The files beside docs/ that a page links to."""
     for part in _CODE.split(page.read_text("utf-8"))[::2]:
         for link in _LINK.finditer(part):
             target = Path(os.path.normpath(page.parent / link["path"]))

@@ -125,7 +125,6 @@ class Amt21Driver(PolledDriver[Amt21Line]):
         return replace(answer, count=answer.count >> unused)
 
     def _position_and_turns(self, channel: int) -> EncoderReading | ReadError:
-        """A position between two readings of the turns, which show whether 0 passed."""
         request = amt21.turns_request(self._addresses[channel])
         before = self._get(channel, request)
         if isinstance(before, ReadError):

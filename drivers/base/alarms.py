@@ -17,7 +17,6 @@ class Alarms:
         self._raised: dict[tuple[int | None, str], DeviceAlarm] = {}
 
     def is_raised(self, channel: int | None, code: str) -> bool:
-        """Return whether an alarm was delivered and lasts."""
         return (channel, code) in self._raised
 
     def begin(

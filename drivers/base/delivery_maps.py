@@ -51,7 +51,6 @@ _OPTIONAL = {"skew_ns", "skew_bound_ns"}
 
 
 def delivery_kind(delivery: Delivery) -> str:
-    """Return the name of its kind."""
     return _NAMES[type(delivery)]
 
 

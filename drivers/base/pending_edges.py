@@ -28,7 +28,6 @@ class PendingEdges:
         return bool(self._waiting)
 
     def add(self, number: int, active: bool, sample: PolledSample) -> None:
-        """Take an edge of input ``number``."""
         self._token += 1
         times_ns = sample.ticks, sample.received_ns, sample.time_ns
         latch = LatchedCounts(

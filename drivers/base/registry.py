@@ -57,5 +57,4 @@ def driver_class(name: str) -> type[Driver]:
 
 
 def driver_names() -> tuple[str, ...]:
-    """Return the names of all drivers, other packages' last."""
     return tuple(dict.fromkeys((*DRIVERS, *offered_extensions(DRIVER_GROUP))))

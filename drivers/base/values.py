@@ -19,7 +19,6 @@ A driver does not set `STATUS_INTERPOLATED`, nor any bit that is not listed here
 
 
 def are_valid(status: NDArray[np.uint8]) -> Booleans:
-    """Return which readings are valid counts."""
     return np.asarray((status & (STATUS_ERROR | STATUS_MISSING)) == 0)
 
 
@@ -149,7 +148,6 @@ class PolledSample:
 
     @property
     def complete(self) -> bool:
-        """Whether every count is valid."""
         return not any(self.status)
 
 

@@ -133,7 +133,6 @@ def set_up_nodes(
 def bus_identity(
     facts: Sequence[NodeFacts], where: str, options: CanOpenOptions
 ) -> Identity:
-    """Return the common identity of all nodes."""
     rate_hz = BUS_SHARE * wire.largest_sync_rate_hz(len(facts), options.bitrate)
     if options.interface == "slcan":
         rate_hz = min(rate_hz, SLCAN_FRAMES_HZ / (len(facts) + 1))

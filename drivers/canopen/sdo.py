@@ -178,7 +178,6 @@ class NodeSdo(SdoClient):
         super().send_request(request)  # type: ignore[no-untyped-call]  # the library's
 
     def read_response(self) -> bytes:
-        """Wait for the answer, reading the bus."""
         until_ns = self._now_ns() + int(self.RESPONSE_TIMEOUT * 1e9)
         while not self._answers:
             left_s = (until_ns - self._now_ns()) * 1e-9

@@ -390,7 +390,6 @@ class NodeSupervisor:
             self._report_overflow(dropped)
 
     def _report_overflow(self, n: int) -> None:
-        """Report frames that could not be stored."""
         self.report_fault(
             "frames_overflowed",
             f"frames were lost on {self.bus.name} because they were not read in time",

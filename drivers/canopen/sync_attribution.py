@@ -42,7 +42,6 @@ class SyncAttribution:
         return (self.pending | self.invalidated) & (answered | ~self.unanswered)
 
     def record_missed(self, missed: int) -> None:
-        """Record the nodes that have not answered a SYNC."""
         self.unanswered = missed
         self.newly_set_up &= missed
         pending = missed & ~self.newly_set_up

@@ -37,7 +37,6 @@ class HostSchedule:
 
     @property
     def due_ns(self) -> int:
-        """When the next one is to be sent."""
         planned_ns = self._begin_ns + round(self._next * self._period_ns)
         return max(planned_ns, self._earliest_ns)
 

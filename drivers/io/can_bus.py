@@ -279,7 +279,6 @@ def _remedy(interface: str, channel: str) -> str:
 
 
 def _descriptor(bus: can.BusABC) -> int | None:
-    """Return a descriptor for `select`, or None."""
     try:
         number = bus.fileno()
     except NotImplementedError:

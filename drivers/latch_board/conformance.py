@@ -112,7 +112,6 @@ class BoardTester:
     def _expect_reply(
         self, section: int, result: int, value: int, layout: str, *request: int
     ) -> None:
-        """Send a request; its answer must be this REPLY."""
         answer = self._ask(section, layout, *request)
         expected = struct.pack("<BBBBI", 0x82, request[0], 0, result, value)
         shown = hexadecimal(expected[:2]) + " .. " + hexadecimal(expected[3:])
@@ -120,7 +119,6 @@ class BoardTester:
             raise MismatchError(section, shown, hexadecimal(answer.body))
 
     def _expect_silence(self, section: int, body: bytes) -> None:
-        """Send a message that has no answer."""
         self._line.send(body)
         answers = [f for f in self._line.gather(QUIET_S) if f.body[0] in (0x81, 0x82)]
         if answers:

@@ -40,7 +40,6 @@ def hexadecimal(data: bytes) -> str:
 
 
 def described(frames: list[ReceivedFrame]) -> str:
-    """Bodies of the first frames, for people."""
     shown = [hexadecimal(frame.body) for frame in frames[:4]]
     if len(frames) > len(shown):
         shown.append(f"and {len(frames) - len(shown)} more")
@@ -92,7 +91,6 @@ class ConformanceLine:
                 self._rest += self._port.read()
 
     def ask(self, request: int, body: bytes) -> list[ReceivedFrame]:
-        """Send a request; return its answers, of which there should be one."""
         self.send(body)
         last = self.gather(ANSWER_S, lambda frame: is_answer(frame, request))
         return [frame for frame in last if is_answer(frame, request)]
@@ -109,7 +107,6 @@ class ConformanceLine:
 
 
 def is_answer(frame: ReceivedFrame, request: int) -> bool:
-    """Return whether a frame answers the request of a number."""
     body = frame.body
     match body[0]:
         case 0x81:

@@ -32,12 +32,10 @@ class EdgeSequencer:
 
     @property
     def has_open_edges(self) -> bool:
-        """Whether the consumer has unprocessed edges."""
         return self._delivered is not None and self._delivered != self._acknowledged
 
     @property
     def needs_acknowledgement(self) -> bool:
-        """Whether the board waits for an acknowledgement, or soon will."""
         return self.has_open_edges or self._acknowledged != self._sent
 
     def take_acknowledgement(self) -> int | None:
@@ -48,7 +46,6 @@ class EdgeSequencer:
         return self._sent
 
     def note_missed(self, seq: int) -> None:
-        """Count an edge that the board forgot at HELLO."""
         if self._oldest_missed is None or _signed(seq - self._oldest_missed) < 0:
             self._oldest_missed = seq
 

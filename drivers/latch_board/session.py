@@ -118,7 +118,6 @@ class LatchBoardSession:
         self._is_waiting_reported = False
 
     def begin_stream(self, stream: int, request: int) -> None:
-        """Accept the samples of this START."""
         self._stream, self._request = stream, request
         self._sequence = StreamSequence()
 

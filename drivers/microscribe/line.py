@@ -125,7 +125,6 @@ class MicroscribeLine:
         )
 
     def home(self) -> tuple[int, ...]:
-        """Counts at the home position."""
         block = self._request(
             wire.HOME, lambda data: wire.fixed_reply(wire.HOME, wire.HOME_BYTES, data)
         )

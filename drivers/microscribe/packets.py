@@ -91,7 +91,6 @@ class PacketClock:
         return self._rate.assumed_hz if self._rate else 0.0
 
     def is_old(self, timed: TimedPacket) -> bool:
-        """Return whether a packet was latched before it was requested."""
         if self._rate is None:
             return False
         ticks, most_tick_ns = self._ticks(timed), 1e9 / self._rate.low_hz
@@ -167,7 +166,6 @@ def timer_runs(packets: Sequence[TimedPacket], rate_hz: float, wrap: int) -> boo
 
 
 def _exchange_ns(timed: TimedPacket) -> int:
-    """Return within which time it was latched."""
     return timed.begun_ns - timed.sent_ns
 
 

@@ -328,7 +328,6 @@ class MotionReport:
         ]
 
     def is_quiet(self, *, unsettled: bool) -> bool:
-        """Return whether a request is due."""
         patience_ns = CONFIRM_NS if unsettled else QUIET_NS
         return self._now_ns() - self._last_ns > patience_ns
 

@@ -114,7 +114,6 @@ class ModbusOptions(PolledOptions):
 
     @property
     def silence_s(self) -> float:
-        """Between two frames."""
         if self.baud_rate > FIXED_SILENCE_ABOVE_BAUD:
             return FAST_SILENCE_S
         return SILENCE_CHARACTERS * BITS_OF_BYTE[self.parity] / self.baud_rate

@@ -96,7 +96,6 @@ class ModbusClient(ModbusBaseSyncClient):
         return bool(self._request) and self._heard.startswith(self._request)
 
     def discard_late_bytes(self, seconds: float) -> int:
-        """Discard input for a time; return the number of bytes."""
         n_bytes = 0
         until_ns = self._now_ns() + round(seconds * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0:

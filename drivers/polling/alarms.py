@@ -50,7 +50,6 @@ class ReadErrorLog:
             )
 
     def report(self, channels: Sequence[PolledChannel], now_ns: int) -> None:
-        """Report alarms that begin and end; single misses now and then."""
         for number, channel in enumerate(channels):
             if channel.missing and not self._alarms.is_raised(number, MISSING):
                 miss = self._last[number]

@@ -43,7 +43,6 @@ class PedalDebouncer:
     def detect_edges(
         self, sample: PolledSample, *, certain: bool = False
     ) -> list[PedalEdge]:
-        """Return the edges that a packet confirms, or proves."""
         edges = []
         for number in range(self._n_inputs):
             bit = 1 << number

@@ -166,7 +166,6 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
     def _latest_reply(
         self, group: RlsLineGroup, channel: int
     ) -> TimedPosition | ReadError:
-        """Return the last unsolicited reply, or wait for a new one."""
         line = group.lines[channel]
         if self._channels[channel].missing:
             # It may have lost power, and with it the continuous mode.

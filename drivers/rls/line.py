@@ -106,7 +106,6 @@ class RlsLine:
         self.port.write(request)
 
     def waited_ns(self) -> int:
-        """Time since the request."""
         return self._now_ns() - self._sent_ns
 
     def receive(self) -> None:
@@ -126,7 +125,6 @@ class RlsLine:
         self._surplus |= not self.reply_is_incomplete
 
     def reply(self) -> bytes | ReadError:
-        """Return the whole reply, or why there is none."""
         miss: ReadError | None = None
         if self._surplus:
             miss = SHIFTED
@@ -140,7 +138,6 @@ class RlsLine:
         return self._heard
 
     def answer(self) -> TimedPosition | ReadError:
-        """Return the reply to a request for a position."""
         reply = self.reply()
         if isinstance(reply, ReadError):
             return reply
@@ -153,13 +150,11 @@ class RlsLine:
         return TimedPosition(position, time_ns, bound_ns)
 
     def follow(self, request: bytes) -> None:
-        """Follow unsolicited answers to a request."""
         self._replies = rls.Replies(request, self._layout)
         self.reply_duration_ns = self._layout.reply_bytes(request) * self._byte_ns
         self.latest = None
 
     def listen(self) -> None:
-        """Process unsolicited replies."""
         data = self.port.read()
         now_ns = self._now_ns()
         if self._replies is None:

@@ -146,7 +146,6 @@ class LinePattern:
         return 8 if "buttons" in self.fields else self.fields.count("button")
 
     def read(self, raw: bytes) -> Line | OddLine:
-        """Read a line, or return the reason."""
         if not raw.isascii():
             return OddLine("has bytes that are no text")
         match = self._regex.fullmatch(raw.decode("ascii").strip(" \t\r"))

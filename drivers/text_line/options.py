@@ -49,7 +49,6 @@ class TextLineOptions(DriverOptions):
 
     @cached_property
     def line_pattern(self) -> LinePattern:
-        """Reads its lines."""
         return LinePattern(
             self.pattern,
             self.unit,

@@ -55,7 +55,6 @@ class Debounce:
         return held
 
     def settle(self, now_ns: int) -> DebouncedEdge | None:
-        """Return an edge whose level has held until now."""
         if not self._bouncing or now_ns - self._last_ns < self._hold_ns:
             return None
         self._bouncing = False
@@ -92,7 +91,6 @@ class TriggerOptions(DriverOptions):
 
     @property
     def hold_ns(self) -> int:
-        """How long an input must hold its new level."""
         return self.debounce_us * 1000
 
 

@@ -158,7 +158,6 @@ def _effect_model(name: str) -> type[Effect]:
 
 
 def effect_from_table(table: object) -> Effect:
-    """Make an effect of its kind's class."""
     if isinstance(table, Effect):
         return table
     return Effect.variant(table).model_validate(tuples_for_lists(table))
@@ -218,7 +217,6 @@ def write_arm(path: str | Path, arm: Arm) -> None:
 
 
 def _text_before(path: Path) -> str | None:
-    """Return the text of the file to be replaced, if it is an arm file."""
     try:
         parse_arm(text := toml_text(path), str(path))
     except FileError:

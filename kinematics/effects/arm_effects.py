@@ -72,7 +72,6 @@ class ArmEffects:
 
     @property
     def needs(self) -> frozenset[Need]:
-        """Covariates that every sample must have."""
         return frozenset(need for c in self.corrections for need in c.needs)
 
     @property
@@ -90,7 +89,6 @@ class ArmEffects:
         return np.array([value for c in self.corrections for value in c.values])
 
     def name(self, correction: Correction) -> str:
-        """Name an effect: joint where it has one, kind, and variety."""
         names = self.joint_names[correction.joints]
         joint = names if len(names) == 1 else ()
         return ".".join((*joint, correction.kind, *correction.variety))

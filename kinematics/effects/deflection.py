@@ -78,7 +78,6 @@ class Deflection:
 def totals(
     corrections: tuple[BodyCorrection, ...], posture: Posture
 ) -> dict[Target, Floats]:
-    """Sum the amounts of each target."""
     amounts: dict[Target, Floats] = {}
     n_joints, n_samples = posture.turns_rad.shape
     for correction in corrections:

@@ -214,7 +214,6 @@ def pose_flags(effects: ArmEffects, block: Block) -> PoseFlags:
 def undeflected_posture(
     geometry: Geometry, effects: ArmEffects, block: Block
 ) -> Posture:
-    """Compute the posture of the corrected readings."""
     # Contiguous, as `Block.rows` says.
     readings_rad = np.ascontiguousarray(_hinge_readings(geometry, effects, block).T)
     gravity = block.gravity_m_s2

@@ -256,7 +256,6 @@ def element_values(
     radius_mm: float = 0.0,
     angle_rad: float = 0.0,
 ) -> Floats:
-    """Return q, (8,)."""
     directed = np.zeros(3) if direction is None else direction
     values: Floats = np.concatenate([place_mm, directed, [radius_mm, angle_rad]])
     return values

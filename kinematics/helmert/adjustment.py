@@ -233,7 +233,6 @@ def adjusted_helmert(
 
 
 def _astray(shape: Shape, size: float) -> str:
-    """Return why an adjustment does not converge."""
     text = (
         f"the adjustment does not converge (last step {size:.1g} of the extent of the "
         "points): their errors are as large as what they span, or names are exchanged"

@@ -228,8 +228,6 @@ class DHFile:
 
 
 class _TomlTable(StrictModel):
-    """The file as TOML; the rows are checked on their own."""
-
     schema_: Literal["traverse/dh/1"] = Field(alias="schema")
     convention: Convention | None = None
     name: str | None = None
@@ -330,7 +328,6 @@ def dh_csv(table: DHTable, names: Sequence[str], base_rad: Sequence[float]) -> s
 def dh_values(
     arm: str, table: DHTable, names: Sequence[str], base_rad: Sequence[float]
 ) -> dict[str, Any]:
-    """Return a table as the plain values of its TOML file."""
     return {
         "schema": "traverse/dh/1",
         "convention": table.convention,

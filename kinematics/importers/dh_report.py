@@ -87,7 +87,6 @@ def sizes_mm(distances_mm: Floats, seed: int) -> dict[str, float]:
 
 
 def remark_lines(report: Mapping[str, Any]) -> Iterator[str]:
-    """Describe a table in lines of text."""
     misfit = report["misfit_mm"]
     yield (
         f"misfit at the probe over {misfit['postures']} random postures: rms "

@@ -50,7 +50,6 @@ def reach_doubt(geometry: Geometry) -> Iterator[str]:
 
 
 def arm_doubts(arm: Arm) -> Iterator[str]:
-    """Ask about all of an arm file."""
     for joint in arm.joints:
         yield from angle_doubt(f"zero_rad of {joint.name}", joint.zero_rad)
     yield from reach_doubt(geometry_from_arm(arm))

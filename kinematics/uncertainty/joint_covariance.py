@@ -60,7 +60,6 @@ class JointCovariance:
 
     @property
     def with_arm(self) -> bool:
-        """Whether the parameters of the arm are included."""
         return bool(self.shared_mm.size)
 
     @property
@@ -84,7 +83,6 @@ class JointCovariance:
         )
 
     def joined(self, other: "JointCovariance") -> "JointCovariance":
-        """Join points of the same arm."""
         return JointCovariance(
             np.concatenate([self.points_mm, other.points_mm]),
             np.concatenate([self.covariances_mm2, other.covariances_mm2]),

@@ -101,7 +101,6 @@ def decode(can_id: int, data: bytes | bytearray) -> Message | None:
 
 
 def identifiers(nodes: Iterable[int]) -> list[int]:
-    """Return all identifiers of these nodes, and of the source of SYNC."""
     services = (EMCY, TPDO1, SDO_ANSWER, HEARTBEAT)
     return [SYNC, *(service + node for node in nodes for service in services)]
 
@@ -121,5 +120,4 @@ def frame_bits(n_bytes: int) -> int:
 
 
 def largest_sync_rate_hz(n_nodes: int, bit_rate: int) -> float:
-    """Return the greatest rate of a SYNC with the positions of all nodes."""
     return bit_rate / (frame_bits(0) + n_nodes * frame_bits(POSITION.size))

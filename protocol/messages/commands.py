@@ -46,7 +46,6 @@ class Args(Value):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **options: object) -> None:
-        """Make the command known under its name."""
         super().__pydantic_init_subclass__(**options)
         COMMANDS[cls.command] = cls
 

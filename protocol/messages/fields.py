@@ -80,7 +80,6 @@ class Value(BaseModel):
 
 
 def schema_field(schema: _Schema) -> _Schema:
-    """The field `schema` of a message, with its only value."""
     field: _Schema = Field(schema, alias="schema", description=SCHEMA_MEANING)
     return field
 

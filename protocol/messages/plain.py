@@ -31,7 +31,6 @@ def plain_map(value: object) -> dict[str, Any]:
 
 
 def _plain(value: object, where: str, level: int) -> object:
-    """A value as it may be in a message."""
     if value is None or isinstance(value, bool):
         return value
     if isinstance(value, str):

@@ -99,7 +99,6 @@ class Quality(Value):
     @classmethod
     @lru_cache(maxsize=256)  # one never changes, and most points have the same few
     def from_bits(cls, bits: int) -> Self:
-        """The quality that a sample's bits tell."""
         return cls(ok=not bits & ~REMARKS.value, flags=flag_names(bits))
 
     @model_validator(mode="after")

@@ -81,11 +81,9 @@ class PacketDecoder:
 
     @property
     def pending(self) -> bool:
-        """A packet has begun and is not yet whole."""
         return bool(self._begun)
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Process bytes; return the packets that they complete."""
         packets = []
         for byte in data:
             if byte & _MARK:

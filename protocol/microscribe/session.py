@@ -87,7 +87,6 @@ def text_reply(command: int, data: bytes) -> str | None:
 
 
 def plain_text(data: bytes) -> str:
-    """A text of the arm without unprintable characters."""
     text = data[:LONGEST_TEXT].decode("latin-1")
     return "".join(c for c in text if c.isprintable()).strip()
 
@@ -126,7 +125,6 @@ def maxes_reply(data: bytes) -> Maxes | None:
 
 
 def home_counts(block: bytes) -> tuple[int, ...]:
-    """Counts at the home position, (6)."""
     return struct.unpack(">6H", block)
 
 

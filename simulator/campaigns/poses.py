@@ -95,8 +95,6 @@ def _touched(artefacts: tuple[Artefact, ...], n_visits: int) -> tuple[Indices, I
 
 @dataclass(frozen=True, slots=True)
 class _Touching:
-    """Draws contacts and their postures."""
-
     artefacts: tuple[PlacedArtefact, ...]
     artefact_index: Indices
     feature_index: Indices

@@ -25,7 +25,6 @@ N_LOOKS = 1000  # postures that determine the width of the working volume
 def spec_artefacts(
     spec: CampaignSpec, workspace: Workspace, seed: int
 ) -> tuple[Artefact, ...]:
-    """Return the artefacts of a specification, in sizes for the arm."""
     if spec.mix is None or spec.n_poses is None:
         return spec.artefacts
     width_mm = _width_mm(workspace, stream(seed, "sizes"))

@@ -58,7 +58,6 @@ class SimulatedAmt21Line(SerialDevice):
         super().__init__(table, mounting, [table.port])
 
     def power_up(self, now_s: float) -> None:
-        """Start all encoders."""
         self._ready_s = [now_s] * len(self._zeros)
         self._commanded: int | None = None
 

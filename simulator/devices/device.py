@@ -51,7 +51,6 @@ class DeviceContext:
 
     @property
     def line_faults(self) -> tuple[Fault, ...]:
-        """Faults of the line and of the device itself."""
         return tuple(f for f in self.faults if not isinstance(f, EncoderFault))
 
     def wiring(

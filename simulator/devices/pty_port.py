@@ -77,7 +77,6 @@ class PtyPort:
         return int(termios.tcgetattr(self.descriptor)[4])
 
     def host_changed(self) -> bool:
-        """Return whether a host took or released the other end."""
         self._changes.poll(0)
         state = self._poll.poll(0)
         held = not any(flags & select.POLLHUP for _, flags in state)

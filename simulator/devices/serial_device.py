@@ -179,7 +179,6 @@ class SerialDevice(SimulatedDevice):
         self._lines = []
 
     def switch_on(self, now_s: float) -> None:
-        """Make the ports, and begin anew."""
         super().switch_on(now_s)
         try:
             for path in self._paths:

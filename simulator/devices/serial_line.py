@@ -80,7 +80,6 @@ class DisturbedLine:
         return late_s
 
     def spoils_check(self, script_s: float, channel: int | None = None) -> bool:
-        """Return whether the check bits of an answer are wrong."""
         struck = [
             self._draw(number)
             for number, fault in self._lasting(script_s, channel)

@@ -82,7 +82,6 @@ class WrongClock:
         return np.asarray(periods * lost_s + in_period_s)
 
     def shown_s(self, true_s: float) -> float:
-        """Return its reading at a time."""
         if self.is_steady:
             return true_s * self._rate
         return float(self._shown_s(np.array([true_s]))[0])

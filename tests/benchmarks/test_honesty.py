@@ -23,7 +23,6 @@ from traverse.protocol.messages.quality import Quality, QualityFlag
 
 
 def quiet_plan(family: str, **changes):
-    """A short world of a family without faults, in which the arm rests."""
     place = list(FAMILIES).index(family)
     plan = replace(draw_plan(place), pace="rest", duration_s=8.0, faults=())
     changes = {"is_identified": True, "is_confirmed": True} | changes

@@ -1,5 +1,3 @@
-"""The client at a broker that a test plays, in its own bytes."""
-
 import asyncio
 import contextlib
 from itertools import pairwise

@@ -1,5 +1,3 @@
-"""The pause between attempts to connect."""
-
 import pytest
 
 from traverse.broker.pause import LASTING_S, GrowingPause

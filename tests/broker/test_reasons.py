@@ -28,8 +28,6 @@ WORDING = Wording("this visitor", " of [door]", "speak TLS", "; look elsewhere")
 
 @dataclass(frozen=True, slots=True)
 class Door:
-    """An address as the reasons want to see it."""
-
     host: str = "arms.example"
     username: str | None = None
     tls: bool = True
@@ -59,7 +57,6 @@ def error_of_openssl(answer):
 
 
 def alert(number):
-    """A fatal alert of TLS 1.2."""
     return bytes((21, 3, 3, 0, 2, 2, number))
 
 

@@ -49,8 +49,6 @@ POINTS = (
 
 @dataclass
 class Scene:
-    """Everything at work."""
-
     bench: Workbench
     broker: Mosquitto
     simulator: Program
@@ -60,7 +58,6 @@ class Scene:
 
 @pytest.fixture
 def own_broker(tmp_path: Path) -> Iterator[Mosquitto]:
-    """A broker that a test may kill."""
     broker = Mosquitto(tmp_path)
     broker.start()
     yield broker
@@ -101,8 +98,6 @@ class OpenPage(Protocol):
 
 
 class ServePage(Protocol):
-    """As `OpenPage`; gives the page and its server."""
-
     def __call__(
         self, arm: str, broker: str, **options: Any
     ) -> contextlib.AbstractAsyncContextManager[tuple[Page, Program]]: ...
@@ -115,7 +110,6 @@ def served_page(chromium: Browser, tmp_path: Path) -> OpenPage:
 
 @pytest.fixture
 def page_and_server(chromium: Browser, tmp_path: Path) -> ServePage:
-    """Serves the page of an arm, opens it; gives the server, too."""
     return partial(_page_and_server, chromium, tmp_path)
 
 
@@ -216,7 +210,6 @@ class PosedDaemon(VirtualDaemon):
 
     @contextlib.asynccontextmanager
     async def posing(self) -> AsyncIterator["PosedDaemon"]:
-        """The daemon's life, with poses."""
         async with self.running():
             sending = asyncio.create_task(self._send_poses())
             try:
@@ -247,7 +240,6 @@ class PosedDaemon(VirtualDaemon):
 
 @pytest.fixture
 def posed(own_broker: Mosquitto) -> PosedDaemon:
-    """A daemon of an arm of its own; not yet running."""
     name = f"arm-{uuid.uuid4().hex[:8]}"
     return PosedDaemon(name, own_broker.host, own_broker.port)
 

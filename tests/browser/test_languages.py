@@ -1,5 +1,3 @@
-"""The page in other languages, chosen by the browser or by hand."""
-
 import pytest
 from playwright.async_api import Page, expect
 

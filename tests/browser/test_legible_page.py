@@ -52,7 +52,6 @@ FIRST = (".word", ".axis .value >> nth=2", ".controls .take", ".part h2")
 
 
 async def fill(page: Page, posed: PosedDaemon) -> None:
-    """Everything that has a colour of its own."""
     await expect(page.locator(".word")).to_have_text("Ready")
     doubtful = {"quality": {"ok": False, "flags": ["turns_uncertain"]}}
     await posed.take(1)

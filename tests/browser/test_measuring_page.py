@@ -36,7 +36,6 @@ async def are_shown(page: Page, n: int) -> None:
 
 
 async def cells(page: Page, row: int) -> list[str]:
-    """Cells of a row of the list of points."""
     return await rows(page).nth(row).locator("td").all_inner_texts()
 
 

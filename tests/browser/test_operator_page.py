@@ -1,5 +1,3 @@
-"""The operator's page in a real browser."""
-
 import json
 import re
 

@@ -268,7 +268,6 @@ async def relate(page: Page, kind: str, *names: str) -> None:
 
 
 async def conditions(page: Page, *values: str) -> None:
-    """State the properties of ball and part."""
     await page.locator(".part").get_by_role("button", name="Conditions").click()
     dialog = page.get_by_role("dialog")
     for place, value in enumerate(values):

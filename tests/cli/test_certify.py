@@ -32,7 +32,6 @@ def run(line: str, status: int = 0) -> Result:
 
 
 def shown(beginning: str) -> list[str]:
-    """Commands of the page that begin so."""
     return re.findall(rf"^\$ ({beginning}.*)$", PAGE, re.MULTILINE)
 
 

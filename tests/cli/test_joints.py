@@ -52,8 +52,6 @@ port = "{port}"
 
 
 class Conversation:
-    """The command as a process."""
-
     def __init__(self, folder, *options):
         self._process = subprocess.Popen(
             [sys.executable, "-m", "traverse", "joints", "daemon.toml", *options],

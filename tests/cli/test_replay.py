@@ -24,7 +24,6 @@ def made_result(
     left_out=0,
     **of,
 ):
-    """A result with these figures; three points are the same."""
     compared = PointComparison(tolerance_mm=4.5e-13)
     compared.sure = points or Tally(n=3, same=3, within=3)
     compared.early = early or Tally()

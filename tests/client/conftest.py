@@ -22,6 +22,5 @@ def broker(mosquitto: Mosquitto) -> str:
 
 @pytest.fixture
 async def network(mosquitto: Mosquitto) -> AsyncIterator[Network]:
-    """Between client and broker, on a port of its own."""
     async with Network(mosquitto.port) as network:
         yield network

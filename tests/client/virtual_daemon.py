@@ -104,7 +104,6 @@ class VirtualDaemon:
                 self._client = None
 
     async def begin_session(self) -> str:
-        """Number from 0 again."""
         self.session = uuid.uuid4().hex
         self.outbox[self.session] = {}
         self.begun_ns[self.session] = time.time_ns()
@@ -124,7 +123,6 @@ class VirtualDaemon:
         await self.publish_raw(kind, encode(message, "msgpack"))
 
     async def publish_raw(self, kind: str, payload: bytes) -> None:
-        """Say anything."""
         channel = topics.CHANNELS[kind]
         assert self._client is not None
         topic = f"{topics.ROOT}/{self.arm}/{kind}"

@@ -62,8 +62,6 @@ class DeafDriver(Driver):
 
 
 class ArmBench:
-    """All that measures, in time that a test sets."""
-
     def __init__(self, folder, model=None, uncertainty=None, capture=None, **assembly):
         self.clock = SetClock()
         self.clock.now_ns = BEGIN_NS
@@ -104,7 +102,6 @@ class ArmBench:
         return self.room
 
     def change_status(self):
-        """Remembers the session and the model of each changed status."""
         model = self.measurement.model.digest
         self.statuses.append((self.capture.session.id, model))
 
@@ -128,7 +125,6 @@ class ArmBench:
             self.measurement.dispatch(self.devices[delivery.device], delivery)
 
     def stream(self, first, end, speed=0.0):
-        """Samples of both devices, 100 a second, up to a number."""
         self.take(
             wrist(rate_hz=100.0, speed=speed).samples(range(first, end)),
             base(speed=speed).samples(range(first, end)),
@@ -147,7 +143,6 @@ class ArmBench:
 
 
 def edge(device, instant_ns, token=0, *, number=0, active=True, counts=()):
-    """An edge of a device, delivered to the daemon at once."""
     status = (0,) * len(counts)
     return LatchedCounts(
         device, number, active, token, 0, instant_ns, instant_ns, counts, status

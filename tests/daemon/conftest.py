@@ -1,5 +1,3 @@
-"""Fixtures that tests of all folders share."""
-
 from collections.abc import AsyncIterator
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""The figures of the daemon."""
-
 import numpy as np
 import pytest
 

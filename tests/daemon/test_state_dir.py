@@ -1,5 +1,3 @@
-"""Where state is kept."""
-
 import stat
 
 from traverse.daemon.state_dir import state_folder

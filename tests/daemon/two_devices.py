@@ -17,7 +17,6 @@ ON_TWO = ARM.replace('source = "base/1"', 'source = "wrist/1"')
 
 
 def identity(jitter_ns=0):
-    """Identity of a device whose counts wrap to 0 after a turn."""
     return Identity("device", "1", (), 0, 100.0, jitter_ns=jitter_ns)
 
 
@@ -70,7 +69,6 @@ class Reader:
         return self.times_ns(seq) + skew_ns
 
     def samples(self, seq: Sequence[int]) -> CountSamples:
-        """What it delivers for these numbers."""
         n, channels = len(seq), len(self.channels)
         counts = np.zeros((n, channels), np.uint32)
         for channel, joint in enumerate(self.channels):

@@ -39,8 +39,6 @@ ARM = arm_text(
 
 
 class SetClock(HostClock):
-    """Stands until a test moves it."""
-
     def __init__(self) -> None:
         self.now_ns = 10**12
         self.offset_ns = UTC_OFFSET_NS
@@ -53,8 +51,6 @@ class SetClock(HostClock):
 
 
 def kept_at_once(take: Callable[[Point], bool]):
-    """Keeps points for a capture; those that ``take`` says True to, and at once."""
-
     def keep(point: Point, begun_ns: int, note: str) -> PendingPoint | None:
         if not take(point):
             return None
@@ -170,7 +166,6 @@ class PoseMaker:
 
 
 def joined_poses(blocks: list[PoseBlock]) -> PoseBlock:
-    """Blocks of one arm, one after the other."""
     columns = {
         field.name: np.concatenate([getattr(block, field.name) for block in blocks])
         for field in fields(PoseBlock)

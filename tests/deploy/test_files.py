@@ -31,7 +31,6 @@ each = pytest.mark.parametrize(
 
 
 def settings(text: str) -> dict[str, list[str]]:
-    """All values of each key of a unit file."""
     values: dict[str, list[str]] = {}
     for key, value in re.findall(r"^([A-Za-z]+)=(.*)$", text, re.MULTILINE):
         values.setdefault(key, []).append(value)
@@ -190,7 +189,6 @@ def test_names_are_below_one_folder_and_tell_the_serial_number() -> None:
 
 
 def module_of(name: str) -> ModuleType:
-    """Load a program of deploy/, which is no package."""
     spec = importlib.util.spec_from_file_location(name, DEPLOY / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None

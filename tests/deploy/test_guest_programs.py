@@ -12,7 +12,6 @@ BY_PYTHON = sys.stdlib_module_names | {"tests", "traverse"}
 
 
 def imported(path: Path) -> set[str]:
-    """Modules that a file imports when it is imported itself."""
     names = set()
     for node in ast.parse(path.read_text("utf-8")).body:
         if isinstance(node, ast.Import):

@@ -47,7 +47,6 @@ def credentials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def broker(tmp_path: Path) -> Iterator[Mosquitto]:
-    """It accepts the account of the example."""
     mosquitto = Mosquitto(tmp_path, {f"{ARM}-operator": PASSWORD})
     mosquitto.start()
     yield mosquitto

@@ -1,5 +1,3 @@
-"""The pages of the documentation, taken apart."""
-
 import re
 from pathlib import Path
 from typing import Any

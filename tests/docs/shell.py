@@ -80,7 +80,6 @@ class Shell(AbstractContextManager["Shell"]):
         assert text in self.output, self.output
 
     async def ends(self) -> str:
-        """Wait until it has ended well; return its output."""
         await until(
             lambda: self.process.poll() is not None, f"{self.line}: end", PATIENCE_S
         )

@@ -30,7 +30,6 @@ _PLACEHOLDER = re.compile(r"\.\.\.|[\[\]|<>]|[A-Z]{2,}")
 
 
 def problem(line: str) -> str | None:
-    """Return the errors of one command, by its own parser."""
     words = shlex.split(line, comments=True)
     while words and re.fullmatch(r"[A-Z_]+=.*|sudo", words[0]):
         words.pop(0)

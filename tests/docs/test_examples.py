@@ -149,7 +149,6 @@ def test_array_reader_reads_a_scan() -> None:
 
 @contextmanager
 def running(program: str) -> Iterator[subprocess.Popen[str]]:
-    """A Python program beside us, ended with the block."""
     process = subprocess.Popen(
         [sys.executable, "-c", program],
         stdout=subprocess.PIPE,
@@ -182,7 +181,6 @@ def test_point_reader_prints_a_point(mosquitto: Mosquitto) -> None:
 
 
 def publish(mosquitto: Mosquitto, topic: str, payload: bytes) -> None:
-    """Leave a retained message at a broker."""
     paho.mqtt.publish.single(
         topic, payload, qos=1, retain=True, hostname=mosquitto.host, port=mosquitto.port
     )

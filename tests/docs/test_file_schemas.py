@@ -31,7 +31,6 @@ def validator(name: str) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Values of TOML as an editor gives them to the schema."""
     if isinstance(value, dict):
         return {key: plain(entry) for key, entry in value.items()}
     if isinstance(value, list):

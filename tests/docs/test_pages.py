@@ -65,7 +65,6 @@ BLOCKS = [
 
 
 def of(language: str) -> list[tuple[str, str]]:
-    """Page and text of all blocks in a language."""
     return [(page, text) for page, kind, text in BLOCKS if kind == language]
 
 

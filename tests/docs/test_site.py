@@ -48,7 +48,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def page_in(site: Path, page: Path) -> Path:
-    """The file of the site that a page of the checkout has become."""
     docs = CHECKOUT / "docs"
     if not page.is_relative_to(docs):
         page = docs / "checkout" / page.relative_to(CHECKOUT)

@@ -1,5 +1,3 @@
-"""Deliveries of a driver, taken apart."""
-
 from typing import Any
 
 import numpy as np

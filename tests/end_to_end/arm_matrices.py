@@ -28,7 +28,6 @@ class MatrixArm:
         ]
 
     def pose(self, counts: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        """Ball centre [mm] and shank at counts, (3,) each."""
         frame = _shifted(self._file["origin_mm"])
         for angle_rad, joint in zip(self.angles_rad(counts), self._joints, strict=True):
             turn_rad = angle_rad - joint["zero_rad"]

@@ -14,7 +14,6 @@ def bench(mosquitto: Mosquitto, tmp_path: Path) -> Workbench:
 
 @pytest.fixture
 def resting(bench: Workbench) -> Workbench:
-    """An arm at rest, so that only commands give points."""
     bench.write_simulator(REST)
     bench.write_daemon()
     return bench

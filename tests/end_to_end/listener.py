@@ -137,13 +137,11 @@ class Listener:
         return [e for e in self.events if e.code == code and e.active is active]
 
     async def start_scan(self, rate_hz: float | None = None, **args: Any) -> str:
-        """Start a scan; its identifier."""
         started = await self.command(ScanArgs(action="start", rate_hz=rate_hz, **args))
         assert started.ok, started
         return str((started.result or {})["scan"])
 
     async def stop_scan(self, scan: str) -> list[Scan]:
-        """Stop the scan that runs; all its blocks."""
         stopped = await self.command(ScanArgs(action="stop"))
         blocks = await self.scan_ended(scan)
         assert stopped.result == {"scan": scan, "total": blocks[-1].total}
@@ -152,7 +150,6 @@ class Listener:
     async def scan_points(
         self, scan: str, n: int, timeout_s: float = PATIENCE_S
     ) -> None:
-        """Wait until a scan has reached number n."""
         await until(
             lambda: any(
                 s.scan == scan and s.seq + len(s.dtime_ns) >= n for s in self.scans
@@ -162,7 +159,6 @@ class Listener:
         )
 
     async def scan_ended(self, scan: str) -> list[Scan]:
-        """Wait for the last block of a scan; return all its blocks."""
         await until(
             lambda: any(s.scan == scan and s.last for s in self.scans),
             f"the end of scan {scan}",

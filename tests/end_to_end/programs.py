@@ -63,13 +63,11 @@ class Program(AbstractContextManager["Program"]):
         await until(has_said, f"{self.name} says {text!r}", timeout_s)
 
     async def ended(self, timeout_s: float = PATIENCE_S) -> int:
-        """Wait until it has ended by itself; its exit status."""
         await until(
             lambda: self.process.poll() is not None, f"{self.name} ends", timeout_s
         )
         return self.process.wait()
 
     async def stop(self, number: int = signal.SIGTERM) -> int:
-        """Ask it to end; its exit status."""
         self.process.send_signal(number)
         return await self.ended()

@@ -68,7 +68,6 @@ class Workbench:
         self.confirm_board()
 
     def confirm_board(self, serial: str = BOARD_SERIAL) -> None:
-        """Let the daemon know the board, as an operator has confirmed it."""
         model = read_model(self.arm_file, {"base": None})
         base = ConfirmedDevice(encoders_text(model, "base", ()), (serial,))
         state = self.folder / "state"
@@ -84,7 +83,6 @@ class Workbench:
 
     @property
     def pty(self) -> Path:
-        """Where the simulated board is plugged in."""
         return self.folder / "board.pty"
 
     def write_simulator(
@@ -95,7 +93,6 @@ class Workbench:
         faults: str = "",
         top: str = "",
     ) -> None:
-        """Write the simulator's configuration; arguments are TOML of its tables."""
         parts = [
             'schema = "traverse/simulator/1"\nseed = 11\nstart = "first_start"',
             f'truth_log = "truth.jsonl"\n{top}',
@@ -151,7 +148,6 @@ class Workbench:
         (self.folder / file).write_text(text.replace(old, new), "utf-8")
 
     def simulator(self, name: str = "simulator") -> Program:
-        """Start the simulator; wait until it says "ready base"."""
         return Program(self.folder, name, "simulate", "devices", "simulator.toml")
 
     async def kill_simulator(self, simulator: Program) -> None:

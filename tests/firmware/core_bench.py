@@ -29,12 +29,10 @@ class CoreBench:
         )
 
     def wire(self, data: bytes) -> bytes:
-        """Give it bytes; return those that it sends at once."""
         self._core.bench_receive(data, len(data))
         return self._sent_bytes()
 
     def ask(self, body: str) -> list[str]:
-        """Ask in hexadecimal digits; return bodies in such."""
         return shown(self._bodies(self.wire(framed(bytes.fromhex(body)))))
 
     def after(

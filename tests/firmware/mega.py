@@ -1,5 +1,3 @@
-"""The firmware of an Arduino Mega in its emulator."""
-
 from pathlib import Path
 
 from tests.firmware.built import FIRMWARE

@@ -71,7 +71,6 @@ def test_a_long_burst_at_the_rate_of_the_line_loses_nothing(tmp_path):
 
 
 def stop_is_answered(port):
-    """Read frames until the answer to STOP, request 4."""
     for _ in range(100):
         frame = port.read_until(b"\0")
         if frame.endswith(b"\0") and cobs.decode(frame[:-1])[:3] == b"\x82\x04\x04":

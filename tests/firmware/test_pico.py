@@ -21,7 +21,6 @@ LATE_CYCLES = 10 * 125  # LATE_TICKS of firmware/ports/rp2040/main.c
 
 @pytest.fixture(autouse=True)
 def _packages(pytestconfig):
-    """Packages of npm, as `make node` puts them there."""
     if not (PACKAGES / "rp2040js").is_dir():
         required = "node" in pytestconfig.getoption("--required").split()
         (pytest.fail if required else pytest.skip)("needs `make node` once")

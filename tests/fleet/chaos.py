@@ -25,8 +25,6 @@ PATIENCE_S = 90.0
 
 @dataclass
 class Result:
-    """Counts of actions and of faults."""
-
     captured: int = 0
     kills: dict[str, int] = field(default_factory=dict)
     lost: int = 0
@@ -65,7 +63,6 @@ class Members:
             self._running[number] = None
 
     def stop(self) -> list[int]:
-        """End all in order; their exit statuses."""
         statuses = []
         for number, process in enumerate(self._running):
             if process is None:
@@ -76,7 +73,6 @@ class Members:
         return statuses
 
     async def are_connected(self) -> None:
-        """Wait until each has been."""
         until_s = asyncio.get_running_loop().time() + PATIENCE_S
         while not all("connected to" in self.log(n) for n in range(len(self._running))):
             assert asyncio.get_running_loop().time() < until_s
@@ -98,7 +94,6 @@ async def life(arm: VirtualDaemon, ended: asyncio.Event, chance: random.Random) 
 
 
 async def online(arm: VirtualDaemon, ended: asyncio.Event) -> None:
-    """An arm that takes no more, and answers."""
     while not ended.is_set():
         with contextlib.suppress(aiomqtt.MqttError, OSError):
             async with arm.running():
@@ -116,7 +111,6 @@ async def chaos(
     n_kills: int,
     seed: int,
 ) -> Result:
-    """Let everything die, then wait until the store is complete."""
     chance = random.Random(seed)
     url = str(folder / "store.db") if postgres is None else postgres.url
     members = Members(broker, url, folder, n_members)

@@ -39,7 +39,6 @@ class Running:
 
 @contextlib.asynccontextmanager
 async def started(folder, broker, *words):
-    """A member that is there; it ends with the block, however that ends."""
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "traverse", "store"),
         *("--broker", f"{broker.host}:{broker.port}", "--gap-s", "1", "--list-s", "1"),

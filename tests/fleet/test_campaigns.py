@@ -148,7 +148,6 @@ def results(campaigns, out, workers):
 
 
 def files_of(out):
-    """Read all but the duration on a page."""
     return {
         str(path.relative_to(out)): re.sub(rb"[0-9.]+ s\b", b"", path.read_bytes())
         for path in sorted(out.rglob("*"))
@@ -158,7 +157,6 @@ def files_of(out):
 
 @pytest.fixture(scope="module")
 def serial(campaigns, tmp_path_factory):
-    """Files of all campaigns, identified one after the other."""
     out = tmp_path_factory.mktemp("serial")
     for outcome in results(campaigns, out, Workers(1)):
         assert (outcome.failed, outcome.good) == (False, True), outcome.verdict

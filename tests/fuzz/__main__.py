@@ -54,7 +54,6 @@ def fuzz(name: str | None, limits: list[str]) -> None:
 
 
 def fuzz_all(seconds: float) -> int:
-    """Fuzz each target in a process of its own; print the result."""
     each_s = max(1, round(seconds / len(NAMES)))
     failed = []
     for name in NAMES:

@@ -59,7 +59,6 @@ say = "cone, elbow to the left"
 
 
 def make_samples(folder: Path, *, computed: bool = True) -> Path:
-    """Write them all, or without slow ones; return the folder."""
     for name in ("arm.toml", "simulator.toml"):
         shutil.copyfile(DATA / name, folder / name)
     daemon = (DATA / "daemon.toml").read_text("utf-8")
@@ -183,7 +182,6 @@ async def _steps(folder: Path) -> Path:
 
 
 def _collected(folder: Path) -> None:
-    """A collection in its middle."""
     folder.mkdir()
     (folder / "campaign.toml").write_text(CAMPAIGN)
     values = {"angles_rad": [0.1] * 7, "approach": [1] * 7, "speed_rad_s": [0.1] * 7}

@@ -24,7 +24,6 @@ SEEDS = tuple(
 
 
 def written(packet: Packet) -> bytes:
-    """The packet as it must have been received."""
     words = ([] if packet.timer is None else [packet.timer]) + list(packet.encoders)
     halves = [half for word in words for half in divmod(word, 128)]
     return bytes([0x83 if packet.timer is None else 0xA3, packet.buttons, *halves])
@@ -48,7 +47,6 @@ def check(data: bytes) -> None:
 
 
 def check_answers(heard: bytes) -> None:
-    """The arm's identification."""
     for command in session.TEXTS.values():
         text = session.text_reply(command, heard)
         assert text is None or text.isprintable()

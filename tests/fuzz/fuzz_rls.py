@@ -42,7 +42,6 @@ def check(data: bytes) -> None:
 
 
 def check_values(position: rls.Position, layout: rls.Layout) -> None:
-    """They are within the layout's range."""
     assert 0 <= position.count < 1 << layout.bits
     assert -(1 << 15) <= position.turns < 1 << 15
     assert layout.turns or not position.turns

@@ -1,5 +1,3 @@
-"""Fixtures of the tests of the published interface."""
-
 import shutil
 from pathlib import Path
 
@@ -11,7 +9,6 @@ PACKAGES = ROOT / "build" / "node" / "node_modules"
 
 @pytest.fixture
 def node_modules(pytestconfig: pytest.Config) -> Path:
-    """Packages of npm, as `make node` puts them there."""
     if not PACKAGES.is_dir():
         required = "node" in pytestconfig.getoption("--required").split()
         (pytest.fail if required else pytest.skip)("needs `make node` once")
@@ -20,7 +17,6 @@ def node_modules(pytestconfig: pytest.Config) -> Path:
 
 @pytest.fixture
 def readers(node_modules: Path, tmp_path: Path) -> Path:
-    """A folder with the readers of the documentation and their imports."""
     folder = tmp_path / "readers"
     shutil.copytree(ROOT / "docs" / "integrations", folder)
     (folder / "node_modules").symlink_to(node_modules)

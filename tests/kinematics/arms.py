@@ -1,5 +1,3 @@
-"""Arms that the tests of kinematics share."""
-
 import numpy as np
 from hypothesis import strategies as st
 

@@ -325,7 +325,6 @@ def json_text(message: Message) -> str:
 
 
 def hex_text(payload: bytes) -> str:
-    """Bytes in hex, 24 a line."""
     rows = (payload[i : i + 24] for i in range(0, len(payload), 24))
     return "".join(row.hex(" ").upper() + "\n" for row in rows)
 

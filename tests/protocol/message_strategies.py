@@ -1,5 +1,3 @@
-"""Hypothesis strategies for the messages that have much to vary."""
-
 import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
@@ -85,7 +83,6 @@ def _rows(n: int, columns: int) -> st.SearchStrategy[np.ndarray]:
 
 @st.composite
 def scans(draw) -> Scan:
-    """Blocks of 0 to 6 points."""
     n, n_joints = draw(st.integers(0, 6)), draw(st.integers(1, 8))
     total = draw(st.none() | natural)
     bits = st.integers(0, 2**32 - 1)

@@ -82,8 +82,6 @@ def test_bytes_that_are_signed_are_those_of_the_documentation() -> None:
 
 @dataclass
 class Change:
-    """One way to falsify a list of points."""
-
     name: str
     place: int
     to: int

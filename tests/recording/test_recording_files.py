@@ -150,7 +150,6 @@ def test_whatever_the_bytes_a_file_is_read_or_refused(tmp_path, data):
 
 
 def plain_file(path, *, profile="traverse", arm=True, metadata=None, messages=()):
-    """Write a file by hand."""
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start(profile, "by hand")
@@ -169,7 +168,6 @@ def plain_file(path, *, profile="traverse", arm=True, metadata=None, messages=()
 
 
 def block(**changes):
-    """A block of one joint, by hand."""
     table = {name: integers(1) for name in TIMES}
     table["counts"] = array("u", 4, (1, 1), b"\x05\0\0\0")
     return msgpack.packb({**table, **changes})

@@ -40,7 +40,6 @@ def test_the_truth_log_tells_what_was_latched_when(folder):
 
 
 def ask(port, request, n_bytes):
-    """When the request was sent, the reply, and when it was there."""
     descriptor = os.open(port, os.O_RDWR | os.O_NOCTTY)
     try:
         sent_ns, reply = time.monotonic_ns(), b""

@@ -101,8 +101,6 @@ DIALECTS: dict[str, Dialect | Callable[[bytes], bytes]] = {
 
 
 def columns_of(plain: bytes) -> tuple[list[str], list[tuple]]:
-    """Take a plain table apart again."""
-
     def value(cell: str) -> object:
         try:
             return float(cell) if "." in cell else int(cell)

@@ -17,7 +17,6 @@ from tests.vm.table import Table
 
 
 async def run(folder: Path) -> int:
-    """Make all checks; the number of those that are not good."""
     table = Table()
     begun_s = time.monotonic()
     can_interface.add()

@@ -40,8 +40,6 @@ TRIES = 5
 
 
 class ArmOnBus:
-    """Checks while the programs run."""
-
     def __init__(self, bench: Workbench, listener: Listener, daemon: Program) -> None:
         self._bench, self._listener, self._daemon = bench, listener, daemon
         self._port = open_raw()
@@ -160,7 +158,6 @@ class ArmOnBus:
         return summary
 
     def counters(self) -> Counter[str]:
-        """Counters of the CAN device, as last reported."""
         devices = self._listener.healths[-1].devices
         return Counter(next(d.counters for d in devices if d.id == "base"))
 
@@ -192,7 +189,6 @@ class ArmOnBus:
         return bool(statuses) and statuses[-1].state in MEASURING
 
     async def _counted(self, name: str, increase: int) -> None:
-        """Wait until a counter has increased."""
         await self._until(lambda: self._listener.healths, "a health message")
         target = self.counters()[name] + increase
         await self._until(
@@ -200,7 +196,6 @@ class ArmOnBus:
         )
 
     async def _event(self, code: str, active: bool | None) -> Event:
-        """Wait for an event."""
         events_of = self._listener.events_of
         await self._until(lambda: events_of(code, active), f"event {code}")
         return events_of(code, active)[-1]
@@ -233,7 +228,6 @@ def scan() -> str:
 
 
 async def check_arm(table: Table, folder: Path) -> None:
-    """All of them, on one run of the programs, which end in order."""
     program = programs.find("mosquitto")
     assert program is not None, "there is no mosquitto"
     broker = Mosquitto(folder, program=program)

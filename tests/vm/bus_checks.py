@@ -19,12 +19,10 @@ SYNC_HZ, SYNC_S = 100.0, 3.0
 
 
 def opened() -> CanBus:
-    """The bus as the driver opens it."""
     return CanBus("socketcan", NAME, 1_000_000, identifiers=identifiers(NODES))
 
 
 def drained(bus: CanBus) -> list[Frame]:
-    """All received frames."""
     frames: list[Frame] = []
     while some := bus.receive(0.05):
         frames += [frame for frame in some if frame[0] != FRAMES_LOST]
@@ -164,7 +162,6 @@ def down() -> str:
 
 
 async def check_bus(table: Table) -> None:
-    """All of them."""
     await table.check("time stamps of the kernel", stamps)
     await table.check("filters of the kernel", filters)
     await table.check("lost frames are counted", overflow)

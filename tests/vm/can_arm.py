@@ -38,7 +38,6 @@ late_s = 0.5
 
 
 def write_files(bench: Workbench) -> None:
-    """Arm file, and the configurations of simulator and daemon."""
     motions = [REST.format(5.0), SPHERE.format(points=N_TOUCHES), REST.format(10_000.0)]
 
     bench.write_simulator(*motions, board=ENCODERS)
@@ -53,7 +52,6 @@ def write_files(bench: Workbench) -> None:
 
 
 def replace(path: Path, old: str, new: str) -> None:
-    """Put other words into a file."""
     text = path.read_text("utf-8")
     assert old in text, f"{path.name} has no {old!r}"
     path.write_text(text.replace(old, new), "utf-8")

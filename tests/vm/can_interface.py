@@ -13,18 +13,15 @@ PROC = Path("/proc/net")
 
 
 def ip(*words: str) -> None:
-    """`ip link ...`."""
     subprocess.run(["ip", "link", *words], check=True)
 
 
 def add() -> None:
-    """Make the interface and bring it up."""
     ip("add", NAME, "type", "vcan")
     ip("set", NAME, "up")
 
 
 def open_raw() -> socket.socket:
-    """A socket that sends and receives nothing."""
     port = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     port.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")
     port.bind((NAME,))
@@ -32,7 +29,6 @@ def open_raw() -> socket.socket:
 
 
 def listen(*can_ids: int) -> socket.socket:
-    """A socket that receives these frames."""
     exact = 0xC000_07FF
     port = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     expected = b"".join(struct.pack("=II", i, exact) for i in can_ids)
@@ -42,7 +38,6 @@ def listen(*can_ids: int) -> socket.socket:
 
 
 def send(port: socket.socket, can_id: int, data: bytes) -> None:
-    """Put one frame on the bus."""
     port.send(FRAME.pack(can_id, len(data), data))
 
 

@@ -18,7 +18,6 @@ LATE_NODE, LATE_OF = 13, range(20, 40)  # of 60 SYNCs
 
 
 def live(numbers: tuple[int, ...], late_s: float = 0.0) -> None:
-    """Answer for ever."""
     held: deque[tuple[float, bytes]] = deque()
     port = listen(0x000, 0x080, *(0x600 + n for n in numbers))
     nodes = {n: FakeNode(n, 1000 * n) for n in numbers}
@@ -54,7 +53,6 @@ def live(numbers: tuple[int, ...], late_s: float = 0.0) -> None:
 
 
 def obey(nodes: dict[int, FakeNode], data: bytes) -> list[int]:
-    """Nodes that answer SYNCs after a command to one of them or all."""
     states = {1: 5, 2: 4, 0x80: PRE_OPERATIONAL}
     for number, node in nodes.items():
         if data[1] in (0, number):

@@ -30,8 +30,6 @@ LATE_HZ, LATE_S = 20.0, 0.065  # answers after the next SYNC
 
 
 class Stream:
-    """A driver, and its deliveries."""
-
     def __init__(self, sync: str) -> None:
         self._delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         self._driver = CanOpenDriver(
@@ -150,7 +148,6 @@ def judge(deliveries: list[object]) -> Outcome:
 
 
 async def check_stream(table: Table) -> None:
-    """With encoders in a process of their own."""
     async with _nodes():
         title = f"the driver alone, {STEADY_S:g} s without loss"
         await table.check(title, Stream("kernel").steady)

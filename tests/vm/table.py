@@ -28,7 +28,6 @@ class Table:
                 self.n_failed += not json.loads(line)["good"]
 
     async def check(self, title: str, check: Check) -> None:
-        """Make a check: it returns its observation, or raises if it is bad."""
         try:
             seen = check()
             result, good = seen if isinstance(seen, str) else await seen, True

@@ -43,7 +43,6 @@ class HiddenEffect:
 
     @property
     def estimable(self) -> dict[str, Size]:
-        """Keys that a diagnosis of the effect should find."""
         phase = {key: self.fixed[key] for key in ("phase_rad",) if key in self.fixed}
         return {**self.sizes, **phase}
 
@@ -55,8 +54,6 @@ class HiddenEffect:
 
 @dataclass(frozen=True, slots=True)
 class _Draw:
-    """Inputs of a drawn effect."""
-
     rng: np.random.Generator
     poses: PoseSet
     joint: int

@@ -212,7 +212,6 @@ def number(value: float) -> str:
 
 
 def property_text(name: str, *values: float | str) -> str:
-    """Write `Name(values)`; texts in quotes."""
     shown = (quoted(v) if isinstance(v, str) else number(v) for v in values)
     return f"{name}({','.join(shown)})"
 

@@ -82,7 +82,6 @@ class Machine:
             raise IppError(2002, f"{tools.NONE} does not measure")
 
     def values(self, names: Sequence[str], measured: Point | Live | None) -> str:
-        """Format `X(1),Y(2)` for names of `enumerated`; raises IppError."""
         return ",".join(self._value(name, measured) for name in names)
 
     def _value(self, name: str, measured: Point | Live | None) -> str:

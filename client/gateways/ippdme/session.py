@@ -168,7 +168,6 @@ class Session:
             self._transactions.report_unsolicited("PtMeas", error)
 
     def press(self, source: str) -> None:
-        """Take an input that became active."""
         if source in self._options.keys:
             self._event(property_text("KeyPress", self._options.keys[source]))
 
@@ -177,14 +176,12 @@ class Session:
         self._new_model = model
 
     def tool_refused(self, error: IppError) -> None:
-        """Take a refused change of probe."""
         self._new_tool = ""
         self._end_tool_change(error)
 
     # Commands and events
 
     def _result(self, command: Command) -> Lines | None:
-        """Return lines of data, if any, or `WAITS`."""
         name = command.name
         if not self._transactions.in_session and name not in WITHOUT_SESSION:
             raise IppError(8, "StartSession comes first")
@@ -221,7 +218,6 @@ class Session:
         self._sent_ids.clear()
 
     def _note_radius(self, radius_mm: float) -> None:
-        """Announce a radius that differs from the one sent before."""
         if self._tools.active == tools.NONE or self._new_tool:
             return
         before, self._radius_mm = self._radius_mm, radius_mm

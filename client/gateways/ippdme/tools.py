@@ -48,7 +48,6 @@ class Tools:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All that a client may use."""
         return (OWN, NONE, *self.library)
 
     def activate(self, name: str) -> None:

@@ -63,7 +63,6 @@ class Transactions:
         self.current = None
 
     def take_line(self, line: bytes) -> None:
-        """Take a line with its end."""
         try:
             command = parse(line)
         except IppError as error:
@@ -110,7 +109,6 @@ class Transactions:
             self._report(f"{tag} {method}: {error}")
 
     def report_unsolicited(self, method: str, error: IppError) -> None:
-        """Report an error outside of any command."""
         self.report_error(SERVER_TAG, method, error)
         if error.severity > 1 and self.in_session:
             self.abort()

@@ -94,7 +94,6 @@ class Block:
         return int(self.angles_rad.shape[1])
 
     def part(self, rows: slice | Integers) -> "Block":
-        """Select samples."""
         columns: dict[str, Any] = {}
         for field in fields(self):
             column = getattr(self, field.name)

@@ -58,7 +58,6 @@ class Bodies:
 
 
 def bodies_from_arm(arm: "Arm") -> Bodies:
-    """Return the masses of an arm file."""
     nowhere = (np.nan, np.nan, np.nan)
     centres = [joint.centre_of_mass_mm or nowhere for joint in arm.joints]
     masses = [np.nan if j.mass_kg is None else j.mass_kg for j in arm.joints]

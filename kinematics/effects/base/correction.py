@@ -108,7 +108,6 @@ class Correction(ABC):
 
     @property
     def needs(self) -> tuple[Need, ...]:
-        """Covariates that every sample must have."""
         if self.covariate is None or self.covariate is Covariate.UTC:
             return () if self.covariate is None else (Need(self.covariate),)
         return tuple(Need(self.covariate, joint) for joint in self.affected)
@@ -194,7 +193,6 @@ class ContactCorrection(Correction):
     """Correction at the contact of the ball; zero where the surface is unknown."""
 
     def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
-        """Flag samples with unknown surface."""
         if block.directions is None:
             yield "surface_unknown", np.ones(len(block), dtype=np.bool_)
         else:

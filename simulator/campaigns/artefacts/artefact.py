@@ -124,7 +124,6 @@ class Artefact(KindTable):
         return None
 
     def contacts(self, touches: Touches) -> Contacts:
-        """Draw contacts in the artefact's own coordinates."""
         raise NotImplementedError(self.kind)
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
@@ -157,7 +156,6 @@ class Standard(Artefact):
 def stated_length(
     rng: np.random.Generator, key: str, true_mm: float, std_mm: float
 ) -> Table:
-    """Return a certified length, with its uncertainty if any."""
     table: Table = {f"{key}_mm": true_mm + std_mm * float(rng.standard_normal())}
     if std_mm > 0.0:
         table[f"{key}_std_mm"] = std_mm

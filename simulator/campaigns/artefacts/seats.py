@@ -29,7 +29,6 @@ class Seated(Artefact):
         return np.zeros((1, 3))
 
     def contacts(self, touches: Touches) -> Contacts:
-        """Return the seats as requested."""
         centres_mm = self.seats_mm[touches.features] * touches.growths[:, None]
         return Contacts(centres_mm, no_directions(touches.n))
 

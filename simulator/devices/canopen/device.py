@@ -61,7 +61,6 @@ class CanOpenBus(SimulatedDevice):
         return self._line is not None
 
     def live(self, now_s: float) -> None:
-        """Do all that is due, and answer the host."""
         self._now_s = now_s
         if not self.is_there(now_s) or (line := self._line) is None:
             return

@@ -126,7 +126,6 @@ class Alarms:
         self._losing_edges = False
 
     def of_encoder(self, change: AlarmChange) -> bytes:
-        """Encode the begin or end of an encoder's alarm."""
         at_s = change.time_s
         return self._write(
             at_s, change.channel, change.state, change.code, change.value
@@ -223,7 +222,6 @@ class Board:
         return min(time_s for time_s, _ in self._agenda())
 
     def advance(self, to_s: float) -> list[OutgoingFrame]:
-        """Advance the board to a time, in order of events."""
         frames: list[OutgoingFrame] = []
         while True:
             due_s, act = min(self._agenda(), key=lambda entry: entry[0])

@@ -98,7 +98,6 @@ class SimulatedLatchBoard(SimulatedDevice):
 
     @property
     def ahead(self) -> bool:
-        """Whether bytes or edges wait for the host."""
         if self.port is None:
             return False
         return self.port.backlog or len(self.board.edges) > MOST_EDGES_AHEAD

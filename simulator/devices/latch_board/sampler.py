@@ -45,7 +45,6 @@ class TickCounter:
         return self.power_up_s + self.clock.true_times_s(ticks / self.rate_hz)
 
     def shown(self, ticks: int) -> int:
-        """Return the value of the 32-bit counter."""
         return (self.first_ticks + ticks) & 0xFFFFFFFF
 
 
@@ -70,7 +69,6 @@ class InputLevels:
         return bool(self._reported & bit) != bool(level)
 
     def watch(self, edge: LatchedEdge, held_at_s: float) -> None:
-        """Watch whether a latched edge holds until a time."""
         self._watched[edge.input_number] = (held_at_s, edge)
 
     def next_held_s(self) -> float:

@@ -169,7 +169,6 @@ class SimulatedMicroscribe(SerialDevice):
             self.say(line, answer, at_s)
 
     def advance(self, to_s: float) -> None:
-        """Check whether something has moved, and report it."""
         if self.mounting.struck("reset", to_s):
             self.power_up(to_s)
         while (report := self._box.report) and (at_s := self._next_look_s) <= to_s:

@@ -18,7 +18,6 @@ N = 5
 
 @pytest.fixture
 def stores(tmp_path: Path) -> tuple[Path, Path]:
-    """A witness's store and an outbox after a sound run."""
     store, outbox = tmp_path / "witness.db", tmp_path / "outbox.db"
     with (
         closing(sqlite3.connect(store)) as ours,

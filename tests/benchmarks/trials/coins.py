@@ -1,5 +1,3 @@
-"""Trials that workers import: throws of a coin."""
-
 import os
 from functools import partial
 
@@ -13,7 +11,6 @@ DEADLY = 13
 
 
 def thrown(bias, seed):
-    """Draw ten throws from a seed."""
     return seed, np.random.default_rng(seed).random(10) < bias
 
 
@@ -28,7 +25,6 @@ def count(case):
 
 
 def series(_asked=None):
-    """Make two coins."""
     return [
         Series("fair", partial(thrown, 0.5), count, 6, batch=2),
         Series("loaded", partial(thrown, 0.9), count, 2, first=100),
@@ -36,7 +32,6 @@ def series(_asked=None):
 
 
 def judge(lines):
-    """The loaded coin shows more heads."""
     means = {
         name: np.mean([each["heads"] for each in outcomes(lines, name)])
         for name in dict.fromkeys(line["scenario"] for line in lines)

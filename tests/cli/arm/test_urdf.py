@@ -60,8 +60,6 @@ PIECES = [b'"', b"<link name='ball'/>", b"&b;", b"1e308", b"fixed", b"</joint>",
 
 @pytest.fixture
 def made(tmp_path):
-    """Make an arm of a description: the outcome and where the arm should be."""
-
     def make(text, *options):
         file, out = tmp_path / "robot.urdf", tmp_path / "arm.toml"
         file.write_bytes(text if isinstance(text, bytes) else text.encode())

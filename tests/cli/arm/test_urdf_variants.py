@@ -27,7 +27,6 @@ ROBOT = """<robot name="r" xmlns:drake="http://drake.mit.edu" xmlns:q="{q}">
 
 
 def ball_mm(j1, rail_mm, j2, j3):
-    """Multiply the description out."""
     pose = place((100, 0, 200)) @ rotation([0, 0, 1], j1)
     pose = pose @ place((0, 0, 300), (0.1, 0.2, 0.3)) @ place((0, rail_mm, 0))
     pose = pose @ place((400, 0, 0)) @ rotation([0, 1, 0], j2)

@@ -1,5 +1,3 @@
-"""Running `traverse identify` as a program."""
-
 import json
 import subprocess
 from pathlib import Path

@@ -34,7 +34,6 @@ def measured(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def lengthless(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same without any length."""
     folder = tmp_path_factory.mktemp("lengthless")
     results.write_simulated(folder, "cones", 80)
     return folder

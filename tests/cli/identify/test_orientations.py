@@ -38,7 +38,6 @@ N_WRONG = round(0.02 * N_POSES)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A campaign, and results of most of its poses."""
     folder = tmp_path_factory.mktemp("oriented")
     write_arm(folder / "arm.toml", heavy_arm())
     (folder / "spec.toml").write_text(SPEC, "utf-8")

@@ -39,7 +39,6 @@ ALL = [*POINTS, point(4, retracts="p-3")]
 
 @pytest.fixture
 def lines(tmp_path: Path) -> Path:
-    """Four points and the retraction of the last, as messages in lines."""
     path = tmp_path / "points.jsonl"
     path.write_bytes(b"".join(encode(p, "json") + b"\n" for p in ALL))
     return path
@@ -47,7 +46,6 @@ def lines(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def outbox(tmp_path: Path) -> Path:
-    """The same in an outbox."""
     store = MessageDatabase(tmp_path / "outbox.db")
     store.add([message_of(p, "traverse/a/point", "msgpack", 10**18, "") for p in ALL])
     store.close()
@@ -56,7 +54,6 @@ def outbox(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    """The same in a recording, and a scan."""
     path = tmp_path / "run.mcap"
     with RunWriter(path, RunHead({"arm": "a", "version": "1"}, {})) as writer:
         for p in ALL:

@@ -149,7 +149,6 @@ def options_of_a_server(
 
 @pytest.fixture
 def unseen(mosquitto: Mosquitto) -> VirtualDaemon:
-    """An arm of its own name."""
     name = f"arm-{uuid.uuid4().hex[:8]}"
     return VirtualDaemon(name, mosquitto.host, mosquitto.port)
 

@@ -1,5 +1,3 @@
-"""Messages for tests of the page, from the golden ones."""
-
 import json
 from pathlib import Path
 from typing import Any, TypeVar

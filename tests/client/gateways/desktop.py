@@ -64,7 +64,6 @@ class Desktop:
 
 @contextlib.contextmanager
 def desktop(folder: Path) -> Iterator[Desktop]:
-    """A desktop of its own, until the block ends."""
     path = folder / "typed.txt"
     size = f"{SIZE[0]}x{SIZE[1]}x24"
     reading, writing = os.pipe()

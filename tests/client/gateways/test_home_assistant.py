@@ -39,8 +39,6 @@ CHECKED = "2026-11-23T06:10:00Z"
 
 
 class HomeAssistant:
-    """Follows a broker as Home Assistant does."""
-
     def __init__(self) -> None:
         self.retained: dict[str, str] = {}
 
@@ -62,7 +60,6 @@ class HomeAssistant:
         return dict(json.loads(self.of("/state") or "{}"))
 
     def shown(self) -> dict[str, str]:
-        """States of all entities."""
         environment = jinja2.Environment(undefined=jinja2.StrictUndefined)
         environment.filters["to_json"] = json.dumps
         config = json.loads(self.of("/config"))

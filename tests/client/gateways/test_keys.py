@@ -51,7 +51,6 @@ class Typing:
         await self._virtual.publish(POINT.model_copy(update=GOOD | named | values))
 
     async def say(self, **values: Any) -> None:
-        """Say how the arm is."""
         named = {"arm": self._virtual.arm, "session": self._virtual.session}
         await self._virtual.publish(STATUS.model_copy(update=named | values))
         async with asyncio.timeout(PATIENCE_S):

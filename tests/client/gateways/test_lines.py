@@ -38,7 +38,6 @@ class Sending:
         self._n = itertools.count()
 
     async def send(self, points: list[Point], lines: LineForm) -> LineGateway:
-        """Publish points, and wait until all of them are dealt with."""
         outlet = FileOutlet(self._path, self.reports.append)
         gateway = LineGateway(lines, outlet, self.reports.append)
         async with self._virtual.running(), outlet, self._arm:

@@ -1,5 +1,3 @@
-"""The subscription of clients, against a real broker."""
-
 import asyncio
 import uuid
 
@@ -20,7 +18,6 @@ PATIENCE_S = 10.0
 
 @pytest.fixture
 def arm() -> str:
-    """A name that no other test uses."""
     return f"arm-{uuid.uuid4().hex[:8]}"
 
 

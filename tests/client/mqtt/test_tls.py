@@ -46,7 +46,6 @@ class House:
     strange_authority: Path
 
     def daemon(self) -> VirtualDaemon:
-        """An arm of its own; not yet running."""
         where = (f"arm-{uuid.uuid4().hex[:8]}", HOST, self.broker.port)
         return VirtualDaemon(*where, username="person", password=SECRET)
 

@@ -15,8 +15,6 @@ async def served(scope: Scope, receive: Receive, send: Send) -> None:
 
 
 class Visit:
-    """One request to a guarded page."""
-
     def __init__(self, guard: Guard) -> None:
         self._guard = guard
         self.scheme = "https"

@@ -17,7 +17,6 @@ ROOM = 10_000
 
 
 def point(session: str, seq: int) -> Point:
-    """A point of which only the numbers matter."""
     changed = {"session": session, "seq": seq, "id": f"{session}-{seq}"}
     return POINT.model_copy(update=changed)
 
@@ -88,7 +87,6 @@ def never() -> bool:
 
 
 def numbers(order: ReorderBuffer) -> list[tuple[str, int]]:
-    """Numbers that were handed on, losses spelled out."""
     numbers = []
     for item in order.ready:
         if isinstance(item, Point):
@@ -100,7 +98,6 @@ def numbers(order: ReorderBuffer) -> list[tuple[str, int]]:
 
 
 def started(since: dict[str, int] | None = None) -> tuple[ReorderBuffer, Outbox, str]:
-    """An order that follows a first session."""
     outbox = Outbox()
     session = outbox.begin()
     order = ReorderBuffer(since)

@@ -66,7 +66,6 @@ async def test_no_point_is_lost_or_doubled_over_twenty_reconnections(
 
 
 def is_back(arm: Arm, before: int) -> bool:
-    """Whether there was another connection."""
     return arm.counters.connections > before
 
 
@@ -145,7 +144,6 @@ async def test_a_place_file_continues_where_the_reader_stopped(
 
 
 async def read_and_fail(virtual: VirtualDaemon, arm: Arm) -> None:
-    """A reader that ends before it is done with a point."""
     async with arm:
         await virtual.take(1)
         await read(arm, 1)
@@ -161,7 +159,6 @@ async def test_a_slow_reader_loses_nothing(virtual: VirtualDaemon, broker: str) 
 
 
 async def read_one_after(virtual: VirtualDaemon, arm: Arm) -> None:
-    """Read one point, so that the client has a reader."""
     await virtual.take(1)
     await read(arm, 1)
 

@@ -1,5 +1,3 @@
-"""What the daemon says of a device's clock."""
-
 import pytest
 
 from tests.daemon.board_harness import Bench

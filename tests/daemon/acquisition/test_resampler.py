@@ -38,7 +38,6 @@ from traverse.drivers.base.values import (
 
 
 def cuts(draw, n):
-    """The numbers 0 to n - 1 in blocks."""
     bounds = sorted({0, n, *draw(st.lists(st.integers(1, n - 1), max_size=8))})
     return [range(a, b) for a, b in pairwise(bounds)]
 
@@ -140,7 +139,6 @@ def test_stamps_that_may_be_off_count_by_the_speed(tmp_path):
 
 
 def latched(reader, time_ns):
-    """What a board latches at an instant."""
     true = np.rint(true_counts(np.array([time_ns])))[0].astype(np.int64) % TURNS
     counts = [0 if joint is None else int(true[joint]) for joint in reader.channels]
     return LatchedCounts(

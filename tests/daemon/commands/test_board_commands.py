@@ -31,8 +31,6 @@ IDENTITY = Identity(
 
 
 class Bench:
-    """All of the daemon but the broker."""
-
     def __init__(self, board: FakeBoard, model) -> None:
         clock = HostClock()
         self.board = board

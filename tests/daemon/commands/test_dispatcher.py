@@ -21,8 +21,6 @@ from traverse.testing.waiting import until
 
 
 class SteppedClock(HostClock):
-    """Continues when released."""
-
     def __init__(self) -> None:
         self.now_ns = 10**12
 

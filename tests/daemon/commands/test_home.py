@@ -37,7 +37,6 @@ class Arm:
         self._n = 0
 
     def at(self, angles_rad):
-        """Read at angles; the last point's."""
         counts = (np.array(angles_rad) + self.offset_rad) * SIGNS * TURNS / (2 * np.pi)
         by_channel = np.rint(counts)[[1, 2, 0]].astype(np.int64) % [
             1 << 32,

@@ -41,8 +41,6 @@ class Bench:
 
 
 def send_all(messages) -> list[Reply]:
-    """Send messages to a desk; its answers."""
-
     async def run() -> Bench:
         bench = Bench()
         for message in messages:

@@ -202,7 +202,6 @@ async def test_probes_that_are_not_there_are_refused_with_those_that_are(
 
 
 def started(folder):
-    """Read the inputs of a daemon as it starts."""
     arm_file(folder)
     configuration = folder / "daemon.toml"
     configuration.write_text(

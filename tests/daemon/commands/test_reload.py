@@ -34,8 +34,6 @@ inputs = [{ source = "base/0", trigger = "button" }]
 
 
 class Reloading:
-    """A bench, the files that it was made of, and the command."""
-
     def __init__(self, folder) -> None:
         self.folder = folder
         self.path = folder / "daemon.toml"
@@ -178,7 +176,6 @@ async def test_another_arm_is_refused(reloading, old, new, words):
 
 
 def identified(folder):
-    """Write an arm file that was identified, and its covariance."""
     file = folder / "arm.cov.npz"
     np.savez(file, names=["J1.link.x"], covariance=np.diag([1e-4]))
     digest = hashlib.sha256(file.read_bytes()).hexdigest()

@@ -1,5 +1,3 @@
-"""Commands to an arm on two devices."""
-
 import asyncio
 
 import pytest

@@ -78,7 +78,6 @@ class BoardWorld:
         self.bench.take(latch(counts, now_ns=at_ns, token=self._n, status=status))
 
     def move(self):
-        """Turn all joints to and fro."""
         for by in (2000, -2000):
             start_ns = self.bench.clock.now_ns
             path = self.counts + np.outer(np.linspace(0, by, 50), (1, 1, 1))
@@ -257,7 +256,6 @@ PLANTS = {
 
 
 def standing(world, name):
-    """Its entry in the status."""
     status = status_message(
         world.measurement, world.measurement.clock, "msgpack", keeps_points=True
     )

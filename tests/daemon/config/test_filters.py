@@ -1,5 +1,3 @@
-"""The tables of filters in a configuration."""
-
 import pytest
 from pydantic import ValidationError
 

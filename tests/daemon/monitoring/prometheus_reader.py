@@ -48,7 +48,6 @@ def read(text: str) -> dict[str, Family]:
 
 
 def value(families: dict[str, Family], name: str, **labels: str) -> float:
-    """One sample's value."""
     base = re.sub(r"_(bucket|sum|count)$", "", name)
     family = families[name] if name in families else families[base]
     return family.samples[name, frozenset(labels.items())]

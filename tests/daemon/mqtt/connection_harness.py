@@ -1,5 +1,3 @@
-"""A publisher, and a subscriber to its messages."""
-
 import asyncio
 import contextlib
 
@@ -14,8 +12,6 @@ STATUS = "traverse/bench-7/status"
 
 
 class Bench:
-    """A publisher and its reports."""
-
     def __init__(self, address: BrokerAddress) -> None:
         self.queue = OutgoingQueue()
         self.received = []
@@ -52,8 +48,6 @@ class Bench:
 
 
 class Witness:
-    """A subscriber of its own, in MQTT 5 by default."""
-
     def __init__(self, port: int, topic: str, **options) -> None:
         self.messages = []
         self._topic = topic

@@ -1,5 +1,3 @@
-"""The publisher with a broker that is there."""
-
 import aiomqtt
 import pytest
 from paho.mqtt.packettypes import PacketTypes

@@ -38,7 +38,6 @@ class Subscriber:
         self.subscribed += 1
 
     async def subscribe(self, topic_filter: str) -> None:
-        """Subscribe, and wait for the answer."""
         wanted = self.subscribed + 1
         self.client.subscribe(topic_filter, qos=1)
         await until(lambda: self.subscribed >= wanted, f"answer to {topic_filter}")

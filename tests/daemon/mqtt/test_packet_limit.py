@@ -14,7 +14,6 @@ from traverse.protocol.messages.scan import ARRAYS
 
 
 def block(n, *, total=None):
-    """A block of n points that differ from each other."""
     rows = np.arange(n)
     columns = {"xyz_mm": 3, "ijk": 3, "angles_rad": 6, "covariance_mm2": 6}
     return SCAN.model_copy(

@@ -1,5 +1,3 @@
-"""What the machine of `test_capture_machine.py` drives."""
-
 import asyncio
 import tempfile
 import uuid

@@ -180,7 +180,6 @@ async def test_a_device_without_power_costs_the_turns_of_its_own_joints_only(ben
 
 
 def whole_turns(bench):
-    """By how many turns the last live pose differs from the true motion."""
     live = bench.live[-1]
     last_ns = live.time_ns - bench.clock.offset_ns
     true_rad = true_counts(np.array([last_ns]))[0] * np.abs(bench.model.per_count_rad)

@@ -171,7 +171,6 @@ CAUSES = {
 
 
 def test_each_documented_flag_has_a_cause():
-    """Every documented flag has a test here that sets it."""
     assert set(CAUSES) == {str(flag.name).lower() for flag in FLAG_MEANINGS}
     assert set(FLAG_MEANINGS) == set(QualityFlag)
 

@@ -67,7 +67,6 @@ class Arm:
         return after
 
     def steady(self, seconds):
-        """Angles of all joints at a constant speed."""
         times_s = np.arange(round(seconds * self.rate_hz)) / self.rate_hz
         return np.outer(times_s, SPEEDS_RAD_S)
 

@@ -20,8 +20,6 @@ DAY_NS = 86_400 * 10**9
 
 
 class Bench:
-    """A watch in time that a test sets."""
-
     def __init__(self, model, **keys) -> None:
         self.clock, self.events, self.model = SetClock(), [], model
         section, events = (

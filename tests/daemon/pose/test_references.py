@@ -46,7 +46,6 @@ NAMELESS = up(boot="", serials=())
 
 
 def rest(first):
-    """Five samples of an arm that rests."""
     return count_samples(np.full((5, 3), 1000), first=first)
 
 
@@ -55,8 +54,6 @@ def press():
 
 
 class Rig:
-    """A monitor of one arm, and what it reports."""
-
     def __init__(self, folder, text=ARM, memory=None, **limits) -> None:
         self.events, clock = [], SetClock()
         self.limits = QualitySection(**limits)
@@ -72,7 +69,6 @@ class Rig:
         )
 
     def accept(self, first):
-        """The device answers, and the operator confirms it."""
         self.monitor.on_up(first)
         self.monitor.confirm()
 
@@ -244,7 +240,6 @@ def turning(speed_rad_s, times_ns, *, from_rad=0.25, status=0):
 
 
 def blind(bench, speeds_rad_s, status, seconds=0.8, **more):
-    """Read for a while, not (or with a status), and again."""
     begin = bench.clock.now_ns
     speeds_rad_s = np.array(speeds_rad_s)
     for first in range(0, 200, 4):

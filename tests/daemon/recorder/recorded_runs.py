@@ -191,17 +191,14 @@ class RecordedRun:
         )
 
     def click(self):
-        """A point by the button."""
         self.edge()
         self.edge(active=False, ago_s=0.001)
 
     def ask(self, what, **values):
-        """A command, as the service executes it."""
         ignore_result(recorded_command(what, values).execute(self.measurement))
 
 
 def replayed(path, block=None):
-    """Result of a replay, and its points."""
     points = []
 
     async def replay():

@@ -18,7 +18,6 @@ from traverse.testing.waiting import until
 
 
 def fault(run, code="alarm.encoder_error", severity="error"):
-    """Publish an event."""
     now_ns = run.clock.now_ns
     event = Event(
         arm="bench-7",
@@ -86,7 +85,6 @@ async def test_segments_are_bounded_by_time(tmp_path):
 
 
 def n_entries_torn(segment: Path, torn: Path, n_bytes: int = 100) -> int:
-    """Copy it without its last bytes; what can be read of that."""
     content = segment.read_bytes()
     torn.write_bytes(content[: len(content) - n_bytes])
     with contextlib.suppress(ValueError), RunReader(torn) as reader:

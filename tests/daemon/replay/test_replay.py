@@ -20,7 +20,6 @@ MEAN = {"dwell_ns": None, "speed_mm_s": 5000.0, "spread_mm": 100.0}
 
 
 async def busy(run):
-    """All kinds of points, and what else there is."""
     run.later(0.3)
     for number in range(12):
         run.later(0.11)
@@ -54,8 +53,6 @@ async def busy(run):
 
 
 def recorded(folder, **options):
-    """A recording from the start, one from the middle, and the points."""
-
     async def both():
         async with RecordedRun(folder, **options) as run:
             first = await run.recorder.begin("first", "")
@@ -170,7 +167,6 @@ def test_a_command_without_an_effect_cannot_be_made():
 
 
 def altered(path, alter):
-    """The recording with its messages altered."""
     other = path.with_name("altered.mcap")
     with RunReader(path) as reader:
         head = RunHead({**reader.about}, dict(reader.files))

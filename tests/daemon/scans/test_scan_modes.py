@@ -22,8 +22,6 @@ BEGIN_NS = 10**12
 
 
 class Bench:
-    """A scanner at 1 kHz on a path from the test."""
-
     def __init__(self, model, path_mm, *, filters=(), wait_s=0.02, **plan) -> None:
         self.model, self.path_mm = model, np.asarray(path_mm, dtype=float)
         self.messages = []

@@ -15,8 +15,6 @@ PERIOD_NS = 10_000_000  # a stream of 100 Hz
 
 
 class Bench:
-    """A scanner, what it hands on, and room for it."""
-
     def __init__(self, model, *, rate_hz=100.0, every=1, block_s=0.1) -> None:
         self.model = model
         self.messages = []

@@ -9,7 +9,6 @@ NOW_NS = 1_800_000_000 * 10**9
 
 
 def entry(session="s", seq=0, *, time_ns=NOW_NS, payload=b"point", encoding="msgpack"):
-    """A message of a session; the same arguments give the same."""
     return NewMessage(
         session,
         seq,

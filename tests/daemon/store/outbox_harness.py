@@ -60,7 +60,6 @@ class OutboxOnLoop:
         return keeping
 
     async def resend(self, **args):
-        """The command, of a daemon that keeps no scans."""
         scans = Bench(self.path.parent).spool
         commands = ResendCommands(self.outbox, scans)
         return await commands.carry_out(ResendArgs(**args))
@@ -71,7 +70,6 @@ class OutboxOnLoop:
         return keepings
 
     def send(self, n=10**6):
-        """Act as a broker that takes so many; return their payloads as messages."""
         sent = []
         while len(sent) < n and (taken := self.queue.next()) is not None:
             self.queue.done(*taken)

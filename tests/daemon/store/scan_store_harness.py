@@ -18,7 +18,6 @@ POINTS = 5
 
 
 def block(number, *, scan="scan", last=False, points=POINTS):
-    """The block with this number of a scan of equal blocks."""
     rows_of = {
         name: np.resize(value, (points, *value.shape[1:]))
         for name in (
@@ -41,8 +40,6 @@ def block(number, *, scan="scan", last=False, points=POINTS):
 
 
 class Bench:
-    """A spool in a folder, and its broker."""
-
     def __init__(self, folder, **section):
         self.path = folder / "scans.db"
         self.queue = OutgoingQueue()
@@ -67,7 +64,6 @@ class Bench:
         return taken
 
     def send(self):
-        """Act as a broker that takes all; return (scan, number) of the blocks."""
         sent = []
         while (taken := self.queue.next()) is not None:
             kind, message = taken

@@ -1,5 +1,3 @@
-"""What the database of the outbox keeps, and how it is read."""
-
 import sqlite3
 
 import pytest

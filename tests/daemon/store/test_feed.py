@@ -26,8 +26,6 @@ ROOM = BATCH + 50
 
 
 class Steps:
-    """A feed between a database and a broker."""
-
     def __init__(self, path):
         self.path = path
         self.store = MessageDatabase(path)

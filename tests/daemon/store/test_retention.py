@@ -1,5 +1,3 @@
-"""What the database of the outbox forgets, and when."""
-
 from tests.daemon.store.outbox_entries import (
     DAY_NS,
     NOW_NS,

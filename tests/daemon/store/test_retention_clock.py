@@ -12,8 +12,6 @@ MINUTE_NS = 60 * 10**9
 
 
 class Run:
-    """One run of the daemon."""
-
     def __init__(self, utc_ns, *, is_believed=True):
         self.clock = SetClock()
         self.set_utc(utc_ns)

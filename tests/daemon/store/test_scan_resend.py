@@ -1,5 +1,3 @@
-"""Blocks of scans that are requested again."""
-
 import pytest
 
 from tests.daemon.store.outbox_harness import OutboxOnLoop

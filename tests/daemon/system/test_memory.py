@@ -39,13 +39,11 @@ libc.fclose(file)
 
 
 def report(how):
-    """glibc's report of its arenas."""
     run = (sys.executable, "-c", PROGRAM, how)
     return run_program(*run).stdout
 
 
 def n_mapped(statistics):
-    """How many blocks are mapped by themselves."""
     return int(re.search(r'<total type="mmap" count="(\d+)"', statistics)[1])
 
 

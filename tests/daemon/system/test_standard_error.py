@@ -16,8 +16,6 @@ LINE = "x" * 99 + "\n"
 
 
 class Stream:
-    """Standard error on some descriptor."""
-
     def __init__(self, number):
         self.number = number
 
@@ -35,7 +33,6 @@ def pipe():
 
 
 def filled(error, most=2000):
-    """Write lines until one is dropped."""
     for n in range(most):
         error.write(LINE)
         if error.n_dropped:

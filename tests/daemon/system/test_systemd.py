@@ -60,7 +60,6 @@ class Bench:
         )
 
     def is_fed(self) -> bool:
-        """Check once; return whether systemd is notified."""
         self.watchdog.check()
         try:
             return self.heard.recv(100) == b"WATCHDOG=1"

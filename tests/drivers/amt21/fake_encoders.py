@@ -88,8 +88,6 @@ class FakeLine:
 
 
 class VirtualEncoders:
-    """A line in virtual time, at the end of a cable."""
-
     def __init__(self, line: FakeLine, cable: Cable) -> None:
         self.line, self._cable = line, cable
         self._coming: list[tuple[float, bytes]] = []

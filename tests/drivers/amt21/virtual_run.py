@@ -1,5 +1,3 @@
-"""A line of AMT21 encoders and a driver on it, in virtual time."""
-
 import math
 from collections.abc import Callable
 
@@ -14,8 +12,6 @@ ADDRESSES = (0x54, 0x58, 0x5C)
 
 
 class Played(Delivered):
-    """A line with a driver on it, in virtual time, and its deliveries."""
-
     def __init__(
         self,
         line: FakeLine,

@@ -73,7 +73,6 @@ class FakeNode:
         self.power_up()
 
     def power_up(self) -> None:
-        """Everything as it was delivered."""
         self.state = PRE_OPERATIONAL
         self.objects = {
             (0x1000, 0): u32(0x0002_0196),
@@ -98,7 +97,6 @@ class FakeNode:
 
     @property
     def sends_position(self) -> bool:
-        """Whether it answers a SYNC, as configured."""
         cob_id = int.from_bytes(self.objects[(0x1800, 1)], "little")
         return (
             self.state == OPERATIONAL
@@ -182,7 +180,6 @@ class FakeNodes(Peer):
             self.latch(lost)
 
     def latch(self, lost: bool = False) -> None:
-        """Latch and answer, as the nodes do at a SYNC."""
         with self._lock:
             for node in self.nodes.values():
                 if node.sends_position and not lost:

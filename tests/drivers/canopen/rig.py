@@ -1,5 +1,3 @@
-"""A CANopen driver with two nodes, and its deliveries."""
-
 import asyncio
 import contextlib
 import itertools
@@ -68,14 +66,12 @@ def last_status(deliveries: Deliveries) -> list[int]:
 
 
 async def until_status(rig: CanRig, deliveries: Deliveries, status: list[int]) -> None:
-    """SYNCs until a sample has this status."""
     async with asyncio.timeout(8):
         while last_status(deliveries) != status:
             await answered(rig, deliveries)
 
 
 async def answered(rig: CanRig, deliveries: Deliveries) -> None:
-    """One SYNC, and its deliveries."""
     rig.emit(1)
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(0.03):  # samples alone need not wake it

@@ -29,7 +29,6 @@ class Bus:
     now_ns: int = 0
 
     def play(self, answers: list[tuple[int | None, ...]]) -> list[int]:
-        """Send a SYNC for each row; the instants of the SYNCs."""
         coming: list[tuple[int, int, int]] = []  # when, channel, count
         sent_ns: list[int] = []
         last_ns = [0] * len(NODES)

@@ -23,8 +23,6 @@ LATE_NS = 100_000
 
 
 class Deliveries:
-    """Cycles of three nodes, and their deliveries."""
-
     def __init__(
         self, moduli: tuple[int, ...] = (TURN,) * 3, *, stamped: bool = True
     ) -> None:

@@ -26,7 +26,6 @@ def line():
 
 
 def unread(pipe: int) -> int:
-    """How many bytes wait in a pipe."""
     return int.from_bytes(fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)), "little")
 
 

@@ -1,5 +1,3 @@
-"""A driver of a latch board and the board that it reads, for the tests of both."""
-
 import asyncio
 import contextlib
 from collections.abc import Iterator
@@ -62,7 +60,6 @@ class LatchBoardRig:
 
 @contextlib.contextmanager
 def board_rig(folder: Path) -> Iterator[LatchBoardRig]:
-    """A board that is plugged in, and a driver that is not yet started."""
     with FakeBoard(folder / "ttyBoard") as board:
         rig = LatchBoardRig(board)
         try:

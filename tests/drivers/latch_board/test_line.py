@@ -104,7 +104,6 @@ def dispatched(*script: tuple[int, bytes]) -> list[tuple]:
 
 
 def reads(*script: tuple[int, bytes]) -> list[tuple[int, str]]:
-    """When each message was dispatched, and the message."""
     return [
         (at_ns, type(message).__name__) for message, at_ns, _ in dispatched(*script)
     ]

@@ -71,7 +71,6 @@ class FakeMicroscribe(PtyPeer):
             self._boot_s = time.monotonic()
 
     def rewrite(self, **values: object) -> None:
-        """Change the bytes that are written into it."""
         self.plate = replace(self.plate, **values)
         self.power_cycle()
 

@@ -177,8 +177,6 @@ def test_lost_and_corrupted_replies_leave_no_wrong_counts(tmp_path):
 
 
 class LeftRunning(SimulatedRls):
-    """Somebody has set it up before, and crashed."""
-
     def power_up(self, now_s):
         super().power_up(now_s)
         self._ports[0].due_s = 0.001

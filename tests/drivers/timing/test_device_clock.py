@@ -17,7 +17,6 @@ def followed(
     largest_delay_ns: float,
     reads_hz: int = 500,
 ):
-    """A clock after a stream of reads; and its errors."""
     rng = np.random.default_rng(3)
     clock = DeviceClock(RATE_HZ)
     true_rate = RATE_HZ * (1 + ppm * 1e-6)

@@ -33,8 +33,6 @@ def event(time_ns, kind, code, value):
 
 
 class Kernel:
-    """Answers of the kernel about the device."""
-
     def __init__(self, *, stamps=True, grabs=True) -> None:
         self.asked: list[tuple[int, object]] = []
         self.down: set[int] = set()

@@ -116,8 +116,6 @@ async def test_an_ended_collection_continues_where_it_was(campaign: Workbench) -
 
 @dataclass
 class Terminal:
-    """A terminal in which a collection runs."""
-
     descriptor: int
     process: subprocess.Popen[bytes]
     shown: bytearray

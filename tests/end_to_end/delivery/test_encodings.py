@@ -17,7 +17,6 @@ pytestmark = pytest.mark.needs("mosquitto")
 
 
 async def raw(bench: Workbench, kinds: set[str]) -> dict[str, aiomqtt.Message]:
-    """The first message of each kind as received over MQTT 5."""
     by_kind: dict[str, aiomqtt.Message] = {}
     async with (
         aiomqtt.Client(

@@ -35,8 +35,6 @@ def command(request: str) -> bytes:
 
 
 class Attacker:
-    """A client that may publish anything, and reads all that is published."""
-
     def __init__(self, client: aiomqtt.Client, arm: str) -> None:
         self.client = client
         self._arm = arm

@@ -36,7 +36,6 @@ def on_disk(bench: Workbench) -> list[tuple[str, int, bool]]:
 
 
 async def take(listener: Listener, n: int) -> list[tuple[str, int]]:
-    """Points by command; return (session, seq) as acknowledged."""
     answers = await asyncio.gather(*(listener.command(PointArgs()) for _ in range(n)))
     return sorted((str(a.result["session"]), a.result["seq"]) for a in answers)
 

@@ -14,7 +14,6 @@ RATE_HZ = 500.0
 
 
 async def start_scan(listener: Listener) -> str:
-    """Begin a scan; its identifier."""
     scan = await listener.start_scan(RATE_HZ)
     await listener.scan_points(scan, 500)
     return scan

@@ -78,7 +78,6 @@ class Measured:
 
     @property
     def true_mm(self) -> np.ndarray:
-        """Centres of the ball, (n, 3)."""
         return np.array([line["centre_mm"] for line in self.truth])
 
     @property
@@ -88,7 +87,6 @@ class Measured:
 
     @property
     def bare_misses_mm(self) -> np.ndarray:
-        """Without them, (n, 3)."""
         return places_mm(self.bare) - self.true_mm
 
     @property
@@ -160,7 +158,6 @@ class Daemon:
             self._measurement.quality.references.confirm()
 
     def use_model(self, model: ArmModel) -> None:
-        """Measure with another arm from now on."""
         self._measurement.pipeline.use_model(model)
 
     def _keep(self, point: Point) -> bool:
@@ -175,7 +172,6 @@ def measured(
     noise_rad: float = 0.0,
     couplings: Mapping[str, tuple[str, float]] | None = None,
 ) -> Measured:
-    """Play the script once and measure it with and without the effects."""
     arm = coupled(fine_arm(*effects), **(couplings or {}))
     write_arm(folder / "true.toml", arm)
     write_arm(folder / "bare.toml", arm.model_copy(update={"effects": ()}))

@@ -30,7 +30,6 @@ async def scanned(listener: Listener, n: int, **args: object) -> list[Scan]:
 
 
 def places_mm(blocks: list[Scan]) -> np.ndarray:
-    """All places, (n, 3)."""
     return np.concatenate([block.xyz_mm for block in blocks])
 
 

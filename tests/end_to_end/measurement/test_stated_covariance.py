@@ -53,8 +53,6 @@ postures = 12
 
 
 class NoisyArm:
-    """A simulated arm, read by a daemon whose arm file states its covariance."""
-
     def __init__(self, folder):
         self.rng = np.random.default_rng(1)
         arm = read_arm(DEMO_ARM)

@@ -74,7 +74,6 @@ class CountedPort(PtyPort):
         return data
 
     def await_bytes(self) -> None:
-        """Wait for the host's bytes."""
         select.select([self.descriptor], [], [], BYTES_S)
 
 

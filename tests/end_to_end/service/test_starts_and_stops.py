@@ -18,7 +18,6 @@ REFUSED, UNREACHABLE = 2, 3
 
 @pytest.fixture
 def unconnected(tmp_path: Path) -> Workbench:
-    """Files that name a broker which is not there."""
     bench = Workbench(tmp_path, HOST, free_port())
     bench.write_simulator(REST)
     bench.write_daemon()

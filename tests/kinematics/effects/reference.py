@@ -18,7 +18,6 @@ T_REF = 21.5
 
 
 def random_arm(seed):
-    """An arm without any symmetry, with masses, some of them with centres."""
     rng = np.random.default_rng(seed)
 
     def vector(size):

@@ -38,7 +38,6 @@ def pivoted(angles_rad):
 
 
 def seated(n):
-    """Postures with the true ball in one seat."""
     seat = np.array([350.0, 150.0, 250.0])
     angles_rad = np.random.default_rng(3).uniform(-1.2, 1.2, (20 * n, 5))
     for _ in range(40):

@@ -1,5 +1,3 @@
-"""The side of the host on pseudo-terminals."""
-
 import os
 import tty
 from collections.abc import Iterator

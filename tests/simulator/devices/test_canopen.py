@@ -38,7 +38,6 @@ class Bench:
         return self.at(self.now_s)
 
     def at(self, now_s):
-        """Run until then; return the frames received meanwhile."""
         self.now_s = now_s
         self.device.live(now_s)
         heard = []
@@ -285,8 +284,6 @@ def test_a_bus_is_at_one_place(keys, word):
 
 
 class TestSlcan:
-    """The adapter's own bytes."""
-
     @pytest.fixture
     def adapter(self, tmp_path):
         made = SlcanAdapter(tmp_path / "slcan")

@@ -46,8 +46,6 @@ Played = tuple[Arm, VirtualArm, Script, Course]
 
 @pytest.fixture
 def played(tmp_path: Path) -> Callable[..., Played]:
-    """Let an arm with effects touch a sphere."""
-
     def play(*effects) -> Played:
         arm = heavy_arm().model_copy(update={"effects": tuple(effects)})
         write_arm(tmp_path / "arm.toml", arm)

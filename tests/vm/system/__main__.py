@@ -17,8 +17,6 @@ from tests.vm.table import Table
 
 
 async def run(table: Table) -> int:
-    """Make all checks; the number of those that are not good."""
-
     async def kill() -> str:
         await delivery.acknowledge()
         return await life.be_killed()

@@ -22,8 +22,6 @@ TRIES = 5  # emulated encoders answer late now and then
 
 
 class Delivery:
-    """Checks in the order in which they are made."""
-
     def __init__(self, listener: Listener, pedal: Pedal) -> None:
         self._listener = listener
         self._pedal = pedal

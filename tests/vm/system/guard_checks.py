@@ -26,7 +26,6 @@ def be_nobody() -> str:
 
 
 def be_shut(name: str = unit.NAME) -> str:
-    """The figure of `systemd-analyze security`."""
     output = unit.run("systemd-analyze", "security", "--no-pager", name)
     figure = re.search(r"exposure level for .*?: ([\d.]+)", output)
     assert figure is not None, output

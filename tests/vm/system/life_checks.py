@@ -17,8 +17,6 @@ MEASURING = ("ready", "doubt")  # with all devices; the arm is not identified
 
 
 class Life:
-    """Checks in the order in which they are made."""
-
     def __init__(self, listener: Listener) -> None:
         self._listener = listener
 
@@ -131,8 +129,6 @@ class Life:
         return f"a new process after {new_s:.1f} s, measuring after {ready_s:.1f} s"
 
     async def _ready_since(self, n: int) -> None:
-        """Wait for a status after the first ``n`` with all devices."""
-
         def ready_statuses() -> list[Status]:
             return [s for s in self._listener.statuses[n:] if s.state in MEASURING]
 

@@ -40,7 +40,6 @@ async def ask() -> str:
 
 
 def answer(token: str | None = None) -> int:
-    """Status of the page, or of its log-in; 0: no server."""
     connection = http.client.HTTPConnection("127.0.0.1", PORT, timeout=60)
     try:
         if token is None:

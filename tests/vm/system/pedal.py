@@ -21,8 +21,6 @@ HELD_S, APART_S = 0.3, 1.5
 
 
 class Pedal:
-    """There as long as its block lasts."""
-
     def __init__(self) -> None:
         unit.run("modprobe", "uinput")
         self._fd = os.open("/dev/uinput", os.O_WRONLY | os.O_CLOEXEC)

@@ -81,7 +81,6 @@ def write_daemon() -> None:
 
 
 def write_drop_in() -> None:
-    """Write the drop-in that `systemctl edit` would: more patience."""
     folder = Path(f"/etc/systemd/system/{NAME}.d")
     folder.mkdir()
     (folder / "slow.conf").write_text(_SLOW, "utf-8")
@@ -97,12 +96,10 @@ def write_arm(folder: Path) -> None:
 
 
 def with_few_nodes(text: str) -> str:
-    """A configuration of the examples, with the first encoders only."""
     return re.sub(r"(?m)^nodes = .*$", f"nodes = {[*range(11, 11 + N_JOINTS)]}", text)
 
 
 def write_simulator() -> None:
-    """Configuration of the simulated hardware, and its unit."""
     SIMULATED.mkdir(parents=True)
     text = (EXAMPLES / "simulator.toml").read_text("utf-8")
     (SIMULATED / "simulator.toml").write_text(with_few_nodes(text), "utf-8")
@@ -111,7 +108,6 @@ def write_simulator() -> None:
 
 
 def write_broker() -> None:
-    """Users and rights of the broker beside its configuration."""
     shutil.copy(EXAMPLES / "mosquitto/traverse.conf", MOSQUITTO / "conf.d")
     passwords = MOSQUITTO / "traverse.passwords"
     passwords.write_text("".join(f"{n}:{word}\n" for n, word in PASSWORDS.items()))

@@ -68,12 +68,10 @@ def purge() -> str:
 
 
 def uptime_s() -> float:
-    """Since the guest was started."""
     return float(Path("/proc/uptime").read_text("ascii").split()[0])
 
 
 async def run(folder: Path) -> int:
-    """Both steps; the number of those that are not good."""
     table = Table(folder / "table.jsonl")
     await table.check("dpkg --remove", remove)
     await table.check("dpkg --purge", purge)

@@ -12,7 +12,6 @@ NAME = f"traverse@{ARM}.service"
 
 
 def systemctl(*words: str) -> str:
-    """Return systemctl's output; it must succeed."""
     return run("systemctl", *words)
 
 
@@ -25,7 +24,6 @@ def run(*words: str) -> str:
 
 
 def shown(name: str) -> str:
-    """A property of the unit."""
     return systemctl("show", NAME, "--property", name, "--value")
 
 
@@ -35,14 +33,12 @@ def main_pid() -> int:
 
 
 def processes() -> list[Path]:
-    """All processes of the unit, as folders of /proc."""
     group = Path("/sys/fs/cgroup") / shown("ControlGroup").lstrip("/")
     pids = (group / "cgroup.procs").read_text("ascii").split()
     return [Path("/proc") / pid for pid in pids]
 
 
 def status_of(process: Path) -> dict[str, str]:
-    """Lines of /proc/PID/status."""
     lines = (process / "status").read_text("utf-8").splitlines()
     pairs = (line.split(":", 1) for line in lines)
     return {name: value.strip() for name, value in pairs}

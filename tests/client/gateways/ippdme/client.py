@@ -37,7 +37,6 @@ class IppClient:
         write(self._name, self.commands, self.replies)
 
     def send(self, method: str, *, fast: bool = False) -> str:
-        """Send a command; return its tag."""
         self._tag += 1
         tag = f"E{self._tag:04d}" if fast else f"{self._tag:05d}"
         self.commands.append(f"{tag} {method}")
@@ -45,7 +44,6 @@ class IppClient:
         return tag
 
     async def reply(self) -> str:
-        """The next line, without its end; empty at the end of the connection."""
         async with asyncio.timeout(PATIENCE_S):
             line = await self._reader.readline()
         if line:
@@ -60,7 +58,6 @@ class IppClient:
         return line
 
     async def ask(self, method: str, *, fast: bool = False) -> list[str]:
-        """Send a command and wait for its end; its data and errors."""
         tag, lines = self.send(method, fast=fast), []
         while (line := await self.until(tag)) != f"{tag} %":
             if line != f"{tag} &":

@@ -32,7 +32,6 @@ class Serving:
         self.port = 0
 
     async def speak(self) -> None:
-        """Poses, without end."""
         while True:
             now = {"arm": self.virtual.arm, "time_ns": time.time_ns()}
             await self.virtual.publish(LIVE.model_copy(update=now))
@@ -42,7 +41,6 @@ class Serving:
         await until(lambda: any(text in reports for reports in self.reports))
 
     async def touch(self, *, quality: Quality = GOOD) -> None:
-        """A point at (612.25, -80.5, 301.125) mm."""
         self.virtual.is_mute = True
         (point,) = await self.virtual.take()
         held = self.virtual.outbox[point.session]
