@@ -235,7 +235,10 @@ class Network(Equations):
         return effects
 
     def posture_columns(self, arm: ArmValues) -> tuple[Floats, Floats]:
-        """Compute derivatives (n, 3, n_free) and centres (n, 3) at random postures."""
+        """Compute derivatives (n, 3, n_free) and centres (n, 3) at random postures.
+
+        With the arm's own tool; what effects need beside angles is that of other poses.
+        """
         angles_rad = self.campaign.poses.angles_rad[self.poses]
         rng = np.random.default_rng(_SEED)
         least, largest = angles_rad.min(axis=0), angles_rad.max(axis=0)
@@ -243,7 +246,10 @@ class Network(Equations):
         postures_rad = rng.uniform(
             least - wider_rad, largest + wider_rad, (_N_POSTURES, angles_rad.shape[1])
         )
-        return self.geometric_columns(arm, postures_rad)
+        derivatives = probe_derivatives(arm.geometry, postures_rad)
+        like = self.campaign.poses.part(rng.choice(self.poses, _N_POSTURES))
+        like = replace(like, angles_rad=postures_rad, tools=None)
+        return self.parameters.columns(arm, derivatives, like), derivatives.centres_mm
 
     def geometric_columns(
         self, arm: ArmValues, postures_rad: Floats

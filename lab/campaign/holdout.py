@@ -15,8 +15,9 @@ from traverse.lab.campaign.campaign import Campaign
 PART = 0.3
 # Poses of a group, and how many groups an artefact is cut into where it has enough.
 _LEAST_SIZE, _LARGEST_SIZE, _GROUPS = 3, 20, 10
-# Equations that stay beyond the unknowns they are needed for.
-_SPARE_ROWS = 2
+# Equations that stay beyond the unknowns they are needed for: of an artefact, and of
+# the arm, where fewer could not tell effects from noise.
+_SPARE_ROWS, LEAST_REDUNDANCY = 2, 10
 # Kinds whose features have unknowns of their own.
 _OWN_FEATURES = ("ball_bar", "parallel_planes", "seats")
 _UNKNOWNS_A_JOINT = 4
@@ -32,7 +33,7 @@ def split(
     The part is of the poses of each artefact, above 0 and below 1.
     """
     held_out = np.zeros(len(campaign.poses), dtype=np.bool_)
-    n_left = -_UNKNOWNS_A_JOINT * len(campaign.joint_names) - _SPARE_ROWS
+    n_left = -_UNKNOWNS_A_JOINT * len(campaign.joint_names) - LEAST_REDUNDANCY
     for index, artefact in enumerate(campaign.artefacts):
         poses = _in_time(campaign, index)
         if len(poses) == 0:

@@ -18,11 +18,7 @@ from traverse.lab.diagnosis.holdout.comparison import (
     held_out_blunders,
     noise_exceeded,
 )
-from traverse.lab.diagnosis.model.fit import (
-    Fit,
-    fitted,
-    with_tools_begun,
-)
+from traverse.lab.diagnosis.model.fit import Fit, begin, fitted
 from traverse.lab.diagnosis.model.result import (
     Diagnosis,
     DiagnosisOptions,
@@ -92,7 +88,8 @@ def diagnose(
     """
     options = options or DiagnosisOptions()
     report = progress or no_progress
-    campaign = with_tools_begun(campaign, arm)
+    beginning = begin(campaign, arm)
+    campaign, start = beginning.campaign, beginning.arm
     choosing, held_out = SPLITS[options.holdout_by](campaign, options.seed)
     if options.holdout_by == "artefact" and not np.any(held_out):
         raise IdentificationError(
@@ -102,13 +99,13 @@ def diagnose(
     choosing = at_most(campaign, choosing, options.seed)
     # Before the search, which would explain what is another arm's by effects.
     while campaign.prior is not None:
-        fit = fitted(campaign, arm, choosing)
+        fit = fitted(campaign, start, choosing)
         contradicted = fit.adjustment.contradicted_expectation()
         if contradicted is None:
             break
         prior = campaign.prior.without(*contradicted)
         campaign = replace(campaign, prior=prior)
-    decision = decide(campaign, arm, choosing, options, report)
+    decision = decide(campaign, start, choosing, options, report)
     search = decision.search
     report("looking at the poses kept aside", 0.7)
     fits = _ledger_fits(decision, options)
@@ -160,6 +157,8 @@ def diagnose(
         n_visible=n_visible,
         terms=terms,
         arm=arm,
+        wrong_signs=beginning.wrong_signs,
+        zero_offsets_rad=beginning.zero_offsets_rad,
         adapted=estimates.adapted.arm,
         campaign=campaign,
         before=fits[0].adjustment,

@@ -14,11 +14,16 @@ from traverse.lab.diagnosis.model.fit import estimates_of, has_epoch
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.diagnosis.search.decision import Decision
-from traverse.lab.diagnosis.search.forward_search import DECIDED, ScoredCandidate
+from traverse.lab.diagnosis.search.forward_search import (
+    DECIDED,
+    ScoredCandidate,
+    StuckCurve,
+)
 from traverse.lab.diagnosis.search.naming import (
     NamedTerm,
     correlation,
     of_single_joints,
+    rivals_of,
 )
 from traverse.lab.outcomes.candidate import BankName, Candidate
 from traverse.lab.outcomes.diagnosis import (
@@ -99,13 +104,12 @@ def terms_of(
         options.n_draws,
         options.seed,
     )
-    if search.stuck is not None:
-        terms.append(_stuck_term(search.stuck, decision, is_alone=place is None))
+    terms += [_stuck_term(curve, is_alone=place is None) for curve in search.stuck]
     known = [(term.candidate.joint, term.candidate.covariate) for term in terms]
     if place is not None and (place.joint, place.covariate) not in known:
         unknown = _at_place(place.log_p, place.covariate, place.artefact, place.joint)
         terms.append(replace(unknown, cluster=place))
-    elif misfit is not None and search.stuck is None:
+    elif misfit is not None and not search.stuck:
         terms.append(_of_misfit(misfit))
     return tuple(terms)
 
@@ -137,17 +141,19 @@ def _beside_its_kind(naming: NamedTerm, names: tuple[NamedTerm, ...]) -> NamedTe
     return replace(naming, status="tentative", alternatives=alternatives)
 
 
-def _stuck_term(stuck: ScoredCandidate, decision: Decision, *, is_alone: bool) -> Term:
+def _stuck_term(curve: StuckCurve, *, is_alone: bool) -> Term:
     """Report a curve that tilts or shifts: it cannot be added.
 
     That an artefact moves is a name, where nothing else is left; nothing of it belongs
     into an arm.
     """
     status: Status = "unknown"
+    stuck = curve.choice
+    rivals = rivals_of(stuck, curve.choices, stuck.score)
     if stuck.candidate.artefact is not None:
         near = [
             rival
-            for rival in decision.stuck_rivals
+            for rival in rivals
             if rival.log_bayes_factor > stuck.evidence - DECIDED and not rival.alias
         ]
         status = "named" if is_alone and not near else "tentative"
@@ -157,7 +163,7 @@ def _stuck_term(stuck: ScoredCandidate, decision: Decision, *, is_alone: bool) -
         parameters=_stuck_estimates(stuck),
         log_bayes_factor=stuck.evidence,
         log10_p=stuck.log_p / _LOG_10,
-        alternatives=decision.stuck_rivals,
+        alternatives=rivals,
     )
 
 

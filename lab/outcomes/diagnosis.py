@@ -293,6 +293,8 @@ class DiagnosisFigures:
     vetoed: bool
     times_stated_noise: float | None
     identified_anew: bool
+    wrong_signs: tuple[str, ...]
+    zero_offsets_rad: Mapping[str, float]
     leftovers: tuple[BankRemainder, ...]
     noise: Mapping[str, Any]
     seed: int

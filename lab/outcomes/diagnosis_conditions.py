@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from traverse.lab.outcomes.arm_file import signs_and_zeros
 from traverse.lab.outcomes.base import (
     Condition,
     Established,
@@ -24,6 +25,7 @@ class DiagnosisEvidence:
     """What the conditions look at: the figures, and what they rest on.
 
     Attributes:
+        converged: Whether the estimates of the arm that is written did.
         n_repeated: Poses with exactly the readings of another.
         time_is_order: Whether the campaign has no times.
         has_length: Whether a length is known in the campaign.
@@ -35,6 +37,7 @@ class DiagnosisEvidence:
     """
 
     figures: DiagnosisFigures
+    converged: bool
     n_poses: int
     n_repeated: int
     time_is_order: bool
@@ -67,6 +70,34 @@ def _is_beyond(chi2: float, std: float) -> bool:
 def is_many(n_excluded: int, n_poses: int) -> bool:
     """Return whether more poses contradict the others than blunders may be."""
     return n_excluded > _MANY_EXCLUDED * n_poses
+
+
+def _converged(evidence: DiagnosisEvidence) -> Finding:
+    if evidence.converged:
+        return Established()
+    return bad(
+        "The estimates of the adapted arm did not converge: none of them may be used.",
+        "Measure more and more varied postures; traverse identify names what moves.",
+    )
+
+
+def _belongs(evidence: DiagnosisEvidence) -> Finding:
+    for term in evidence.figures.terms:
+        if term.misfit is not None and term.misfit.is_gross:
+            rms_mm = term.misfit.figures.rms_mm
+            return bad(
+                f"Poses kept aside are {length_mm(rms_mm)} from where the model puts "
+                "them: arm file and campaign do not belong together, or the poses are "
+                "too few.",
+                "Check order, signs and zeros of the joints, and measure more poses.",
+                {"rms_mm": rms_mm},
+            )
+    return Established()
+
+
+def _file_fits(evidence: DiagnosisEvidence) -> Finding:
+    figures = evidence.figures
+    return signs_and_zeros(figures.wrong_signs, figures.zero_offsets_rad)
 
 
 def _visible(evidence: DiagnosisEvidence) -> Finding:
@@ -218,12 +249,19 @@ def _scaled(evidence: DiagnosisEvidence) -> Finding:
             "arm has another scale.",
             "Measure another certified length, or have these standards checked.",
         )
-    if evidence.has_length or evidence.was_identified:
-        return Established({"from_campaign": evidence.has_length})
-    return doubt(
-        "The scale of the arm is undetermined: no length is known in this "
-        "campaign, and the arm file is a design. The written arm has the design's "
-        "scale.",
+    if evidence.has_length:
+        return Established()
+    unknown = (
+        "The scale of the arm is undetermined: no length is known in this campaign"
+    )
+    if evidence.was_identified:
+        return doubt(
+            f"{unknown}, and nothing here checks that of the arm file, which is kept. "
+            "The covariance counts it as if it were a design's.",
+            "Add a length standard.",
+        )
+    return bad(
+        f"{unknown}, and the arm file is a design.",
         "Add a length standard, or diagnose an arm that was identified with one.",
     )
 
@@ -273,6 +311,9 @@ def _in_family(evidence: DiagnosisEvidence) -> Finding:
 
 
 CONDITIONS: tuple[Condition[DiagnosisEvidence], ...] = (
+    Condition("converged", "the adjustment converged", _converged),
+    Condition("fit", "arm file and campaign belong together", _belongs),
+    Condition("arm_file", "signs and zeros of the arm file fit", _file_fits),
     Condition("visible", "the poses could show effects", _visible),
     Condition("named", "whatever is missing has one name", _named),
     Condition("within_noise", "noise explains what is left", _within_noise),

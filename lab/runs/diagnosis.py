@@ -18,6 +18,7 @@ from traverse.lab.diagnosis.scans.scan_diagnosis import (
     stream_lines,
 )
 from traverse.lab.diagnosis.search.forward_search import Progress
+from traverse.lab.outcomes.arm_file import NO_ARM
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.runs.inputs import BreakdownError, broken_down, date_of
 from traverse.strict_toml.writing import write_atomically
@@ -55,13 +56,18 @@ def write_diagnosed(
 ) -> list[str]:
     """Write the files of `traverse diagnose`; the summary, and what was written.
 
-    An accepted arm replaces the arm file.
+    An accepted arm replaces the arm file, if one may be made of the result.
     """
     result, stream = results
     adapted = write_diagnosis(out, result, arm_file, date_of(provenance), provenance)
-    files = "arm.toml, arm.cov.npz, diagnosis.json, discrepancies.csv, report.html"
-    lines = [*summary_lines(result), f"wrote {out}: {files}, pictures"]
-    if accept:
+    files = "diagnosis.json, discrepancies.csv, report.html, pictures"
+    files += (
+        f"; no arm.toml: {NO_ARM}" if adapted is None else ", arm.toml, arm.cov.npz"
+    )
+    lines = [*summary_lines(result), f"wrote {out}: {files}"]
+    if accept and adapted is None:
+        lines.append(f"{arm_file} stays as it was: nothing was accepted")
+    elif accept and adapted is not None:
         accept_adapted(arm_file, adapted, out)
         lines.append(f"wrote {arm_file}: the adapted arm in place of the old one")
     if stream is None:

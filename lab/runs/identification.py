@@ -22,13 +22,10 @@ from traverse.lab.identification.results.files import (
 from traverse.lab.identification.results.outcome import outcome_of
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.outcomes.adjustment import Progress
+from traverse.lab.outcomes.arm_file import NO_ARM
 from traverse.lab.report.provenance import SUMS, ReportProvenance, sums_of, write_sums
 from traverse.lab.runs.inputs import BreakdownError, broken_down, date_of
 from traverse.strict_toml.writing import write_atomically
-
-NO_ARM = (
-    "an arm file of this result might be measured with (--write-unfit-arm writes it)"
-)
 
 
 def identified(
@@ -70,7 +67,8 @@ def write_identified(
         write_atomically(out / "report.html", page)
         return [
             *lines,
-            f"wrote {out}: {IDENTIFICATION}, report.html; no arm.toml: {NO_ARM}",
+            f"wrote {out}: {IDENTIFICATION}, report.html; no arm.toml: {NO_ARM} "
+            "(--write-unfit-arm writes it)",
         ]
     write_result(result, out, date_of(provenance), provenance)
     write_atomically(out / "report.html", page)

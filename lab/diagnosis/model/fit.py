@@ -94,19 +94,51 @@ def fitted(
     return Fit(**of_run, arm=run.adjustment.arm_as_estimated(arm))
 
 
-def with_tools_begun(campaign: Campaign, arm: Arm) -> Campaign:
-    """Begin with tools that fit to the arm as given.
+@dataclass(frozen=True, slots=True, eq=False)
+class Beginning:
+    """What a diagnosis begins with: as an identification, fitted tools, signs, zeros.
+
+    Attributes:
+        campaign: With tools that fit to the arm as given.
+        arm: With the signs and zeros that fit.
+        wrong_signs: Joints that turn the other way than the arm file says.
+        zero_offsets_rad: Of zeros that fit much better than the file's, by joint.
+    """
+
+    campaign: Campaign
+    arm: Arm
+    wrong_signs: tuple[str, ...]
+    zero_offsets_rad: dict[str, float]
+
+
+def begin(campaign: Campaign, arm: Arm) -> Beginning:
+    """Find what fits at all, before any effect is looked for.
 
     Raises:
         IdentificationError: Arm and campaign do not fit together.
     """
-    if not campaign.tools:
-        return campaign
-    options = Options(coarse_start=False)
-    begin = find_starting_values(Problem.of(campaign, arm, options), options)
-    names = [tool.name for tool in campaign.tools]
-    vectors_mm = dict(zip(names, begin.design.tools_mm, strict=True))
-    return campaign.with_tools(vectors_mm, held=False)
+    options = Options()
+    start = find_starting_values(Problem.of(campaign, arm, options), options)
+    if campaign.tools:
+        names = [tool.name for tool in campaign.tools]
+        vectors_mm = dict(zip(names, start.arm.tools_mm, strict=True))
+        campaign = campaign.with_tools(vectors_mm, held=False)
+    geometry = start.arm.geometry
+    offsets_rad = geometry.zeros_rad - start.design.geometry.zeros_rad
+    moved = np.flatnonzero(offsets_rad).tolist()
+    joints = list(arm.joints)
+    for k in {*moved, *start.reversed_joints}:
+        turned = {
+            "axis": tuple(geometry.axes[k].tolist()),
+            "zero_rad": float(geometry.zeros_rad[k]),
+        }
+        joints[k] = joints[k].model_copy(update=turned)
+    return Beginning(
+        campaign,
+        arm.model_copy(update={"joints": tuple(joints)}),
+        tuple(arm.joints[k].name for k in start.reversed_joints),
+        {arm.joints[k].name: float(offsets_rad[k]) for k in moved},
+    )
 
 
 def with_effects(arm: Arm, effects: tuple[Effect, ...]) -> Arm:

@@ -1,5 +1,6 @@
 """Options and result of a diagnosis."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,6 +78,9 @@ class Diagnosis:
         n_library: How many effects the library has for this arm.
         n_visible: How many of them the poses could have shown in some size.
         terms: What was found, in the order of finding.
+        arm: As given.
+        wrong_signs: Joints that turn the other way than it says.
+        zero_offsets_rad: Of zeros that fit much better than its own, by joint.
         adapted: With the accepted terms, everything estimated together.
         before: Fit of the geometry to the choosing poses, without terms.
         after: Fit with the terms of the arm that is written.
@@ -103,6 +107,8 @@ class Diagnosis:
     n_visible: int
     terms: tuple[Term, ...]
     arm: Arm
+    wrong_signs: tuple[str, ...]
+    zero_offsets_rad: Mapping[str, float]
     adapted: Arm
     campaign: Campaign
     before: Adjustment

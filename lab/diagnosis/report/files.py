@@ -3,6 +3,7 @@
 import json
 import re
 from datetime import UTC, datetime
+from os.path import samefile
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from traverse.lab.diagnosis.model.result import (
     Diagnosis,
 )
 from traverse.lab.diagnosis.report.discrepancies import write_discrepancies
-from traverse.lab.diagnosis.report.outcome import diagnosis_json
+from traverse.lab.diagnosis.report.outcome import diagnosis_json, outcome_of
 from traverse.lab.diagnosis.report.page import report_page
 from traverse.lab.diagnosis.report.pictures import plots_of
 from traverse.lab.outcomes.adjustment import (
@@ -28,6 +29,7 @@ from traverse.lab.outcomes.adjustment import (
     CartesianCovariance,
     write_covariance,
 )
+from traverse.lab.outcomes.arm_file import may_be_measured_with
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.statistics.distributions import global_test, variance_factor
 from traverse.strict_toml.files import bytes_of, text_of
@@ -44,19 +46,26 @@ def write_diagnosis(
     source: str | Path,
     when: datetime | None = None,
     provenance: ReportProvenance | None = None,
-) -> Arm:
+) -> Arm | None:
     """Write everything into a folder, which is made if need be.
 
     The comments of the source, the arm file that was diagnosed, are kept. Date and
     provenance are by default those of now. Returns the adapted arm as written, with its
-    provenance.
+    provenance; None: an arm file of the result might be measured with.
     """
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
-    cartesian = covariance_of(diagnosis.final)
-    digest = write_covariance(cartesian, target / COVARIANCE_FILE)
-    arm = arm_with_provenance(diagnosis, when, digest)
-    write_adapted(target / "arm.toml", arm, Path(source))
+    arm: Arm | None = None
+    if may_be_measured_with(outcome_of(diagnosis)):
+        cartesian = covariance_of(diagnosis.final)
+        digest = write_covariance(cartesian, target / COVARIANCE_FILE)
+        arm = arm_with_provenance(diagnosis, when, digest)
+        write_adapted(target / "arm.toml", arm, Path(source))
+    elif not (target / "arm.toml").exists() or not samefile(
+        target / "arm.toml", source
+    ):
+        for name in ("arm.toml", COVARIANCE_FILE):
+            (target / name).unlink(missing_ok=True)
     origin = provenance or diagnosis.campaign.provenance(when=when)
     values = diagnosis_json(diagnosis, origin)
     text = json.dumps(values, indent=1, allow_nan=False)

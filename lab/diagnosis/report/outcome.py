@@ -47,6 +47,7 @@ def _judged(diagnosis: Diagnosis, figures: DiagnosisFigures) -> Outcome:
     return judge_diagnosis(
         DiagnosisEvidence(
             figures=figures,
+            converged=diagnosis.final.adjustment.converged,
             n_poses=len(diagnosis.campaign.poses),
             n_repeated=diagnosis.campaign.poses.n_repeated,
             time_is_order=diagnosis.campaign.time_is_order,
@@ -93,6 +94,8 @@ def figures_of(diagnosis: Diagnosis) -> DiagnosisFigures:
         vetoed=diagnosis.vetoed,
         times_stated_noise=diagnosis.exceeded,
         identified_anew=diagnosis.is_identified_anew,
+        wrong_signs=diagnosis.wrong_signs,
+        zero_offsets_rad=diagnosis.zero_offsets_rad,
         leftovers=diagnosis.leftovers,
         noise=asdict(noise)
         | {"contact_mm": dict(zip(ids, noise.contact_mm, strict=True))},

@@ -17,7 +17,7 @@ from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
 from traverse.lab.diagnosis.model.candidate import effect_of_candidate
-from traverse.lab.diagnosis.model.fit import estimates_of
+from traverse.lab.diagnosis.model.fit import begin, estimates_of
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
@@ -74,6 +74,8 @@ def diagnose_stream(
     """
     options, report = options or DiagnosisOptions(), progress or no_progress
     report("thinning the stream", 0.02)
+    beginning = begin(campaign, arm)
+    given, arm = arm, beginning.arm
     campaign, thinning = decimated(campaign, arm)
     first = diagnose(campaign.part(thinning.poses), arm, options, progress)
     if first.terms:
@@ -107,6 +109,12 @@ def diagnose_stream(
         # Held-out poses got worse: nothing of it is accepted.
         diagnosis = first if together.vetoed else together
         added = [] if together.vetoed else added
+    diagnosis = replace(
+        diagnosis,
+        arm=given,
+        wrong_signs=beginning.wrong_signs,
+        zero_offsets_rad=beginning.zero_offsets_rad,
+    )
     return StreamDiagnosis(diagnosis, thinning, harmonics, len(added))
 
 

@@ -10,6 +10,7 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.lab.adjustment import IdentificationError
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.holdout import LEAST_REDUNDANCY
 from traverse.lab.diagnosis.model.fit import (
     AddedTerm,
     Fit,
@@ -32,21 +33,19 @@ from traverse.lab.diagnosis.search.forward_search import (
     SearchState,
     effect_of,
     forward_search,
+    joints_with_curve,
     no_progress,
-    ranked,
     refitted,
     scores_at,
+    stuck_curves,
 )
-from traverse.lab.diagnosis.search.naming import NamedTerm, name_terms, rivals_of
+from traverse.lab.diagnosis.search.naming import NamedTerm, name_terms
 from traverse.lab.diagnosis.search.thresholds import noise_draws
-from traverse.lab.outcomes.candidate import BankName, Candidate
-from traverse.lab.outcomes.diagnosis import Alternative
+from traverse.lab.outcomes.candidate import Candidate
 
 # Another name must be better by this much to take a term's place.
 _BETTER = 1.0
 _SERIAL_LEVEL = 0.01
-# Less says nothing about noise, and so nothing about effects.
-_LEAST_REDUNDANCY = 10
 _LEAST_TRAVEL_RAD = np.radians(2.0)
 _MOST_REVISIONS = 4
 
@@ -57,13 +56,11 @@ class Decision:
 
     Attributes:
         start: Fit without terms to the eligible poses, as an identification.
-        stuck_rivals: What else the stuck curve of the search may be.
     """
 
     search: SearchState
     names: tuple[NamedTerm, ...]
     start: Fit
-    stuck_rivals: tuple[Alternative, ...] = ()
 
 
 def decide(
@@ -97,7 +94,7 @@ def decide(
     if np.any(turned):
         remaining = campaign.without_orientations(turned)
         return decide(remaining, arm, eligible, options, progress)
-    return Decision(search, names, start, _stuck_rivals(search))
+    return Decision(search, names, start)
 
 
 def _serial_noise(
@@ -125,8 +122,11 @@ def _serial_noise(
         for naming in names
         if _follows_time(naming.added.candidate)
     ]
-    if search.stuck is not None and _follows_time(search.stuck.candidate):
-        slow.append(search.stuck.evidence)
+    slow += [
+        curve.choice.evidence
+        for curve in search.stuck
+        if _follows_time(curve.choice.candidate)
+    ]
     if not slow:
         return None
     rows = _rows_of_noise(campaign, search)
@@ -134,14 +134,6 @@ def _serial_noise(
         return None
     serial, evidence = likeliest_serial_noise(rows)
     return serial if evidence > sum(slow) else None
-
-
-def _stuck_rivals(search: SearchState) -> tuple[Alternative, ...]:
-    """List what else a curve may be that has no form in an arm file."""
-    if search.stuck is None:
-        return ()
-    choices = ranked(search.stage, tuple(BankName), search.joints_with_own_curve)
-    return rivals_of(search.stuck, choices, search.stuck.score)
 
 
 # Standard deviations of a mean square of white noise: more is more than was stated.
@@ -194,11 +186,11 @@ def _check(campaign: Campaign, start: Fit) -> None:
             "found in them; measure in varied postures"
         )
     redundancy = start.adjustment.redundancy
-    if redundancy < _LEAST_REDUNDANCY:
+    if redundancy < LEAST_REDUNDANCY:
         raise IdentificationError(
             f"{n_poses} poses leave {redundancy} equations beyond the unknowns "
             "(redundancy), and effects cannot be told from noise with fewer than "
-            f"{_LEAST_REDUNDANCY}; measure more poses"
+            f"{LEAST_REDUNDANCY}; measure more poses"
         )
 
 
@@ -254,6 +246,8 @@ def _changed(
         effects[added.index] = effect_of(better, search.stage.rows)
         terms[position] = AddedTerm(better.candidate, added.index)
     fit = refitted(search.fit, tuple(effects), eligible)
-    return replace(
-        search, fit=fit, terms=tuple(terms), stage=scores_at(fit, search.serial)
-    )
+    stage, stuck = scores_at(fit, search.serial), search.stuck
+    if stuck:
+        # Of the poses that take part now.
+        stuck = stuck_curves(stage, search.thresholds, joints_with_curve(terms))
+    return replace(search, fit=fit, terms=tuple(terms), stage=stage, stuck=stuck)

@@ -200,6 +200,44 @@ def _choices(
     ]
 
 
+def _has_form(candidate: Candidate) -> bool:
+    """Return whether an arm file can hold it."""
+    return not candidate.is_curve or candidate.component == "angle"
+
+
+_MOST_STUCK = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StuckCurve:
+    """A curve that explains what is left, but has no form in an arm file.
+
+    Attributes:
+        choices: All candidates beside which it was chosen, the best first.
+    """
+
+    choice: ScoredCandidate
+    choices: list[ScoredCandidate]
+
+
+def stuck_curves(
+    stage: CandidateScores,
+    thresholds: dict[BankName, float],
+    joints_with_own_curve: Collection[str],
+) -> tuple[StuckCurve, ...]:
+    """Choose curves without a form, one after another: several artefacts may move."""
+    curves: list[StuckCurve] = []
+    while len(curves) < _MOST_STUCK:
+        choice = select_next(stage, thresholds, joints_with_own_curve)
+        if choice is None or _has_form(choice.candidate):
+            break
+        choices = ranked(stage, tuple(BankName), joints_with_own_curve)
+        curves.append(StuckCurve(choice, choices))
+        basis = np.hstack([stage.rows.basis, choice.projected.directions])
+        stage = score_banks(replace(stage.rows, basis=basis), stage.banks)
+    return tuple(curves)
+
+
 Progress = Callable[[str, float], None]
 
 
@@ -215,7 +253,7 @@ class SearchState:
         thresholds: log p of each bank.
         n_given: Effects that the arm had before.
         serial: The noise that was assumed.
-        stuck: A curve that explains what is left, but has no form in an arm file.
+        stuck: Curves that explain what is left, but have no form in an arm file.
     """
 
     fit: Fit
@@ -225,7 +263,7 @@ class SearchState:
     first: CandidateScores
     n_given: int
     serial: SerialCorrelation | None
-    stuck: ScoredCandidate | None = None
+    stuck: tuple[StuckCurve, ...] = ()
 
     @property
     def joints_with_own_curve(self) -> frozenset[str]:
@@ -234,13 +272,10 @@ class SearchState:
 
     @property
     def unexplained(self) -> ObservationEquations:
-        """The rows of the fit, free also of what the stuck curve explains."""
+        """The rows of the fit, free also of what the stuck curves explain."""
         rows = self.stage.rows
-        if self.stuck is None:
-            return rows
-        return replace(
-            rows, basis=np.hstack([rows.basis, self.stuck.projected.directions])
-        )
+        found = [curve.choice.projected.directions for curve in self.stuck]
+        return replace(rows, basis=np.hstack([rows.basis, *found]))
 
     @property
     def is_finished(self) -> bool:
@@ -263,7 +298,7 @@ def forward_search(
     thresholds = family_thresholds(stage, options)
     fit, terms = start, list[AddedTerm]()
     n_given = len(own_effects(start.arm))
-    stuck: ScoredCandidate | None = None
+    stuck: tuple[StuckCurve, ...] = ()
     while len(terms) < options.most_terms:
         joints_with_own_curve = joints_with_curve(terms)
         choice = select_next(stage, thresholds, joints_with_own_curve)
@@ -280,8 +315,8 @@ def forward_search(
         if choice is None:
             break
         candidate = choice.candidate
-        if candidate.is_curve and candidate.component != "angle":
-            stuck = choice  # the arm file has no form for it
+        if not _has_form(candidate):
+            stuck = stuck_curves(stage, thresholds, joints_with_own_curve)
             break
         effect = effect_of(choice, stage.rows)
         progress(f"adding {candidate.name}", 0.3 + 0.1 * len(terms))

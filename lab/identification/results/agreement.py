@@ -3,6 +3,7 @@
 import numpy as np
 
 from traverse.lab.identification.results.result import Identification
+from traverse.lab.outcomes.arm_file import signs_and_zeros
 from traverse.lab.outcomes.base import (
     Condition,
     Established,
@@ -19,8 +20,6 @@ from traverse.lab.statistics.outlier_clusters import ExcludedCluster
 _MOST_EXCLUDED = 0.1
 # Standard deviations within which a certificate is what was measured.
 _AGREES = 3.0
-# Offsets of zeros, found by a search, that are reported.
-_LEAST_OFFSET_RAD = 1e-4
 
 
 def _certificates_agree(result: Identification) -> Finding:
@@ -93,28 +92,11 @@ def _radii_agree(result: Identification) -> Finding:
 
 
 def _file_fits(result: Identification) -> Finding:
-    shortfalls = [
-        Shortfall(
-            f"The arm file as given did not fit: {joint} turns the other way. It was "
-            "identified with the other sense, by an axis that points the other way.",
-            f"Look which way the encoder of {joint} counts; the identified arm file "
-            "has its axis reversed, and needs no other sign.",
-            {"joint": joint},
-        )
-        for joint in result.wrong_signs
-    ]
     offsets_rad = result.zero_offsets_rad.tolist()
-    far = {
-        joint: rad
-        for joint, rad in zip(result.campaign.joint_names, offsets_rad, strict=True)
-        if abs(rad) > _LEAST_OFFSET_RAD
-    }
-    if far:
-        offsets = ", ".join(f"{joint} by {rad:+.4f} rad" for joint, rad in far.items())
-        text = f"The arm file as given did not fit at all; other zeros do: {offsets}."
-        values = {f"{joint}_offset_rad": rad for joint, rad in far.items()}
-        shortfalls.append(Shortfall(text, "Check the arm file.", values))
-    return shortfalls or Established()
+    names = result.campaign.joint_names
+    return signs_and_zeros(
+        result.wrong_signs, dict(zip(names, offsets_rad, strict=True))
+    )
 
 
 def _artefacts_agree(result: Identification) -> Finding:

@@ -14,6 +14,7 @@ from traverse.lab.artefacts.artefact import Artefact
 from traverse.lab.identification.results.agreement import ALIKE, KEPT, STATED
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.results.undetermined import combination
+from traverse.lab.outcomes.arm_file import may_be_measured_with
 from traverse.lab.outcomes.base import (
     Condition,
     Established,
@@ -289,9 +290,6 @@ CONDITIONS: tuple[Condition[Identification], ...] = (
     *ALIKE,
 )
 
-# A bad reason of these codes: an arm file of the result might be measured with.
-_NO_ARM_FILE = frozenset({"converged", "fit", "size", "redundancy", "scale"})
-
 # What can be said of an adjustment that did not converge.
 _WITHOUT_FIGURES = frozenset({"converged", "certificates", "arm_file", "artefacts"})
 
@@ -323,7 +321,7 @@ def outcome_of(result: Identification) -> IdentificationOutcome:
     outcome = judge(table, result)
     bad = {entry.code for entry in outcome.reasons if entry.state is State.BAD}
     return IdentificationOutcome(
-        outcome, _title(outcome, bad, result), not bad & _NO_ARM_FILE
+        outcome, _title(outcome, bad, result), may_be_measured_with(outcome)
     )
 
 
