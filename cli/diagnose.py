@@ -50,9 +50,10 @@ def diagnose(
     """Find what the model of an arm lacks, and add it.
 
     Writes arm.toml with the effects that were found, its covariance, diagnosis.json,
-    discrepancies.csv, report.html and its pictures. Exit status 1: the state of the
-    result is bad, or --strict and something is missing, or the adjustment broke
-    down; 4: --strict and the result is in doubt.
+    discrepancies.csv, report.html and its pictures. No arm.toml where the arm must not
+    be measured with: no convergence, no scale, or an arm file that does not fit. Exit
+    status 1: the state of the result is bad, or --strict and something is missing, or
+    the adjustment broke down; 4: --strict and the result is in doubt.
 
     Args:
         arm: Arm file: the design, or an identified arm.

@@ -16,6 +16,7 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.adjustment import IdentificationError
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
+from traverse.lab.diagnosis.report.outcome import outcome_of as outcome_of_diagnosis
 from traverse.lab.identification.identify import Options
 from traverse.lab.identification.results.outcome import outcome_of
 from traverse.lab.outcomes.base import State
@@ -178,7 +179,10 @@ def run_task(task: Task) -> Outcome:
 def _lines(task: Task, arm_file: Path, out: Path) -> tuple[list[str], bool]:
     if isinstance(task.options, DiagnosisOptions):
         diagnosis = diagnosed(task.campaign, task.arm, task.options)
-        return write_diagnosed(diagnosis, arm_file, out, task.provenance), True
-    result = identified(task.campaign, task.arm, task.options)
-    lines = write_identified(result, out, task.provenance)
-    return lines, outcome_of(result).outcome.state is not State.BAD
+        lines = write_diagnosed(diagnosis, arm_file, out, task.provenance)
+        state = outcome_of_diagnosis(diagnosis[0]).state
+    else:
+        result = identified(task.campaign, task.arm, task.options)
+        lines = write_identified(result, out, task.provenance)
+        state = outcome_of(result).outcome.state
+    return lines, state is not State.BAD

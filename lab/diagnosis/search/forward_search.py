@@ -225,14 +225,18 @@ def stuck_curves(
     thresholds: dict[BankName, float],
     joints_with_own_curve: Collection[str],
 ) -> tuple[StuckCurve, ...]:
-    """Choose curves without a form, one after another: several artefacts may move."""
+    """Choose a curve without a form; of artefacts several, as each may move."""
     curves: list[StuckCurve] = []
     while len(curves) < _MOST_STUCK:
         choice = select_next(stage, thresholds, joints_with_own_curve)
         if choice is None or _has_form(choice.candidate):
             break
+        if curves and choice.candidate.artefact is None:
+            break
         choices = ranked(stage, tuple(BankName), joints_with_own_curve)
         curves.append(StuckCurve(choice, choices))
+        if choice.candidate.artefact is None:
+            break
         basis = np.hstack([stage.rows.basis, choice.projected.directions])
         stage = score_banks(replace(stage.rows, basis=basis), stage.banks)
     return tuple(curves)

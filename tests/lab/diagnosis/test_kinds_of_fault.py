@@ -10,9 +10,14 @@ from tests.lab.diagnosis.diagnosed import DECISION, ECCENTRIC
 from tests.lab.diagnosis.engine_campaigns import poses
 from tests.lab.diagnosis.fitted_rows import Measurement, measured
 from tests.lab.simulated import Noise, arm_value, disturbed, seven_joints, simulate
-from traverse.kinematics.arm_file.arm import Identification, effect_from_table
+from traverse.kinematics.arm_file.arm import (
+    Identification,
+    effect_from_table,
+    write_arm,
+)
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.report.files import write_diagnosis
 from traverse.lab.diagnosis.report.outcome import outcome_of
 from traverse.lab.diagnosis.report.page import summary_lines
 from traverse.lab.outcomes.base import State
@@ -88,20 +93,41 @@ def test_an_artefact_that_creeps_is_named():
     assert "cone-2 is at fault" in " ".join(outcome_of(diagnosis).sentences)
 
 
+def test_each_of_two_artefacts_that_creep_is_named():
+    start = measured()
+    touched = start.campaign.poses
+    ids = [artefact.id for artefact in start.campaign.artefacts]
+    share = touched.time_s / touched.time_s.max()
+    moves_mm = np.zeros((len(touched), 3))
+    for name, move_mm in (("cone-2", [0.03, -0.04, 0.0]), ("bar", [0.0, 0.03, 0.04])):
+        moves_mm += np.outer(share * (touched.artefacts == ids.index(name)), move_mm)
+    diagnosis = decided(moved(start, moves_mm))
+    named = {term.candidate.artefact for term in diagnosis.terms}
+    assert (diagnosis.verdict, named) == ("named", {"cone-2", "bar"})
+
+
 @pytest.mark.slow
-def test_cones_alone_leave_the_scale_in_doubt():
+def test_an_arm_of_cones_alone_has_no_scale_and_no_file(tmp_path):
     start = measured()
     is_cone = np.array(
         [artefact.kind == "cone" for artefact in start.campaign.artefacts]
     )
     on_cones = start.campaign.part(is_cone[start.campaign.poses.artefacts])
     diagnosis = diagnose(on_cones, start.arm, DECISION)
-    assert "scale" in outcome_of(diagnosis).codes
-    assert outcome_of(diagnosis).state is State.DOUBT
+    assert outcome_of(diagnosis).codes == ("scale",)
+    assert outcome_of(diagnosis).state is State.BAD
+    source = tmp_path / "design.toml"
+    write_arm(source, start.arm)
+    (tmp_path / "arm.toml").write_text("of an earlier diagnosis")
+    assert write_diagnosis(tmp_path, diagnosis, source) is None
+    assert not (tmp_path / "arm.toml").exists()
     # Its scale came from where the arm was identified.
     made = Identification(sigma0=1.0, redundancy=300)
     identified = start.arm.model_copy(update={"identification": made})
-    assert "scale" not in outcome_of(replace(diagnosis, arm=identified)).codes
+    known = replace(diagnosis, arm=identified)
+    assert outcome_of(known).codes == ("scale",)
+    assert outcome_of(known).state is State.DOUBT
+    assert write_diagnosis(tmp_path, known, source) is not None
     assert "scale" not in outcome_of(decided(start)).codes
 
 
@@ -113,11 +139,24 @@ def test_a_single_cone_has_no_volume_that_noise_could_exceed():
     assert outcome_of(diagnosis).codes == ("scale",)
 
 
+def test_a_joint_that_turns_the_other_way_is_found_before_effects_are():
+    ring = measured().with_effect(effect_from_table(ECCENTRIC))
+    angles_rad = ring.campaign.poses.angles_rad.copy()
+    angles_rad[:, 1] *= -1.0
+    diagnosis = decided(ring.with_poses(angles_rad=angles_rad))
+    assert diagnosis.wrong_signs == ("J2",)
+    assert [term.candidate.kind for term in diagnosis.terms] == [ECCENTRIC["kind"]]
+    outcome = outcome_of(diagnosis)
+    assert (outcome.state, outcome.codes) == (State.DOUBT, ("arm_file",))
+    before, after = (arm.joints[1].axis for arm in (ring.arm, diagnosis.adapted))
+    assert np.dot(before, after) < -0.99
+
+
 @pytest.mark.slow
-def test_effects_of_an_arm_that_fits_nothing_are_not_listed():
+def test_effects_of_an_arm_that_fits_nothing_are_not_listed(tmp_path):
     start = measured()
     angles_rad = start.campaign.poses.angles_rad.copy()
-    angles_rad[:, 1] *= -1.0
+    angles_rad[:, [2, 4]] = angles_rad[:, [4, 2]]
     turned = start.with_poses(angles_rad=angles_rad)
     options = replace(DECISION, n_draws=50, most_terms=1)
     diagnosis = diagnose(turned.campaign, start.arm, options)
@@ -126,6 +165,9 @@ def test_effects_of_an_arm_that_fits_nothing_are_not_listed():
     assert term.misfit.is_gross
     assert outcome_of(diagnosis).state is State.BAD
     assert "do not belong together" in " ".join(summary_lines(diagnosis))
+    source = tmp_path / "design.toml"
+    write_arm(source, start.arm)
+    assert write_diagnosis(tmp_path / "out", diagnosis, source) is None
 
 
 @pytest.mark.slow
