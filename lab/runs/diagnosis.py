@@ -60,11 +60,11 @@ def write_diagnosed(
     """
     result, stream = results
     adapted = write_diagnosis(out, result, arm_file, date_of(provenance), provenance)
-    files = "diagnosis.json, discrepancies.csv, report.html, pictures"
-    files += (
-        f"; no arm.toml: {NO_ARM}" if adapted is None else ", arm.toml, arm.cov.npz"
-    )
-    lines = [*summary_lines(result), f"wrote {out}: {files}"]
+    arm_files, lack = "arm.toml, arm.cov.npz, ", ""
+    if adapted is None:
+        arm_files, lack = "", f"; no arm.toml: {NO_ARM}"
+    files = f"{arm_files}diagnosis.json, discrepancies.csv, report.html, pictures"
+    lines = [*summary_lines(result), f"wrote {out}: {files}{lack}"]
     if accept and adapted is None:
         lines.append(f"{arm_file} stays as it was: nothing was accepted")
     elif accept and adapted is not None:
