@@ -13,7 +13,7 @@ from traverse.lab.diagnosis.model.covariates import outlier_cluster
 from traverse.lab.diagnosis.model.fit import estimates_of, has_epoch
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
-from traverse.lab.diagnosis.search.decision import Decision
+from traverse.lab.diagnosis.search.decision import Decision, exceeds_stated
 from traverse.lab.diagnosis.search.forward_search import (
     DECIDED,
     ScoredCandidate,
@@ -104,7 +104,9 @@ def terms_of(
         options.n_draws,
         options.seed,
     )
-    terms += [_stuck_term(curve, is_alone=place is None) for curve in search.stuck]
+    leaves_noise = not (campaign.states_noise and exceeds_stated(search.unexplained))
+    is_alone = place is None and leaves_noise
+    terms += [_stuck_term(curve, is_alone=is_alone) for curve in search.stuck]
     known = [(term.candidate.joint, term.candidate.covariate) for term in terms]
     if place is not None and (place.joint, place.covariate) not in known:
         unknown = _at_place(place.log_p, place.covariate, place.artefact, place.joint)

@@ -80,7 +80,7 @@ def decide(
     """
     progress("fitting the geometry", 0.05)
     start = fitted(campaign, arm, eligible)
-    _check(campaign, start)
+    _check(campaign, start, eligible)
     progress("judging every candidate", 0.15)
     search, names = _revised(
         forward_search(start, eligible, options, None, progress), eligible
@@ -154,17 +154,18 @@ def _rows_of_noise(campaign: Campaign, search: SearchState) -> ObservationEquati
     first = search.first.rows
     if not campaign.states_noise:
         return first
-    if not _exceeds_stated(first):
+    if not exceeds_stated(first):
         return first
     slow = {term.index for term in search.terms if _follows_time(term.candidate)}
     effects = search.fit.arm.effects
     kept = tuple(effect for index, effect in enumerate(effects) if index not in slow)
     fit = refitted(search.fit, kept, search.fit.included, snooping=False)
     beside = equations_of(fit.adjustment)
-    return search.unexplained if _exceeds_stated(beside) else beside
+    return search.unexplained if exceeds_stated(beside) else beside
 
 
-def _exceeds_stated(rows: ObservationEquations) -> bool:
+def exceeds_stated(rows: ObservationEquations) -> bool:
+    """Return whether residuals are beyond the noise that a campaign states."""
     redundancy = max(rows.redundancy, 1)
     limit = 1.0 + _BEYOND_STATED * np.sqrt(2.0 / redundancy)
     return bool(rows.sum_of_squares / redundancy >= limit)
@@ -175,8 +176,22 @@ def _follows_time(candidate: Candidate) -> bool:
     return family is Family.SLOW or candidate.covariate == "time_s"
 
 
-def _check(campaign: Campaign, start: Fit) -> None:
+# Of the links together: what no missing effect leaves.
+_HOPELESS = 0.05
+
+
+def _check(campaign: Campaign, start: Fit, eligible: Booleans) -> None:
     """Refuse what no test could judge."""
+    links_mm = start.adjustment.state.arm.geometry.links_mm
+    reach_mm = float(np.sum(np.linalg.norm(links_mm, axis=1)))
+    misclosures_mm = start.statistics.misclosures_mm[eligible]
+    left_mm = float(np.median(np.sqrt(np.nansum(misclosures_mm**2, axis=1))))
+    if left_mm > _HOPELESS * reach_mm:
+        raise IdentificationError(
+            f"arm file and campaign do not belong together: misclosures of "
+            f"{left_mm:.0f} mm (median) are left, of an arm of {reach_mm:.0f} mm; "
+            "check units, order, signs and zeros of the joints, with traverse identify"
+        )
     n_poses = int(np.count_nonzero(start.included))
     travel_rad = np.ptp(campaign.poses.angles_rad, axis=0)
     if np.max(travel_rad) < _LEAST_TRAVEL_RAD:

@@ -16,10 +16,12 @@ from traverse.kinematics.arm_file.arm import (
     write_arm,
 )
 from traverse.kinematics.model.derivatives import probe_derivatives
+from traverse.lab.adjustment import IdentificationError
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.report.files import write_diagnosis
 from traverse.lab.diagnosis.report.outcome import outcome_of
 from traverse.lab.diagnosis.report.page import summary_lines
+from traverse.lab.diagnosis.search.decision import decide
 from traverse.lab.outcomes.base import State
 from traverse.simulator.campaigns import draw_noise
 
@@ -153,17 +155,31 @@ def test_a_joint_that_turns_the_other_way_is_found_before_effects_are():
 
 
 @pytest.mark.slow
-def test_effects_of_an_arm_that_fits_nothing_are_not_listed(tmp_path):
+def test_what_fits_nothing_is_refused():
     start = measured()
     angles_rad = start.campaign.poses.angles_rad.copy()
     angles_rad[:, [2, 4]] = angles_rad[:, [4, 2]]
-    turned = start.with_poses(angles_rad=angles_rad)
-    options = replace(DECISION, n_draws=50, most_terms=1)
-    diagnosis = diagnose(turned.campaign, start.arm, options)
+    some = start.with_poses(angles_rad=angles_rad).campaign
+    some = some.part(np.arange(len(angles_rad)) % 4 == 0)
+    everyone = np.ones(len(some.poses), dtype=np.bool_)
+    with pytest.raises(IdentificationError, match="do not belong together"):
+        decide(some, start.arm, everyone, DECISION)
+
+
+@pytest.mark.slow
+def test_effects_of_an_arm_that_fits_badly_are_not_listed(tmp_path):
+    start = measured()
+    rng = np.random.default_rng(1)
+    angles_rad = start.campaign.poses.angles_rad
+    noise_rad = rng.normal(size=angles_rad.shape) * 0.02
+    spoilt = start.with_poses(angles_rad=angles_rad + noise_rad).campaign
+    some = spoilt.part(np.arange(len(angles_rad)) % 2 == 0)
+    diagnosis = diagnose(some, start.arm, replace(DECISION, n_draws=50, most_terms=1))
     (term,) = diagnosis.terms
     assert term.misfit is not None
     assert term.misfit.is_gross
     assert outcome_of(diagnosis).state is State.BAD
+    assert "fit" in outcome_of(diagnosis).codes
     assert "do not belong together" in " ".join(summary_lines(diagnosis))
     source = tmp_path / "design.toml"
     write_arm(source, start.arm)
