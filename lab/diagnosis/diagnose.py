@@ -16,6 +16,8 @@ from traverse.lab.diagnosis.holdout.comparison import (
     compare_on_holdout,
     find_misfit,
     held_out_blunders,
+    is_many,
+    is_noise,
     noise_exceeded,
 )
 from traverse.lab.diagnosis.model.fit import Fit, begin, fitted
@@ -37,7 +39,6 @@ from traverse.lab.diagnosis.search.forward_search import (
 from traverse.lab.diagnosis.terms import terms_of, verdict_of
 from traverse.lab.outcomes.candidate import BankName
 from traverse.lab.outcomes.diagnosis import BankRemainder, Detectable, LedgerLine
-from traverse.lab.outcomes.diagnosis_conditions import is_many, is_noise
 
 __all__ = ["DiagnosisOptions", "diagnose"]
 

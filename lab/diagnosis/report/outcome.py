@@ -5,20 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from traverse.lab.adjustment import Adjustment
 from traverse.lab.campaign.prior import family_json
 from traverse.lab.diagnosis.model.result import Diagnosis, closed
-from traverse.lab.outcomes.base import Outcome
+from traverse.lab.diagnosis.report.conditions import CONDITIONS, Judged
+from traverse.lab.outcomes.base import Outcome, judge
 from traverse.lab.outcomes.diagnosis import (
     BeforeAfter,
     DiagnosisFigures,
     Gap,
     HoldoutResult,
     LeftOutPose,
-)
-from traverse.lab.outcomes.diagnosis_conditions import (
-    DiagnosisEvidence,
-    judge_diagnosis,
 )
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.report.quantities import plain_values
@@ -27,7 +23,7 @@ SCHEMA = "traverse/diagnosis/1"
 
 
 def outcome_of(diagnosis: Diagnosis) -> Outcome:
-    return _judged(diagnosis, figures_of(diagnosis))
+    return judge(CONDITIONS, Judged(diagnosis, figures_of(diagnosis)))
 
 
 def diagnosis_json(
@@ -37,39 +33,9 @@ def diagnosis_json(
     return {
         "schema": SCHEMA,
         "provenance": (provenance or diagnosis.campaign.provenance()).values,
-        **plain_values(_judged(diagnosis, figures)),
+        **plain_values(judge(CONDITIONS, Judged(diagnosis, figures))),
         **plain_values(figures),
     }
-
-
-def _judged(diagnosis: Diagnosis, figures: DiagnosisFigures) -> Outcome:
-    network, prior = diagnosis.after.network, diagnosis.campaign.prior
-    return judge_diagnosis(
-        DiagnosisEvidence(
-            figures=figures,
-            converged=diagnosis.final.adjustment.converged,
-            n_poses=len(diagnosis.campaign.poses),
-            n_repeated=diagnosis.campaign.poses.n_repeated,
-            time_is_order=diagnosis.campaign.time_is_order,
-            has_length=network.has_length(),
-            holds_scale=network.holds_scale,
-            was_identified=diagnosis.arm.identification is not None,
-            undetermined_mm=_undetermined_mm(diagnosis.final.adjustment),
-            contradicted=() if prior is None else prior.contradicted,
-        )
-    )
-
-
-def _undetermined_mm(adjustment: Adjustment) -> float:
-    """Return how far the probe moves by undetermined directions but the scale."""
-    network, split = adjustment.network, adjustment.split
-    arm = adjustment.state.arm
-    scale = network.undetermined_scale(arm)
-    without_scale = split.undetermined - split.undetermined @ scale.T @ scale
-    if not len(without_scale):
-        return 0.0
-    effects_mm = network.probe_effects_mm(arm, without_scale * split.tolerances)
-    return float(np.linalg.norm(effects_mm))
 
 
 def figures_of(diagnosis: Diagnosis) -> DiagnosisFigures:

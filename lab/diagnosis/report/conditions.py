@@ -1,79 +1,37 @@
 """What must be established before a diagnosis is good."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
+import numpy as np
+
+from traverse.lab.adjustment import Adjustment
+from traverse.lab.diagnosis.holdout.comparison import is_beyond_noise, is_many
+from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.outcomes.arm_file import signs_and_zeros
 from traverse.lab.outcomes.base import (
     Condition,
     Established,
     Finding,
-    Outcome,
     Shortfall,
     bad,
     doubt,
-    judge,
 )
-from traverse.lab.outcomes.diagnosis import DiagnosisFigures, HoldoutResult
+from traverse.lab.outcomes.diagnosis import DiagnosisFigures
 from traverse.lab.outcomes.repeats import no_repeats
 from traverse.lab.report.quantities import length_mm
 from traverse.plurals import counted
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DiagnosisEvidence:
-    """What the conditions look at: the figures, and what they rest on.
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A diagnosis, and its figures."""
 
-    Attributes:
-        converged: Whether the estimates of the arm that is written did.
-        n_repeated: Poses with exactly the readings of another.
-        time_is_order: Whether the campaign has no times.
-        has_length: Whether a length is known in the campaign.
-        holds_scale: Whether the design's scale is held all the same.
-        was_identified: Whether the arm file was.
-        undetermined_mm: How far the probe moves by combinations of parameters that the
-            poses do not determine, where the design is off by a plausible deviation.
-        contradicted: Parameters of the family that the poses contradict, in sigmas.
-    """
-
+    diagnosis: Diagnosis
     figures: DiagnosisFigures
-    converged: bool
-    n_poses: int
-    n_repeated: int
-    time_is_order: bool
-    has_length: bool
-    holds_scale: bool
-    was_identified: bool
-    undetermined_mm: float
-    contradicted: Sequence[tuple[str, float]] = field(default=())
 
 
-def judge_diagnosis(evidence: DiagnosisEvidence) -> Outcome:
-    return judge(CONDITIONS, evidence)
-
-
-# Standard deviations of a mean square of noise alone.
-_OPEN_GAP = 4.0
-_MANY_EXCLUDED = 0.1
-
-
-def is_noise(figures: HoldoutResult) -> bool:
-    """Return whether noise explains how poses kept aside are predicted."""
-    last = figures.without_blunders or figures
-    return last.n == 0 or not _is_beyond(last.chi2, last.chi2_std)
-
-
-def _is_beyond(chi2: float, std: float) -> bool:
-    return chi2 > 1.0 + _OPEN_GAP * std
-
-
-def is_many(n_excluded: int, n_poses: int) -> bool:
-    """Return whether more poses contradict the others than blunders may be."""
-    return n_excluded > _MANY_EXCLUDED * n_poses
-
-
-def _converged(evidence: DiagnosisEvidence) -> Finding:
-    if evidence.converged:
+def _converged(judged: Judged) -> Finding:
+    if judged.diagnosis.final.adjustment.converged:
         return Established()
     return bad(
         "The estimates of the adapted arm did not converge: none of them may be used.",
@@ -81,8 +39,8 @@ def _converged(evidence: DiagnosisEvidence) -> Finding:
     )
 
 
-def _belongs(evidence: DiagnosisEvidence) -> Finding:
-    for term in evidence.figures.terms:
+def _belongs(judged: Judged) -> Finding:
+    for term in judged.figures.terms:
         if term.misfit is not None and term.misfit.is_gross:
             rms_mm = term.misfit.figures.rms_mm
             return bad(
@@ -95,13 +53,13 @@ def _belongs(evidence: DiagnosisEvidence) -> Finding:
     return Established()
 
 
-def _file_fits(evidence: DiagnosisEvidence) -> Finding:
-    figures = evidence.figures
+def _file_fits(judged: Judged) -> Finding:
+    figures = judged.figures
     return signs_and_zeros(figures.wrong_signs, figures.zero_offsets_rad)
 
 
-def _visible(evidence: DiagnosisEvidence) -> Finding:
-    visible = evidence.figures.visible
+def _visible(judged: Judged) -> Finding:
+    visible = judged.figures.visible
     values = {"n_visible": visible["n"], "n_effects": visible["of"]}
     if visible["n"] > 0:
         return Established(values)
@@ -112,9 +70,9 @@ def _visible(evidence: DiagnosisEvidence) -> Finding:
     )
 
 
-def _named(evidence: DiagnosisEvidence) -> Finding:
+def _named(judged: Judged) -> Finding:
     counts = {
-        f"n_{status}": sum(term.status == status for term in evidence.figures.terms)
+        f"n_{status}": sum(term.status == status for term in judged.figures.terms)
         for status in ("named", "tentative", "unknown")
     }
     if counts["n_unknown"]:
@@ -132,8 +90,8 @@ def _named(evidence: DiagnosisEvidence) -> Finding:
     return Established(counts)
 
 
-def _within_noise(evidence: DiagnosisEvidence) -> Finding:
-    figures = evidence.figures
+def _within_noise(judged: Judged) -> Finding:
+    figures = judged.figures
     gap, exceeded = figures.gap, figures.times_stated_noise
     gap = gap.without_blunders or gap
     chi2, rms_mm = gap.held_out_chi2.after, gap.held_out_rms_mm.after
@@ -164,7 +122,7 @@ def _within_noise(evidence: DiagnosisEvidence) -> Finding:
             "No pose could be kept aside, so that nothing proves the result.",
             "Measure more poses.",
         )
-    if _is_beyond(chi2, gap.held_out_chi2_std):
+    if is_beyond_noise(chi2, gap.held_out_chi2_std):
         return doubt(
             "The poses kept aside still differ from the model by "
             f"{length_mm(rms_mm)} rms, {chi2:.2g} times the mean square "
@@ -176,8 +134,8 @@ def _within_noise(evidence: DiagnosisEvidence) -> Finding:
     return Established(values)
 
 
-def _helps(evidence: DiagnosisEvidence) -> Finding:
-    figures = evidence.figures
+def _helps(judged: Judged) -> Finding:
+    figures = judged.figures
     values = {
         "held_out_chi2_before": figures.ledger[0].held_out_chi2,
         "held_out_chi2_after": figures.ledger[-1].held_out_chi2,
@@ -199,8 +157,8 @@ def _helps(evidence: DiagnosisEvidence) -> Finding:
     return Established(values)
 
 
-def _written(evidence: DiagnosisEvidence) -> Finding:
-    terms = evidence.figures.terms
+def _written(judged: Judged) -> Finding:
+    terms = judged.figures.terms
     shortfalls = [
         Shortfall(
             f"The artefact {term.candidate.artefact} is at fault, not the arm.",
@@ -213,7 +171,7 @@ def _written(evidence: DiagnosisEvidence) -> Finding:
         "the campaign does not say when it began",
         "Give start_utc in campaign.toml.",
     )
-    if evidence.time_is_order:
+    if judged.diagnosis.campaign.time_is_order:
         why, remedy = "the times of poses are their order", "Give times of the poses."
     shortfalls += [
         Shortfall(
@@ -228,9 +186,9 @@ def _written(evidence: DiagnosisEvidence) -> Finding:
     return shortfalls or Established({"n_written": n_written})
 
 
-def _scaled(evidence: DiagnosisEvidence) -> Finding:
+def _scaled(judged: Judged) -> Finding:
     """Look whether a length is known, here or where the arm was identified."""
-    if evidence.holds_scale:
+    if judged.diagnosis.after.network.holds_scale:
         return bad(
             "The measurements shrink the arm to a fraction of its design, whatever "
             "was found: its scale is the design's.",
@@ -238,7 +196,7 @@ def _scaled(evidence: DiagnosisEvidence) -> Finding:
         )
     lengths = {
         str(rival.candidate.artefact)
-        for term in evidence.figures.terms
+        for term in judged.figures.terms
         for rival in term.alternatives
         if rival.candidate.is_length and (rival.alias or rival.candidate.is_of_several)
     }
@@ -249,12 +207,12 @@ def _scaled(evidence: DiagnosisEvidence) -> Finding:
             "arm has another scale.",
             "Measure another certified length, or have these standards checked.",
         )
-    if evidence.has_length:
+    if judged.diagnosis.after.network.has_length():
         return Established()
     unknown = (
         "The scale of the arm is undetermined: no length is known in this campaign"
     )
-    if evidence.was_identified:
+    if judged.diagnosis.arm.identification is not None:
         return doubt(
             f"{unknown}, and nothing here checks that of the arm file, which is kept. "
             "The covariance counts it as if it were a design's.",
@@ -266,23 +224,37 @@ def _scaled(evidence: DiagnosisEvidence) -> Finding:
     )
 
 
-def _determined(evidence: DiagnosisEvidence) -> Finding:
+def _undetermined_mm(adjustment: Adjustment) -> float:
+    """Return how far the probe moves by undetermined directions but the scale."""
+    network, split = adjustment.network, adjustment.split
+    arm = adjustment.state.arm
+    scale = network.undetermined_scale(arm)
+    without_scale = split.undetermined - split.undetermined @ scale.T @ scale
+    if not len(without_scale):
+        return 0.0
+    effects_mm = network.probe_effects_mm(arm, without_scale * split.tolerances)
+    return float(np.linalg.norm(effects_mm))
+
+
+def _determined(judged: Judged) -> Finding:
     """Compare what is not determined with how poses kept aside are predicted."""
-    predicted_mm = evidence.figures.gap.held_out_rms_mm.after or 0.0
-    values = {"undetermined_mm": evidence.undetermined_mm}
-    if evidence.undetermined_mm <= predicted_mm:
+    predicted_mm = judged.figures.gap.held_out_rms_mm.after or 0.0
+    undetermined_mm = _undetermined_mm(judged.diagnosis.final.adjustment)
+    values = {"undetermined_mm": undetermined_mm}
+    if undetermined_mm <= predicted_mm:
         return Established(values)
     return doubt(
         "Parameters of the arm are undetermined: if its design is off by a "
         f"plausible deviation there, the probe is off by "
-        f"{length_mm(evidence.undetermined_mm)} where nothing was measured.",
+        f"{length_mm(undetermined_mm)} where nothing was measured.",
         "Measure more and more varied postures; traverse identify names them.",
         values,
     )
 
 
-def _agreeing(evidence: DiagnosisEvidence) -> Finding:
-    n_all, n_excluded = evidence.n_poses, len(evidence.figures.excluded)
+def _agreeing(judged: Judged) -> Finding:
+    n_all = len(judged.diagnosis.campaign.poses)
+    n_excluded = len(judged.figures.excluded)
     values = {"n_left_out": n_excluded, "n_poses": n_all}
     if not is_many(n_excluded, n_all):
         return Established(values)
@@ -294,23 +266,24 @@ def _agreeing(evidence: DiagnosisEvidence) -> Finding:
     )
 
 
-def _independent(evidence: DiagnosisEvidence) -> Finding:
-    return no_repeats(evidence.n_repeated, evidence.n_poses)
+def _independent(judged: Judged) -> Finding:
+    poses = judged.diagnosis.campaign.poses
+    return no_repeats(poses.n_repeated, len(poses))
 
 
-def _in_family(evidence: DiagnosisEvidence) -> Finding:
-    if not evidence.contradicted:
+def _in_family(judged: Judged) -> Finding:
+    prior = judged.diagnosis.campaign.prior
+    if prior is None or not prior.contradicted:
         return Established()
-    names = ", ".join(name for name, _ in evidence.contradicted)
-    file = (evidence.figures.family or {}).get("file")
+    names = ", ".join(name for name, _ in prior.contradicted)
     return doubt(
-        f"The measurements contradict the family {file} in {names}.",
+        f"The measurements contradict the family {prior.family} in {names}.",
         "Look whether the arm is of that family.",
-        {f"sigmas_of_{name}": sigmas for name, sigmas in evidence.contradicted},
+        {f"sigmas_of_{name}": sigmas for name, sigmas in prior.contradicted},
     )
 
 
-CONDITIONS: tuple[Condition[DiagnosisEvidence], ...] = (
+CONDITIONS: tuple[Condition[Judged], ...] = (
     Condition("converged", "the adjustment converged", _converged),
     Condition("fit", "arm file and campaign belong together", _belongs),
     Condition("arm_file", "signs and zeros of the arm file fit", _file_fits),
