@@ -126,23 +126,18 @@ $(PEERS)/.ready: benchmarks/peers.txt requirements.lock $(STAMP)
 bench-kernel: $(PEERS)/.ready  ## kernel and measurement path beside others; takes two minutes
 	PYTHONPATH=src OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.kinematics $(FIGURES)/kinematics.json
 	PYTHONPATH=src OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.path $(FIGURES)/path.json
-	PYTHONPATH=src OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.peers.alternatives
 
 bench: venv system bench-kernel  ## the figures of docs/performance.md; takes eight minutes
 	$(BIN)/python -m benchmarks $(FIGURES)
 	$(BIN)/python -m benchmarks.service.plain $(FIGURES)/presses.json
 	$(BIN)/python -m benchmarks.service.stages $(FIGURES)/press.json
-	PYTHONPATH=src $(PEERS)/bin/python -m benchmarks.peers.mqtt_clients
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.effects $(FIGURES)/effects.json
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.gil $(FIGURES)/gil.json
 	$(BIN)/python -m benchmarks.tools.plots $(FIGURES)
 	$(BIN)/python -m benchmarks.tools.compare $(FIGURES)
 
-bench-drivers: venv system node  ## the drivers: rates, losses, share of a core; the boards; takes minutes
+bench-drivers: venv system node  ## the drivers: what each encoder reaches, interpolation, the boards; takes minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers.bar
-	$(BIN)/python -m benchmarks.drivers.can
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers.deskew
-	$(BIN)/python -m benchmarks.drivers.clock
 	$(BIN)/python -m benchmarks.drivers.boards
 
 prove-board-day: venv system  ## a day of the Mega's firmware in its emulator, across forty wraps of its counter; half an hour

@@ -1,20 +1,12 @@
-"""MQTT 3.1.1 on a bare socket: as quick as a client can be.
-
-`python -m benchmarks.tools.raw_mqtt PORT TOPIC RATE N` publishes that many messages of
-500 B at quality of service 1 and prints the monotonic time right before each is sent.
-"""
+"""MQTT 3.1.1 on a bare socket: as quick as a client can be."""
 
 import socket
 import struct
-import sys
 import time
 from collections.abc import Iterator
 
-from benchmarks.tools.command_line import run_main
-
 CONNECT, PUBLISH, SUBSCRIBE, SUBACK = 1, 3, 8, 9
 AT_LEAST_ONCE = 2  # quality of service 1, as in the first byte
-PAYLOAD_BYTES = 500
 READ_BYTES = 65_536
 
 
@@ -59,15 +51,6 @@ class RawClient:
         content = text(topic) + struct.pack(">H", number % 65_535 + 1) + payload
         self._socket.sendall(packet(PUBLISH, AT_LEAST_ONCE, content))
 
-    def eat(self) -> None:
-        self._socket.setblocking(False)
-        try:
-            self._socket.recv(READ_BYTES)
-        except BlockingIOError:
-            pass
-        finally:
-            self._socket.setblocking(True)
-
     def payloads(self, silence_ns: int | None = None) -> Iterator[tuple[int, bytes]]:
         """Payloads of the subscribed topics, with the time [ns] after the read.
 
@@ -104,24 +87,3 @@ class RawClient:
             if not received:
                 raise ConnectionError("the broker has closed the connection")
             self._rest += received
-
-
-def main(port: int, topic: str, rate_hz: float, n: int) -> None:
-    client = RawClient(port, "raw-sender")
-    sent_ns = []
-    due_s = time.monotonic()
-    for number in range(n):
-        due_s += 1.0 / rate_hz
-        time.sleep(max(0.0, due_s - time.monotonic()))
-        payload = number.to_bytes(8, "little").ljust(PAYLOAD_BYTES, b"\0")
-        sent_ns.append(time.monotonic_ns())
-        client.publish(topic, number, payload)
-        client.eat()
-    sys.stdout.write("\n".join(map(str, sent_ns)) + "\n")
-    sys.stdout.flush()
-    time.sleep(0.5)  # so that the broker has passed on the last one
-    client.close()
-
-
-if __name__ == "__main__":
-    run_main(main)

@@ -28,14 +28,14 @@ def test_a_program_reads_its_arguments_by_a_reader_that_knows_help():
 
 def test_help_is_no_file_to_write(tmp_path):
     run = subprocess.run(
-        [sys.executable, "-m", "benchmarks.peers.mqtt_clients", "--help"],
+        [sys.executable, "-m", "benchmarks.service.stages", "--help"],
         cwd=tmp_path,
         env={"PYTHONPATH": str(CHECKOUT)},
         capture_output=True,
         text=True,
         check=True,
     )
-    assert run.stdout.startswith("usage: python -m benchmarks.peers.mqtt_clients")
+    assert run.stdout.startswith("usage: python -m benchmarks.service.stages")
     assert list(tmp_path.iterdir()) == []
 
 
