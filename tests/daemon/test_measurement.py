@@ -5,10 +5,8 @@ import asyncio
 import numpy as np
 
 from tests.daemon.board_harness import BOARD
-from tests.daemon.values import SetClock, arm_model, count_samples, joined_poses, latch
-from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.scans.plan import plan_scan
-from traverse.drivers.base.values import CountSamples, DeviceUp, StreamStarted
+from tests.daemon.values import count_samples, latch
+from traverse.drivers.base.values import DeviceUp
 
 
 async def test_a_pressed_button_makes_a_point_and_two_events(bench):
@@ -50,20 +48,6 @@ async def test_a_latch_that_comes_too_late_makes_no_point(bench):
     assert bench.points == []
 
 
-async def test_a_scan_follows_its_stream_only(bench, tmp_path):
-    plan = plan_scan(100.0, 100.0)
-    bench.scanner.start(plan, arm_model(tmp_path), "session")
-    bench.take(DeviceUp("base", BOARD, False), StreamStarted("base", 3, 50.0))
-    assert not bench.measurement.scanner.stream_started.is_set()
-    bench.take(StreamStarted("base", 4, 100.0))
-    assert bench.measurement.scanner.stream_started.is_set()
-    bench.take(
-        count_samples(np.zeros((9, 3)), stream=3),
-        count_samples(np.zeros((5, 3)), stream=4),
-    )
-    assert bench.scanner.stop() == 5
-
-
 async def test_live_poses_are_thinned_to_their_rate(bench):
     bench.take(DeviceUp("base", BOARD, False))
     for first in range(0, 100, 2):  # a second in blocks of 20 ms
@@ -71,12 +55,3 @@ async def test_live_poses_are_thinned_to_their_rate(bench):
     assert 19 <= len(bench.live) <= 21
     assert bench.live[0].speed_mm_s is None
     assert bench.live[1].speed_mm_s == 0.0
-
-
-def test_blocks_of_one_arm_join_in_order(tmp_path):
-    pipeline = Pipeline(arm_model(tmp_path), SetClock())
-    samples = count_samples(np.arange(30).reshape(10, 3))
-    assert isinstance(samples, CountSamples)
-    block = pipeline.poses(samples)
-    parts = [block.rows(slice(0, 4)), block.rows(slice(4, 10))]
-    assert joined_poses(parts).xyz_mm.tobytes() == block.xyz_mm.tobytes()

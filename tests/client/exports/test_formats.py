@@ -111,25 +111,6 @@ def test_xyz_in_numpy(tmp_path: Path) -> None:
     )
 
 
-def test_npz_in_numpy(tmp_path: Path) -> None:
-    with np.load(written("npz", tmp_path)) as columns:
-        np.testing.assert_array_equal(columns["xyz_mm"], PLACES)
-        assert columns["time_ns"].dtype == np.int64
-        assert columns["time_ns"].tolist() == [p.time_ns for p in POINTS]
-        np.testing.assert_allclose(columns["std_mm"][2], [2e-3, 3e-3, 4e-3])
-
-
-def test_parquet_in_pyarrow_and_pandas(tmp_path: Path) -> None:
-    path = written("parquet", tmp_path)
-    table = pyarrow.parquet.read_table(path)
-    assert table.schema.metadata[b"coordinates"] == b"centre"
-    assert table["std_y_mm"].null_count == 1
-    frame = pandas.read_parquet(path)
-    assert frame["x_mm"].tolist() == [x for x, _, _ in PLACES]
-    moment = datetime.fromtimestamp(POINTS[0].time_ns // 10**9, UTC)
-    assert frame["time"][0].to_pydatetime() == moment
-
-
 def drawn(path: Path) -> ezdxf.document.Drawing:
     """A drawing as a CAD program reads it, without a fault."""
     drawing = ezdxf.readfile(path)
@@ -266,6 +247,9 @@ def test_npz_has_the_whole_identity_and_quality(tmp_path: Path) -> None:
     with np.load(two_sessions("npz", tmp_path)) as columns:
         keys = zip(columns["session"].tolist(), columns["seq"].tolist(), strict=True)
         assert list(keys) == KEYS
+        np.testing.assert_array_equal(columns["xyz_mm"], PLACES * 2)
+        assert columns["time_ns"].tolist() == [p.time_ns for p in TWO]
+        np.testing.assert_allclose(columns["std_mm"][2], [2e-3, 3e-3, 4e-3])
         assert columns["id"].tolist() == [p.id for p in TWO]
         assert columns["ok"].tolist() == [True, False, True] * 2
         assert columns["flags"].tolist() == ["", "end_stop", ""] * 2
@@ -279,7 +263,12 @@ def test_npz_has_the_whole_identity_and_quality(tmp_path: Path) -> None:
 
 def test_parquet_has_the_whole_identity_and_quality(tmp_path: Path) -> None:
     table = pyarrow.parquet.read_table(two_sessions("parquet", tmp_path))
+    assert table.schema.metadata[b"coordinates"] == b"centre"
+    assert table["std_y_mm"].null_count == 2
     rows = table.to_pylist()
+    assert [row["x_mm"] for row in rows] == [x for x, _, _ in PLACES] * 2
+    moment = datetime.fromtimestamp(POINTS[0].time_ns // 10**9, UTC)
+    assert rows[0]["time"].to_pydatetime() == moment
     assert [(row["session"], row["seq"]) for row in rows] == KEYS
     assert [row["id"] for row in rows] == [p.id for p in TWO]
     assert [row["ok"] for row in rows] == [True, False, True] * 2

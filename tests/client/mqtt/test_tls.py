@@ -171,15 +171,6 @@ async def test_a_certificate_that_is_not_there_or_not_known_is_reported(
     assert all("certificate_file" in why for why in await reasons(strange))
 
 
-async def test_tls_on_one_side_only_is_reported(house: House) -> None:
-    plain = BrokerAddress("localhost", house.address.port)
-    other = replace(house.address, port=house.broker.port)
-    for address, hint in ((plain, "require TLS?"), (other, "speak TLS on this port?")):
-        # It may as well be a broker that is just being ended: worth another try.
-        with pytest.raises(BrokerUnreachableError, match=re.escape(hint)):
-            await find_arms(address, 0.1)
-
-
 async def test_files_that_cannot_be_used_are_named(house: House) -> None:
     missing = house.folder / "missing"
     for name in ("password_file", "ca_file", "certificate_file"):
@@ -224,14 +215,6 @@ async def test_the_follower_of_page_and_display_sees_points_over_tls(
             await until(lambda: follower.sight.status is not None)
             await daemon.take(2)
             await until(lambda: len(follower.sight.points) == 2)
-
-
-async def test_the_follower_says_why_it_is_not_let_in(house: House) -> None:
-    wrong = replace(house.address, password_file=house.folder / "wrong")
-    follower = Follower("bench-7", wrong)
-    async with following(follower):
-        await until(lambda: "the password" in follower.sight.link_reason)
-    assert not follower.sight.is_linked
 
 
 COMMANDS = (

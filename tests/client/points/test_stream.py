@@ -14,20 +14,11 @@ from tests.client.reading import read
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.mosquitto import Mosquitto, free_port
 from tests.protocol.message_examples import EVENT
-from traverse.client import Arm, BrokerUnreachableError, Lost
+from traverse.client import Arm, BrokerUnreachableError
 from traverse.protocol.message_error import MessageError
 from traverse.testing.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
-
-
-async def test_points_come_as_they_are_taken(
-    virtual: VirtualDaemon, broker: str
-) -> None:
-    async with virtual.running(), Arm(virtual.arm, broker) as arm:
-        captured = await virtual.take(5)
-        assert await read(arm, 5) == captured
-        assert arm.counters.duplicates == 0
 
 
 async def test_the_whole_session_comes_and_nothing_of_those_before(
@@ -82,39 +73,6 @@ async def test_what_a_broker_forgot_is_requested(
         assert virtual.resends[-1] == (virtual.session, 2, 4)
         # Counted with the answer, which follows the points.
         await until(lambda: arm.counters.resend_requested == 3)
-
-
-async def test_the_tail_of_a_session_comes_before_the_next_session(
-    virtual: VirtualDaemon, broker: str
-) -> None:
-    async with Arm(virtual.arm, broker, since="beginning") as arm:
-        async with virtual.running():
-            await virtual.take(1)
-            virtual.is_mute = True
-            await virtual.take(2)
-            await virtual.begin_session()
-            await virtual.take(2)
-        virtual.is_mute = False
-        async with virtual.running():
-            await virtual.take(1)
-            assert await read(arm, 6) == virtual.points
-
-
-async def test_an_old_daemon_that_cannot_resend_has_its_gaps_told(
-    virtual: VirtualDaemon, broker: str
-) -> None:
-    virtual.can_resend = False
-    async with virtual.running(), Arm(virtual.arm, broker) as arm:
-        first = await virtual.take(1)
-        virtual.is_mute = True
-        await virtual.take(2)
-        virtual.is_mute = False
-        last = await virtual.take(1)
-        points = await read(arm, 3)
-        assert points[0] == first[0]
-        assert isinstance(points[1], Lost)
-        assert (points[1].from_seq, points[1].to_seq) == (1, 2)
-        assert points[2] == last[0]
 
 
 async def test_a_place_file_continues_where_the_reader_stopped(
@@ -197,16 +155,6 @@ async def test_a_broker_that_is_not_there_is_reported_with_a_remedy() -> None:
     port = free_port()
     arm = Arm("bench-7", f"localhost:{port}", connect_timeout_s=0.3)
     with pytest.raises(BrokerUnreachableError, match=f"localhost:{port}.*start it"):
-        async with arm:
-            pass
-
-
-async def test_a_wrong_password_is_told(
-    make_mosquitto: Callable[[dict[str, str]], Mosquitto],
-) -> None:
-    broker = make_mosquitto({"reader": "right"})
-    arm = Arm("bench-7", f"localhost:{broker.port}", connect_timeout_s=1.0)
-    with pytest.raises(BrokerUnreachableError, match="without an account"):
         async with arm:
             pass
 

@@ -1,6 +1,5 @@
 import asyncio
 import contextlib
-import os
 import signal
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
@@ -191,17 +190,3 @@ async def test_no_secret_shows_and_a_renewed_certificate_is_taken_on_a_reload(
     output = daemon.log + daemon.output
     assert SECRET not in output
     assert "PRIVATE KEY" not in output
-
-
-async def test_files_that_cannot_be_used_are_refused_as_mistakes_of_a_file(
-    make_mosquitto: Callable[..., Mosquitto], tmp_path: Path
-) -> None:
-    house = House(tmp_path, make_mosquitto)
-    bench = house.bench(
-        tmp_path, 'username = "a"\npassword_file = "credential:broker.password"\n'
-    )
-    os.remove(tmp_path / "arm.key")
-    with bench.daemon() as daemon:
-        assert await daemon.ended() == 2
-    assert "broker.password_file" in daemon.log
-    assert "$CREDENTIALS_DIRECTORY is not set" in daemon.log

@@ -41,21 +41,6 @@ async def test_no_port_and_no_broker_are_told_together(unconnected: Workbench) -
         assert daemon.output == ""
 
 
-async def test_every_mistake_of_a_configuration_is_reported_at_once(
-    unconnected: Workbench,
-) -> None:
-    unconnected.change(
-        "daemon.toml", 'id = "base"\ndriver = "latch-board"', 'id = "a b"'
-    )
-    unconnected.change("daemon.toml", "[arm]", "colour = 1\n[arm]")
-    unconnected.change("daemon.toml", "[health]", "[health]\nperiod = 3")
-    with unconnected.daemon() as daemon:
-        assert await daemon.ended() == REFUSED
-        for where in ("colour", "device[0].id", "device[0].driver", "health.period"):
-            assert f"{where}: " in daemon.log
-        assert "Traceback" not in daemon.log
-
-
 async def test_a_bad_arm_file_and_a_missing_broker_table_are_told_together(
     unconnected: Workbench,
 ) -> None:
@@ -69,43 +54,6 @@ async def test_a_bad_arm_file_and_a_missing_broker_table_are_told_together(
             assert f"{where}: " in daemon.log
         assert "--embedded-broker" in daemon.log
         assert "Traceback" not in daemon.log
-
-
-async def test_an_effect_that_cannot_be_applied_stops_the_start(
-    unconnected: Workbench,
-) -> None:
-    effect = (
-        '[[effects]]\nkind = "empirical"\njoint = "J3"\ncovariate = "time_s"\n'
-        "knots = [0.0, 60.0]\nvalues_rad = [0.0, 1e-5]\n"
-    )
-    unconnected.change("arm.toml", "[probe]", f"{effect}[probe]")
-    with unconnected.daemon() as daemon:
-        assert await daemon.ended() == REFUSED
-        assert "effects[0]" in daemon.log
-        assert "J3.empirical.time_s" in daemon.log
-
-
-@pytest.mark.parametrize(
-    ("name", "status"), [("daemon.toml", REFUSED), ("arm.toml", UNREACHABLE)]
-)
-async def test_a_missing_file_is_refused(
-    unconnected: Workbench, name: str, status: int
-) -> None:
-    """That of an arm may be on a disk that is mounted later: the unit tries again."""
-    (unconnected.folder / name).unlink()
-    with unconnected.daemon() as daemon:
-        assert await daemon.ended() == status
-        assert name in daemon.log
-        assert "Traceback" not in daemon.log
-
-
-async def test_a_clock_that_reads_no_joint_is_refused(unconnected: Workbench) -> None:
-    handle = '[[device]]\nid = "handle"\ndriver = "latch-board"\nport = "/dev/null"\n'
-    unconnected.write_daemon(devices=f'{handle}[assembly]\nclock = "handle"\n')
-    with unconnected.daemon() as daemon:
-        assert await daemon.ended() == REFUSED
-        problem = "assembly.clock: 'handle' reads no joint; one of these does: base"
-        assert problem in daemon.log
 
 
 async def test_an_arm_that_does_not_fit_the_board_is_refused(

@@ -61,17 +61,6 @@ def test_each_sample_alone_has_the_bits_of_its_block():
     assert np.concatenate(one_by_one).tobytes() == moves.tobytes()
 
 
-def test_layout_in_memory_is_no_other_data():
-    block = full_block(seed=4, n_samples=41)
-    other = replace(
-        block,
-        angles_rad=np.asfortranarray(block.angles_rad),
-        directions=np.asfortranarray(block.directions),
-    )
-    poses = corrected_pose(GEOMETRY, ALL, other)
-    assert joined([poses]) == joined([corrected_pose(GEOMETRY, ALL, block)])
-
-
 def test_arm_without_effects_has_the_bits_of_the_plain_pose():
     readings = random_readings(5, n_samples=700)
     centres, shanks, flags = corrected_pose(

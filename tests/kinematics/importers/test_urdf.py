@@ -15,7 +15,6 @@ from traverse.kinematics.importers.urdf import (
     transform,
 )
 from traverse.kinematics.model.forward import joint_positions, probe_pose
-from traverse.kinematics.model.geometry import unit_vectors
 
 
 def random_chain(seed, turning):
@@ -105,15 +104,3 @@ def test_a_pitch_of_a_quarter_turn_still_gives_the_rotation_back(pitch_rad):
     made = place(np.zeros(3), [0.3, pitch_rad, -1.1])
     repeated = transform(np.zeros(3), roll_pitch_yaw(made[:3, :3]))
     np.testing.assert_allclose(repeated, made, rtol=0, atol=1e-11)
-
-
-def test_a_joint_s_axis_and_place_are_those_of_its_frame():
-    # Rolled by a quarter turn, the child's z axis is the parent's -y axis.
-    chain = [
-        ChainJoint("a", place([0, 0, 100], [np.pi / 2, 0, 0]), np.array([0, 0, 2.0])),
-        ChainJoint("flange", place([0, 0, 50], [0, 0, 0]), None),
-    ]
-    geometry = arm_from_chain(chain, np.eye(4), np.zeros(1)).geometry
-    np.testing.assert_allclose(geometry.axes, unit_vectors([[0, -1, 0]]), atol=1e-15)
-    np.testing.assert_allclose(geometry.origin_mm, [0, 0, 100], atol=1e-12)
-    np.testing.assert_allclose(geometry.links_mm, [[0, -50, 0]], atol=1e-12)

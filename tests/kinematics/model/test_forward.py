@@ -1,7 +1,6 @@
 """Turning vectors in place: against the sine, the cosine and another formula."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from traverse.kinematics.model.backward_recursion import (
     JointRotations,
 )
 from traverse.kinematics.model.forward import joint_positions, probe_centre, probe_pose
-from traverse.kinematics.model.geometry import Geometry, unit_vectors
+from traverse.kinematics.model.geometry import unit_vectors
 
 RELATIVE = 1e-12
 
@@ -60,132 +59,6 @@ def test_pose_agrees_with_homogeneous_matrices(geometry, seed):
         error = np.abs(centre - expected_centre).max()
         assert error <= RELATIVE * size_mm(geometry)
         np.testing.assert_allclose(direction, expected_direction, rtol=0, atol=1e-12)
-
-
-def test_planar_arm_of_two_joints_by_hand():
-    geometry = Geometry(
-        origin_mm=np.array([10.0, 0.0, 0.0]),
-        axes=np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]),
-        links_mm=np.array([[300.0, 0.0, 0.0], [200.0, 0.0, 5.0]]),
-        zeros_rad=np.array([0.25, -1.0]),
-        probe_vector_mm=np.array([0.0, 20.0, 0.0]),
-        probe_direction=np.array([1.0, 0.0, 0.0]),
-    )
-    # First joint a quarter turn left, second a quarter turn right: the first link
-    # points along y, the second and the probe as in the base posture.
-    angles = np.array([[0.25 + np.pi / 2, -1.0 - np.pi / 2]])
-    centre, direction = probe_pose(geometry, angles)
-    np.testing.assert_allclose(centre, [[210.0, 320.0, 5.0]], atol=1e-12)
-    np.testing.assert_allclose(direction, [[1.0, 0.0, 0.0]], atol=1e-15)
-    skeleton = [[[10, 0, 0], [10, 300, 0], [210, 320, 5]]]
-    np.testing.assert_allclose(joint_positions(geometry, angles), skeleton, atol=1e-12)
-
-
-@given(geometries)
-def test_base_posture_adds_up_the_links(geometry):
-    centre, direction = probe_pose(geometry, geometry.zeros_rad[np.newaxis])
-    expected = geometry.origin_mm + geometry.links_mm.sum(axis=0)
-    expected = expected + geometry.probe_vector_mm
-    np.testing.assert_allclose(
-        centre[0], expected, rtol=0, atol=RELATIVE * size_mm(geometry)
-    )
-    np.testing.assert_array_equal(direction[0], geometry.probe_direction)
-
-
-@given(geometries, seeds)
-def test_rigid_motion_of_the_base_posture_moves_the_probe_rigidly(geometry, seed):
-    rng = np.random.default_rng(seed)
-    rotation = rotation_matrix(unit_vectors(rng.normal(size=3)), rng.uniform(-3, 3))
-    shift = rng.uniform(-100, 100, 3)
-    moved = Geometry(
-        origin_mm=rotation @ geometry.origin_mm + shift,
-        axes=unit_vectors(geometry.axes @ rotation.T),
-        links_mm=geometry.links_mm @ rotation.T,
-        zeros_rad=geometry.zeros_rad,
-        probe_vector_mm=rotation @ geometry.probe_vector_mm,
-        probe_direction=unit_vectors(rotation @ geometry.probe_direction),
-    )
-    angles = postures(geometry, seed)
-    centres, directions = probe_pose(geometry, angles)
-    moved_centres, moved_directions = probe_pose(moved, angles)
-    atol = RELATIVE * (size_mm(geometry) + np.linalg.norm(shift))
-    np.testing.assert_allclose(
-        moved_centres, centres @ rotation.T + shift, rtol=0, atol=atol
-    )
-    np.testing.assert_allclose(
-        moved_directions, directions @ rotation.T, rtol=0, atol=1e-12
-    )
-
-
-@given(geometries, seeds, st.data())
-def test_turns_of_a_joint_add_up(geometry, seed, data):
-    """To turn by a in a new base posture is to turn by b + a in the old one."""
-    joint = data.draw(st.integers(0, geometry.n_joints - 1))
-    first = data.draw(st.floats(-7, 7))
-    axis = geometry.axes[joint]
-    turned = rotation_matrix(axis, first)
-    links, axes = geometry.links_mm.copy(), geometry.axes.copy()
-    links[joint:] = links[joint:] @ turned.T
-    axes[joint + 1 :] = unit_vectors(axes[joint + 1 :] @ turned.T)
-    new = replace(
-        geometry,
-        links_mm=links,
-        axes=axes,
-        probe_vector_mm=turned @ geometry.probe_vector_mm,
-        probe_direction=unit_vectors(turned @ geometry.probe_direction),
-    )
-    angles = postures(geometry, seed)
-    summed = angles.copy()
-    summed[:, joint] += first
-    np.testing.assert_allclose(
-        probe_centre(new, angles),
-        probe_centre(geometry, summed),
-        rtol=0,
-        atol=4 * RELATIVE * size_mm(geometry),
-    )
-
-
-@given(geometries, seeds, st.integers(-3, 3))
-def test_whole_turns_change_nothing(geometry, seed, turns):
-    angles = postures(geometry, seed)
-    turned = angles.copy()
-    turned[:, seed % geometry.n_joints] += 2 * np.pi * turns
-    np.testing.assert_allclose(
-        probe_centre(geometry, turned),
-        probe_centre(geometry, angles),
-        rtol=0,
-        atol=4 * RELATIVE * size_mm(geometry),
-    )
-    np.testing.assert_allclose(
-        probe_pose(geometry, turned)[1],
-        probe_pose(geometry, angles)[1],
-        rtol=0,
-        atol=1e-12,
-    )
-
-
-@given(geometries, seeds, st.data())
-def test_shift_along_an_axis_between_neighbours_leaves_the_probe(geometry, seed, data):
-    """Invariance (3) of the paper: r_(k-1) - a u_k with r_k + a u_k.
-
-    For the first joint x_0 is the part before it.
-    """
-    joint = data.draw(st.integers(0, geometry.n_joints - 1))
-    shift = data.draw(st.floats(-200, 200)) * geometry.axes[joint]
-    links, origin = geometry.links_mm.copy(), geometry.origin_mm
-    links[joint] += shift
-    if joint:
-        links[joint - 1] -= shift
-    else:
-        origin = origin - shift
-    shifted = replace(geometry, links_mm=links, origin_mm=origin)
-    angles = postures(geometry, seed)
-    np.testing.assert_allclose(
-        probe_centre(shifted, angles),
-        probe_centre(geometry, angles),
-        rtol=0,
-        atol=RELATIVE * (size_mm(geometry) + 400),
-    )
 
 
 @given(geometries, seeds)

@@ -66,12 +66,6 @@ def test_environment_names_the_kernel(kernel):
     assert run.stdout.strip() == kernel
 
 
-def test_unknown_kernel_is_refused():
-    program = "import traverse.kinematics.model.forward"
-    run = run_python("abacus", "-c", program, status=1)
-    assert "TRAVERSE_KERNEL is 'abacus'" in run.stderr
-
-
 def test_commands_refuse_an_unknown_kernel_in_a_sentence():
     run = run_python(
         "abacus", "-m", "traverse", "arm", "show", "nowhere.toml", status=2

@@ -51,20 +51,6 @@ def test_unwrapping_follows_the_true_counts_whatever_the_blocks(walk, cuts):
     np.testing.assert_array_equal(np.concatenate(blocks), true_counts)
 
 
-def test_unwrapping_goes_over_the_wrap_both_ways():
-    unwrapper = Unwrapper(one_encoder(1000))
-    counts = [10, 400, 800, 990, 5, 300, 700, 20]
-    np.testing.assert_array_equal(
-        unwrapper.unwrap(column(*counts))[:, 0],
-        [10, 400, 800, 990, 1005, 1300, 1700, 2020],
-    )
-    np.testing.assert_array_equal(
-        unwrapper.unwrap(column(700, 300, 5, 990, 600))[:, 0],
-        [1700, 1300, 1005, 990, 600],
-    )
-    np.testing.assert_array_equal(unwrapper.unwrap(column(200, 900))[:, 0], [200, -100])
-
-
 @pytest.mark.parametrize(
     ("counts_per_turn", "raw", "expected"),
     [
@@ -96,19 +82,6 @@ def test_first_sample_takes_the_turn_nearest_zero(counts_per_turn, sign, zero, r
     assert abs(angle - zero) <= np.pi * (1 + 1e-9)
 
 
-def test_first_sample_by_hand():
-    # zero_rad of 9.5 rad is 1.512 turns: a quarter turn becomes 1.25, a tenth 1.1.
-    encoders = one_encoder(1000, zero_rad=9.5)
-    for raw, expected in [(250, 1250), (100, 1100), (5, 2005)]:
-        unwrapped = Unwrapper(encoders).unwrap(column(raw))
-        assert unwrapped.tolist() == [[expected]]
-    backwards = one_encoder(1000, sign=-1, zero_rad=9.5)
-    unwrapped = Unwrapper(backwards).unwrap(column(250))
-    assert unwrapped.tolist() == [[-1750]]
-    angle = counts_to_angles(backwards, unwrapped)[0, 0]
-    assert angle == pytest.approx(1.75 * 2 * np.pi, rel=1e-15)
-
-
 def test_counts_latched_at_an_edge_do_not_move_the_stream():
     unwrapper = Unwrapper(one_encoder(1000))
     assert unwrapper.near(np.array([990])).tolist() == [-10]
@@ -117,13 +90,6 @@ def test_counts_latched_at_an_edge_do_not_move_the_stream():
     assert unwrapper.near(np.array([300])).tolist() == [1300]
     assert unwrapper.near(np.array([890])).tolist() == [890]
     assert unwrapper.unwrap(column(950)).tolist() == [[950]]
-
-
-def test_reset_makes_the_next_sample_a_first_one():
-    unwrapper = Unwrapper(one_encoder(1000))
-    unwrapper.unwrap(column(100, 500, 900, 200))
-    unwrapper.reset()
-    assert unwrapper.unwrap(column(200)).tolist() == [[200]]
 
 
 def test_returned_block_does_not_hold_the_state():
