@@ -22,7 +22,7 @@ KINDS = {"table": table, "choices": choices, "subsets": subsets}
 def series(arguments: argparse.Namespace) -> list[Series[Any]]:
     sets = list(read_sets(arguments.folder))
     if arguments.kind == "table":
-        return table.series(sets, arguments.pybotics, diagnose=arguments.diagnose)
+        return table.series(sets, diagnose=arguments.diagnose)
     return choices.series(sets) if arguments.kind == "choices" else subsets.series(sets)
 
 
@@ -43,9 +43,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("kind", nargs="?", choices=KINDS, default="table")
     parser.add_argument(
         "--diagnose", action="store_true", help="also with the effects that are found"
-    )
-    parser.add_argument(
-        "--pybotics", metavar="PYTHON", help="interpreter that has pybotics"
     )
 
 

@@ -51,18 +51,6 @@ class Measured:
     is_kept: Booleans
     was_moved: bool = False
 
-    @property
-    def classic_rows(self) -> list[list[float]]:
-        return [
-            [float(cell) for cell in line.split(",")]
-            for line in self.arm[1].splitlines()[1:]
-        ]
-
-    @property
-    def tool_mm(self) -> list[float]:
-        cells = self.arm[self.arm.index("--tool-xyz-mm") + 1].split(",")
-        return [float(cell) for cell in cells]
-
     def write(self, folder: Path, rows: Booleans) -> Path:
         folder.mkdir(parents=True)
         n_joints = self.angles_rad.shape[1]

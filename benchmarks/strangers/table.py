@@ -5,8 +5,6 @@ the nominal arm with its tool fitted, and beside plain least squares by scipy. A
 judged in the same way (`plain.held_out_mm`).
 """
 
-import json
-import subprocess
 import tempfile
 import time
 from collections.abc import Sequence
@@ -33,16 +31,14 @@ from traverse.lab.diagnosis.report.files import arm_with_provenance
 from traverse.lab.identification.identify import identify
 
 HEAD = (
-    "| set | poses used | kept aside | tool alone | scipy | pybotics | Traverse "
-    "| diagnosed | the owners' figures |\n|---|---|---|---|---|---|---|---|---|"
+    "| set | poses used | kept aside | tool alone | scipy | Traverse "
+    "| diagnosed | the owners' figures |\n|---|---|---|---|---|---|---|---|"
 )
 
 
-def series(
-    sets: Sequence[Measured], pybotics: str | None, *, diagnose: bool
-) -> list[Series[Measured]]:
-    options = f"{' diagnosed' * diagnose}{' with pybotics' * (pybotics is not None)}"
-    run = partial(row, pybotics, diagnose)
+def series(sets: Sequence[Measured], *, diagnose: bool) -> list[Series[Measured]]:
+    options = " diagnosed" * diagnose
+    run = partial(row, diagnose)
     return [
         Series(f"table{options}: {measured.name}", partial(_as_it_is, measured), run)
         for measured in sets
@@ -58,7 +54,7 @@ def report(lines: Sequence[Line]) -> list[str]:
     return [title, HEAD, *(f"| {' | '.join(line['cells'])} |" for line in lines)]
 
 
-def row(pybotics: str | None, with_diagnosis: bool, measured: Measured) -> Line:
+def row(with_diagnosis: bool, measured: Measured) -> Line:
     arm, campaign = nominal_and_campaign(measured)
     tool, rival = plain_fits(arm, measured)
     return {
@@ -68,7 +64,6 @@ def row(pybotics: str | None, with_diagnosis: bool, measured: Measured) -> Line:
             f"{measured.held_by}: {np.count_nonzero(measured.is_kept)}",
             figures(tool),
             figures(rival),
-            by_pybotics(measured, pybotics),
             *ours(measured, campaign, arm, with_diagnosis),
             measured.owners,
         ]
@@ -90,30 +85,6 @@ def nominal_and_campaign(measured: Measured) -> tuple[Arm, Campaign]:
         arm = read_arm(make_arm(measured, Path(name)))
         used = measured.write(Path(name) / "used", ~measured.is_kept)
         return arm, read_campaign(used, [joint.name for joint in arm.joints])
-
-
-def by_pybotics(measured: Measured, python: str | None) -> str:
-    if python is None or measured.places_mm is None:
-        return "-"
-    request = {
-        "rows": measured.classic_rows,
-        "tool_mm": measured.tool_mm,
-        "angles_rad": measured.angles_rad.tolist(),
-        "places_mm": measured.places_mm.tolist(),
-        "is_kept": measured.is_kept.tolist(),
-        "was_moved": measured.was_moved,
-    }
-    script = Path(__file__).parent.parent / "peers" / "pybotics_fit.py"
-    ran = subprocess.run(
-        [python, script],
-        check=False,
-        input=json.dumps(request),
-        capture_output=True,
-        text=True,
-    )
-    if ran.returncode:
-        return ran.stderr.strip().splitlines()[-1]
-    return figures(np.array(json.loads(ran.stdout)["distances_mm"]))
 
 
 def ours(

@@ -59,10 +59,6 @@ def test_what_is_no_address_is_refused(number):
         amt21.position_request(number)
 
 
-def test_there_are_63_addresses():
-    assert sum(map(amt21.is_address, range(256))) == 63
-
-
 @given(values)
 def test_check_bits_are_those_of_the_definition(value):
     assert read(b"\x54", word_by_definition(value)) == value

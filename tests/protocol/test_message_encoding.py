@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.protocol.message_examples import EVENT, EXAMPLES, HEALTH, POINT, SCAN
+from tests.protocol.message_examples import EVENT, EXAMPLES, HEALTH, POINT
 from tests.protocol.message_strategies import messages
 from traverse.protocol.arrays import array_to_bytes
 from traverse.protocol.encoding import (
@@ -26,7 +26,6 @@ from traverse.protocol.messages import (
     Health,
     Message,
     Point,
-    Scan,
 )
 from traverse.protocol.messages.plain import MAX_LEVELS
 
@@ -255,13 +254,6 @@ def test_integers_are_good_floats_but_not_the_reverse():
     assert decode(Point, with_integers).xyz_mm == (1.0, 2.0, 3.0)
     with pytest.raises(MessageError, match=r"point\.samples: 25\.0"):
         decode(Point, json.dumps(written | {"samples": 25.0}).encode())
-
-
-def test_arrays_that_were_read_are_read_only():
-    for encoding in ("msgpack", "json"):
-        read = decode(Scan, encode(SCAN, encoding))
-        with pytest.raises(ValueError, match="read-only"):
-            read.xyz_mm[0, 0] = 1.0
 
 
 def test_content_types_are_those_of_the_contract():

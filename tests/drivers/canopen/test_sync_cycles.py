@@ -52,16 +52,6 @@ class Deliveries:
         ]
 
 
-def test_a_set_has_the_instant_of_its_sync() -> None:
-    deliveries = Deliveries()
-    deliveries.cycles.sync(5_000)
-    for node, count in zip(NODES, (10, 20, 30), strict=True):
-        deliveries.answer(node, count)
-    assert deliveries.rows() == [(0, [10, 20, 30], [0, 0, 0])]
-    assert deliveries.blocks[0].sample_time_ns.tolist() == [5_000]
-    assert deliveries.blocks[0].received_ns == 10**9
-
-
 def test_a_sync_of_an_adapter_was_there_before_the_first_answer() -> None:
     deliveries = Deliveries(stamped=False)
     cycles = deliveries.cycles

@@ -22,7 +22,6 @@ from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import (
     compiled_pose,
-    contact_shifts,
     corrected_pose,
     numpy_corrected_pose,
 )
@@ -147,14 +146,6 @@ def test_results_go_where_they_are_requested_and_columns_may_lie_anyhow():
     swapped = replace(block, temperature_c=block.temperature_c.astype(">f8"))
     poses = compiled_pose(GEOMETRY, ALL, swapped)
     assert poses is None or bits(*poses) == bits(*expected)
-
-
-def test_contact_is_added_to_the_pose_without_it():
-    block = full_block(seed=48, n_samples=20)
-    touching = corrected_pose(GEOMETRY, ALL, block)[0]
-    free = corrected_pose(GEOMETRY, ALL, replace(block, directions=None))[0]
-    shifts = contact_shifts(GEOMETRY, ALL, block)
-    np.testing.assert_allclose(touching - free, shifts, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ from tests.kinematics.effects.reference import (
     effect,
     random_arm,
     random_readings,
-    rotation,
 )
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.base.block import Block
@@ -56,21 +55,6 @@ def test_lobing_leaves_the_material_by_the_pretravel_of_the_azimuth():
         psi = np.arctan2(shank @ np.cross(first, flat), first @ flat)
         expected = -0.002 * np.cos(3 * psi - 0.4) * DIRECTIONS[n]
         np.testing.assert_allclose(shift_mm[n], expected, rtol=0, atol=1e-15)
-
-
-def test_azimuth_is_right_handed_about_the_shank():
-    """Turn a direction by 30 degrees about the shank: 3 psi grows by 90 degrees."""
-    shanks = probe_pose(GEOMETRY, READINGS)[1]
-    turned = [
-        rotation(np.pi / 6 * s) @ d for s, d in zip(shanks, DIRECTIONS, strict=True)
-    ]
-    ahead, _ = shifts(
-        effect("probe_lobing", amplitude_mm=1.0, phase_rad=0.7 + np.pi / 2),
-        directions=np.array(turned),
-    )
-    lobing_mm, _ = shifts(effect("probe_lobing", amplitude_mm=1.0, phase_rad=0.7))
-    along = np.einsum("ij,ij->i", ahead, turned)
-    np.testing.assert_allclose(along, np.einsum("ij,ij->i", lobing_mm, DIRECTIONS))
 
 
 def test_stylus_yields_across_the_shank_away_from_the_material():

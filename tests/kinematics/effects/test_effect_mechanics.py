@@ -1,14 +1,13 @@
 """Mechanical kinds without weights, each against rigid motions.
 
-Compliances under gravity against rigid motions, and one by hand.
+Compliances under gravity against rigid motions.
 All mechanical kinds at once against rigid motions.
 """
 
 import numpy as np
 import pytest
 
-from tests.arm_files import arm_text, joint_text
-from tests.kinematics.effects.agreement import GRAVITY, SEEDS, across_axis, agree, poses
+from tests.kinematics.effects.agreement import GRAVITY, SEEDS, across_axis, agree
 from tests.kinematics.effects.reference import (
     EPOCH,
     EPOCH_NS,
@@ -21,7 +20,7 @@ from tests.kinematics.effects.reference import (
     random_readings,
     shifted,
 )
-from traverse.kinematics.arm_file.arm import Identification, parse_arm
+from traverse.kinematics.arm_file.arm import Identification
 from traverse.kinematics.model.geometry import geometry_from_arm
 
 
@@ -169,24 +168,6 @@ def test_mount_compliance_turns_everything_about_the_origin(seed, override):
         return {-1: about(np.array(arm.origin_mm), 1e-5 * across)}
 
     agree(arm, (correction,), readings, motions, gravity_m_s2=override)
-
-
-def test_weights_on_a_horizontal_link_by_hand():
-    """1 m of 2 kg and a probe of 0.5 kg, 2e-5 rad per N m, about a level axis."""
-    arm = parse_arm(
-        arm_text(
-            "beam",
-            joint_text("J1", [0, 1.0, 0], [1000.0, 0, 0], more="mass_kg = 2.0\n"),
-            probe='radius_mm = 1.0\nkind = "hard"\nmass_kg = 0.5',
-            gravity_m_s2=10.0,
-        )
-    )
-    correction = effect("joint_compliance", joint="J1", compliance_rad_nm=2e-5)
-    centre, _ = poses(arm, (correction,), np.zeros((1, 1)))
-    # 2 kg at 0.5 m and 0.5 kg at 1 m: 15 N m downwards, that is 3e-4 rad and 0.3 mm.
-    np.testing.assert_allclose(
-        centre, [[1000 * np.cos(3e-4), 0, -1000 * np.sin(3e-4)]], atol=1e-12
-    )
 
 
 @pytest.mark.parametrize("seed", SEEDS)

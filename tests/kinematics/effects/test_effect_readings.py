@@ -9,7 +9,6 @@ from scipy.interpolate import CubicSpline
 from tests.kinematics.effects.reference import (
     EPOCH,
     EPOCH_NS,
-    N_JOINTS,
     T_REF,
     effect,
     random_arm,
@@ -156,9 +155,9 @@ def test_backlash_has_the_sign_of_the_approach():
 
 
 def test_empirical_spline_of_another_joint_is_the_natural_cubic_one():
-    """Against the piecewise cubic solved anew from its definition."""
+    """Against scipy's."""
     knots, values = [-3.0, -1.0, 0.5, 2.0, 3.5], [1e-5, -2e-5, 3e-5, 0.0, 1e-5]
-    curve = natural_cubic(knots, values)
+    curve = CubicSpline(knots, values, bc_type="natural")
     correction = effect(
         "empirical", joint="J3", covariate="J5_rad", knots=knots, values_rad=values
     )
@@ -195,39 +194,6 @@ def test_beyond_its_knots_a_reading_is_as_uncertain_as_a_straight_line_on():
     np.testing.assert_allclose(stated, inside + grown, rtol=1e-9, atol=1e-14)
 
 
-def natural_cubic(knots, values):
-    """Unknown coefficients of all pieces, all conditions as equations."""
-    pieces = len(knots) - 1
-    rows, right = [], []
-
-    def row(piece, s, derivative):
-        powers = {
-            0: [1, s, s**2, s**3],
-            1: [0, 1, 2 * s, 3 * s**2],
-            2: [0, 0, 2, 6 * s],
-        }[derivative]
-        full = np.zeros(4 * pieces)
-        full[4 * piece : 4 * piece + 4] = powers
-        return full
-
-    for p in range(pieces):
-        h = knots[p + 1] - knots[p]
-        rows += [row(p, 0, 0), row(p, h, 0)]
-        right += [values[p], values[p + 1]]
-        if p:
-            before = knots[p] - knots[p - 1]
-            rows += [row(p - 1, before, d) - row(p, 0, d) for d in (1, 2)]
-            right += [0, 0]
-    rows += [row(0, 0, 2), row(pieces - 1, knots[-1] - knots[-2], 2)]
-    coefficients = np.linalg.solve(np.array(rows), np.array([*right, 0, 0]))
-
-    def curve(x):
-        p = min(max(int(np.searchsorted(knots, x, side="right")) - 1, 0), pieces - 1)
-        return float(row(p, x - knots[p], 0) @ coefficients)
-
-    return curve
-
-
 @pytest.mark.parametrize(
     ("covariate", "covariates", "column"),
     [
@@ -249,14 +215,3 @@ def test_empirical_line_of_every_covariate(covariate, covariates, column):
         values_rad=[-2e-5, 2e-5],
     )
     check(correction, lambda n: 1e-6 * column[n], **covariates)
-
-
-def test_readings_are_corrected_as_they_are_whatever_their_order():
-    ones = (
-        effect("encoder_scale", joint="J1", scale_ppm=900.0),
-        effect("encoder_eccentricity", joint="J1", cos_rad=1e-3, sin_rad=1e-3),
-    )
-    forward = angle_corrections(GEOMETRY, effects_of(ARM, ones), Block(READINGS))
-    backward = angle_corrections(GEOMETRY, effects_of(ARM, ones[::-1]), Block(READINGS))
-    np.testing.assert_allclose(forward, backward, rtol=1e-15)
-    assert forward.shape == (7, N_JOINTS)

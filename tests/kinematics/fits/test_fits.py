@@ -1,4 +1,4 @@
-"""The smallest enclosing sphere: by hand, by its optimality, by trying everything."""
+"""The smallest enclosing sphere: by its optimality, by trying everything."""
 
 from itertools import combinations
 
@@ -122,44 +122,6 @@ def test_spread_of_one_point_is_nothing():
     assert (spread.max_deviation_mm, spread.rms_mm) == (0.0, 0.0)
     with pytest.raises(ValueError, match="at least 1"):
         spread_about_mean(np.empty((0, 3)))
-
-
-SQUARE = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
-CUBE = np.array([[x, y, z] for x in (0.0, 2) for y in (0.0, 2) for z in (0.0, 2)])
-TETRAHEDRON = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
-TRIANGLE = np.array([[1.0, 0, 0], [-0.5, np.sqrt(0.75), 0], [-0.5, -np.sqrt(0.75), 0]])
-
-
-@pytest.mark.parametrize(
-    ("points", "centre", "radius", "n_supports"),
-    [
-        ([[3.0, 4, 5]], [3, 4, 5], 0.0, 1),
-        ([[3.0, 4, 5]] * 4, [3, 4, 5], 0.0, 1),
-        ([[0.0, 0, 0], [2, 0, 0]], [1, 0, 0], 1.0, 2),
-        # Collinear, doubled, in any order: the ends count.
-        ([[1.0, 0, 0], [4, 0, 0], [0, 0, 0], [4, 0, 0], [0, 0, 0]], [2, 0, 0], 2.0, 2),
-        # Obtuse and right triangles are held by their longest side.
-        ([[0.0, 0, 0], [4, 0, 0], [2, 1, 0]], [2, 0, 0], 2.0, 2),
-        ([[0.0, 0, 0], [4, 0, 0], [2, 2, 0]], [2, 0, 0], 2.0, 2),
-        (TRIANGLE, [0, 0, 0], 1.0, 3),
-        # Acute: sides 2, sqrt(10), sqrt(10); R = a b c / (4 area) = 20 / 12.
-        ([[-1.0, 0, 0], [1, 0, 0], [0, 3, 0]], [0, 4 / 3, 0], 5 / 3, 3),
-        (TETRAHEDRON, [0, 0, 0], np.sqrt(3), 4),
-        # A flat pyramid over the triangle is held by its base alone.
-        ([*TRIANGLE, [0, 0, 0.5]], [0, 0, 0], 1.0, 3),
-        # A tall one by all four: h = 2, R = (h^2 + 1) / (2 h).
-        ([*TRIANGLE, [0, 0, 2.0]], [0, 0, 0.75], 1.25, 4),
-        # Ties: four and eight points on the sphere, two are enough.
-        (SQUARE, [0, 0, 0], 1.0, 2),
-        (CUBE, [1, 1, 1], np.sqrt(3), 2),
-        ([*TETRAHEDRON, [0, 0, 0], [0.5, 0.5, 0.5]], [0, 0, 0], np.sqrt(3), 4),
-    ],
-)
-def test_by_hand(points, centre, radius, n_supports):
-    sphere = enclosing_sphere(np.array(points, dtype=float))
-    np.testing.assert_allclose(sphere.centre_mm, centre, atol=1e-12)
-    assert sphere.radius_mm == pytest.approx(radius, abs=1e-12)
-    assert len(sphere.supports) == n_supports
 
 
 def by_trying_everything(points):

@@ -57,20 +57,6 @@ def test_plane_has_the_digits_of_an_exact_computation():
     np.testing.assert_allclose(fitted, exact, rtol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_turned_points_give_the_turned_shape(seed):
-    tube_points = tube(3, 20, 20.0, 0.5, 5.0, 0.3)
-    points, rotation = turned(seed, tube_points)
-    shift = (points - tube_points @ rotation.T)[0]
-    plane, moved = fit_plane(tube_points), fit_plane(points)
-    np.testing.assert_allclose(
-        moved.point_mm, plane.point_mm @ rotation.T + shift, atol=1e-8
-    )
-    np.testing.assert_allclose(
-        np.abs(moved.normal @ (rotation @ plane.normal)), 1.0, atol=1e-12
-    )
-
-
 def test_normals_point_to_the_positive_side():
     tube_points = tube(1, 20, 20.0, 60.0, 5.0, 0.01)
     for points in (tube_points, tube_points @ np.diag([1.0, -1.0, -1.0])):

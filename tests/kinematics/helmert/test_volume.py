@@ -99,10 +99,3 @@ def test_the_index_grows_as_points_come_near_to_a_line():
         assert index_rms > last
         last = index_rms
     assert last > 30.0
-
-
-def test_where_nothing_turns_all_places_are_alike():
-    cov = np.diag([1.0, 1, 1, 0, 0, 0])
-    for volume in (Ball(np.zeros(3), 10.0), Box(np.zeros(3), np.ones(3))):
-        error = volume_error(volume, np.zeros(3), cov)
-        assert error.rms_mm == error.max_mm == pytest.approx(np.sqrt(3.0))

@@ -9,7 +9,6 @@ from tests.simulator.campaigns.arms import (
 )
 from traverse.kinematics.arm_file.arm import effect_from_table, write_arm
 from traverse.recording.reader import read_recording
-from traverse.simulator.arm.truth import Deviations, true_arm
 from traverse.simulator.campaigns import (
     MIXES,
     BallBar,
@@ -248,21 +247,6 @@ def test_speeds_have_the_sense_of_the_approach():
     poses = touched(Cone(id="c", n_poses=50), conditions=conditions)
     speed_rad_s = poses.around.speed_rad_s
     assert np.all(np.sign(speed_rad_s) == poses.around.approach)
-
-
-def test_equal_seeds_give_equal_poses_and_others_other_ones():
-    spec = CampaignSpec(mix="cones+bar", n_poses=60)
-    first, repeated, other = (make_poses(ARM, spec, seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first.turns_rad, repeated.turns_rad)
-    np.testing.assert_array_equal(first.truth.zeros_rad, repeated.truth.zeros_rad)
-    assert not np.any(first.turns_rad == other.turns_rad)
-
-
-def test_a_given_truth_is_the_one_that_touches():
-    truth = true_arm(ARM, Deviations(), 1)
-    spec = CampaignSpec(mix="cones", n_poses=20)
-    poses = make_poses(ARM, spec, SEED, truth)
-    assert poses.truth is truth
 
 
 def test_a_bar_longer_than_the_arm_is_reported():

@@ -28,7 +28,6 @@ from traverse.simulator.virtual_arm import (
     build_arm,
     build_course,
     build_script,
-    build_sources,
 )
 from traverse.strict_toml.reader import parse_strict
 
@@ -115,23 +114,6 @@ def test_the_ball_touches_at_every_press(played, kind):
     readings_rad = course.readings_rad(times_s)
     found_mm = corrected_mm(arm, virtual, script, times_s, readings_rad)
     np.testing.assert_allclose(found_mm, touching_mm, rtol=0, atol=1e-6)
-
-
-def test_counts_contain_the_effect(played, tmp_path):
-    arm, virtual, script, course = played(example("encoder_eccentricity"))
-    text = config_text(SPHERE, HEAD, CLIMATE)
-    config = parse_strict(text, "sim.toml", SimulatorConfig, config_problems)
-    (source,) = build_sources(config, virtual, course, tmp_path)
-    times_s = np.linspace(0.0, script.duration_s, 200)
-    counts = source.counts(times_s, np.random.default_rng(0))
-    encoder = arm.joints[3].encoder
-    step_rad = encoder.sign * 2.0 * np.pi / encoder.counts_per_turn
-    zero_rad = virtual.truth.zeros_rad[3]
-    wrong_rad = counts[:, 3] * step_rad - zero_rad - script.turns(times_s)[:, 3]
-    wrong_rad = (wrong_rad + np.pi) % (2.0 * np.pi) - np.pi
-    shown_rad = counts[:, 3] * step_rad
-    expected_rad = 2e-4 * np.cos(shown_rad) - 1e-4 * np.sin(shown_rad)
-    np.testing.assert_allclose(wrong_rad, expected_rad, rtol=0, atol=abs(step_rad))
 
 
 def test_a_board_latches_the_effect(played, tmp_path):
