@@ -132,34 +132,6 @@ def test_nothing_on_the_line_is_reported_with_what_to_check():
     assert "addresses" in lost.remedy
 
 
-def test_a_late_reply_is_never_taken_for_that_of_the_next_encoder():
-    def late(run: Played) -> None:
-        run.line.encoders[0x54].late_s = 0.0049 + 0.0007 * len(done)
-        done.append(run.time.now_s)
-
-    done: list[float] = []
-    late_at_s = {0.5 + 0.1 * k: late for k in range(12)}
-    run = Played(line(), 2.0, at=late_at_s)
-    counts = run.joined("counts")
-    assert (counts == [1000, 2000, 3000]).all()
-    assert run.missing().any()
-    assert run.counters()["stray_bytes"] >= 20
-    assert run.alarms() == []
-
-
-def test_stray_bytes_make_a_cycle_missing_and_not_wrong():
-    def stray(run: Played) -> None:
-        run.peer.strays.append((run.time.now_s + 0.0001, word(1500)))
-
-    stray_at_s = {0.5 + 0.0537 * k: stray for k in range(20)}
-    run = Played(line(step=1), 2.0, at=stray_at_s)
-    counts = run.joined("counts").astype(int)
-    assert (np.abs(np.diff(counts, axis=0)) < 100).all()
-    good = ~run.missing()
-    for channel, first in enumerate((1000, 2000, 3000)):
-        assert (counts[good[:, channel], channel] // 1000 == first // 1000).all()
-
-
 def test_a_jump_that_passes_the_check_bits_is_stopped_by_the_speed_limit():
     def spoil(run: Played) -> None:
         run.line.encoders[0x54].answer = wrong_once

@@ -1,6 +1,5 @@
 import pickle
 import struct
-from pathlib import Path
 
 import pytest
 import tomlkit
@@ -113,13 +112,6 @@ def test_writing_keeps_the_layout_and_what_is_absent(tmp_path):
 
 def filled_lines(text: str) -> list[str]:
     return [line for line in text.splitlines() if line]
-
-
-def test_writing_adds_no_defaults(tmp_path):
-    path = tmp_path / "arm.toml"
-    text = ARM_TEXT.replace("vector_mm = [0.0, 0.0, 50.0]\n", "")
-    write_arm(path, parse_arm(text))
-    assert filled_lines(path.read_text()) == filled_lines(text)
 
 
 def test_writing_keeps_comments_and_the_lines_that_do_not_change(tmp_path):
@@ -280,12 +272,6 @@ def test_effects_are_made_from_plain_tables_too():
     assert arm_digest(with_effect) != arm_digest(arm)
     with pytest.raises(ValueError, match="did you mean 'backlash'"):
         effect_from_table({"kind": "back_lash"})
-
-
-def test_path_may_be_a_string(tmp_path):
-    path = tmp_path / "arm.toml"
-    write_arm(str(path), parse_arm(ARM_TEXT))
-    assert read_arm(str(path)) == read_arm(Path(path))
 
 
 def test_a_hard_probe_and_gravity_downwards_need_not_be_written():

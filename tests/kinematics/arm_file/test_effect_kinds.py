@@ -156,11 +156,3 @@ def test_axial_runout_lies_along_the_axis_and_may_be_of_first_order():
     ]
     across = axial.replace("[0.0, -1e-3, 0.0]", "[1e-3, 0.0, 0.0]")
     assert problems_of("axis_runout", across) == ["cos_mm"]
-
-
-def test_effects_keep_their_order():
-    text = "".join(
-        f'[[effects]]\nkind = "{kind}"\n{keys}\n' for kind, (_, keys) in GOOD.items()
-    )
-    arm = parse_arm(ARM_TEXT + text)
-    assert [effect.kind for effect in arm.effects] == list(GOOD)
