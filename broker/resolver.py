@@ -11,6 +11,8 @@ from concurrent.futures import Future
 from ssl import SSLContext
 from threading import Thread
 
+PATIENCE_S = 1.0  # with an address that does not answer, while there are others
+
 _lookups: dict[tuple[str, int], Future[list[str]]] = {}
 
 
@@ -27,11 +29,14 @@ async def connect_to_host(
     """
     loop, failure = asyncio.get_running_loop(), None
     name = host if tls is not None else None
-    for address in await addresses_of(host, port):
+    addresses = await addresses_of(host, port)
+    for address in addresses:
+        patience_s = None if address == addresses[-1] else PATIENCE_S
         try:
-            await loop.create_connection(
-                protocol, address, port, ssl=tls, server_hostname=name
-            )
+            async with asyncio.timeout(patience_s):
+                await loop.create_connection(
+                    protocol, address, port, ssl=tls, server_hostname=name
+                )
         except OSError as error:
             failure = error
         else:

@@ -300,6 +300,8 @@ def toml_table(text: str, source: str) -> dict[str, Any]:
                 problem += "; a decimal comma: write a decimal point"
             elif odd := odd_characters(line[column - 1 : column]):
                 problem += f"; {odd} is there"
+                if odd.startswith(("U+FEFF", "U+0000")):
+                    problem += ": save the file as UTF-8 without a byte order mark"
         raise FileError(source, [Problem(where, f"not TOML: {problem}")]) from error
 
 

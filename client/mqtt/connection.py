@@ -145,7 +145,7 @@ class ReconnectingConnection:
         self._options = options
         self.topics: dict[str, int] = {}
         self.connections = 0
-        self.reason = "not tried yet"
+        self.reason = "no answer yet"
         self._settled = asyncio.Event()  # there was one, or waiting is in vain
         self._connection: ManualAckConnection | None = None
         self._certificates = CertificateWatch(

@@ -7,6 +7,7 @@ A scan block is stored with the scan as session and the number of its first poin
 note of that "session" is the real session's name.
 """
 
+import os
 import sqlite3
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -61,7 +62,7 @@ def open_read_only(path: Path) -> sqlite3.Connection:
             "configuration with --config"
         )
     connection = sqlite3.connect(
-        f"file:{quote(str(path))}?mode=ro", uri=True, isolation_level=None
+        f"file:{quote(os.fsencode(path))}?mode=ro", uri=True, isolation_level=None
     )
     connection.text_factory = read_as_text
     try:

@@ -56,6 +56,11 @@ def storage_error_of(error: BaseException, path: Path) -> StorageError:
     folder = path.parent
     if path.exists() and not path.is_file():
         text, remedy = "it is no regular file", f"move {path} away"
+    elif path.is_symlink() and not path.exists():
+        text, remedy = (
+            "it is a link to no file",
+            f"correct the link, or move {path} away",
+        )
     elif code == sqlite3.SQLITE_FULL or number in (errno.ENOSPC, errno.EDQUOT):
         text, remedy = "the disk is full", f"make room on the disk of {folder}"
     elif (code in REOPENED or number == errno.EROFS) and (why := _of_disk(folder)):
@@ -337,7 +342,7 @@ class ResilientDatabase:
     def _begin_anew(self, error: sqlite3.Error) -> None:
         """Set a damaged database aside, and take over its readable rows."""
         name = move_aside(self._path)
-        address = f"file:{quote(str(name))}?mode=ro"
+        address = f"file:{quote(os.fsencode(name))}?mode=ro"
         with contextlib.closing(sqlite3.connect(address, uri=True)) as connection:
             self._unsent.read(connection)
         if self._store is not None:

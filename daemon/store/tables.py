@@ -1,5 +1,6 @@
 """Tables of a store, and which databases have them."""
 
+import re
 import sqlite3
 
 from traverse.daemon.store.records import DatabaseRefusedError
@@ -54,8 +55,8 @@ def has_tables(connection: sqlite3.Connection, name: str) -> bool:
     """
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     (application,) = connection.execute("PRAGMA application_id").fetchone()
-    (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    if version == 0 and application == 0 and tables == 0:
+    names = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
+    if version == 0 and application == 0 and not names:
         return False
     if application != APPLICATION:
         raise DatabaseRefusedError(
@@ -69,6 +70,10 @@ def has_tables(connection: sqlite3.Connection, name: str) -> bool:
             f"{VERSION}; install the version of traverse that wrote it, or move the "
             "file away: its points can be sent and exported by that version only"
         )
+    if lacking := set(re.findall(r"CREATE \w+ (\w+)", TABLES)) - names:
+        error = sqlite3.DatabaseError(f"it lacks {', '.join(sorted(lacking))}")
+        error.sqlite_errorcode = sqlite3.SQLITE_CORRUPT
+        raise error
     return True
 
 

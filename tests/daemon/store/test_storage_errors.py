@@ -71,23 +71,31 @@ async def test_marks_that_cannot_be_written_are_written_later(bench):
 
 
 async def test_a_damaged_file_is_set_aside_and_measuring_continues(tmp_path):
-    (tmp_path / "outbox.db").write_bytes(b"no database at all" * 1000)
-    bench = OutboxOnLoop(tmp_path)
+    folder = tmp_path / os.fsdecode(b"gr\xf6\xdfe")  # no UTF-8
+    folder.mkdir()
+    (folder / "outbox.db").write_bytes(b"no database at all" * 1000)
+    bench = OutboxOnLoop(folder)
     async with bench.outbox.running():
         (keeping,) = await bench.take_all(1)
         assert keeping.trouble is None
         assert bench.codes() == ["outbox.replaced"]
         assert "corrupt-" in bench.occurrences[0].text
-    (aside,) = tmp_path.glob("outbox.db.corrupt-*")
+    (aside,) = folder.glob("outbox.db.corrupt-*")
     assert aside.read_bytes().startswith(b"no database at all")
 
 
-async def test_unsent_points_of_a_damaged_file_are_taken_over(tmp_path):
+@pytest.mark.parametrize("is_table_dropped", [False, True])
+async def test_unsent_points_of_a_damaged_file_are_taken_over(
+    tmp_path, is_table_dropped
+):
     first = OutboxOnLoop(tmp_path)
     async with first.outbox.running():
         await first.take_all(60)
         first.send(20)
-    damage(first.path)
+    if is_table_dropped:
+        execute(first.path, "DROP TABLE room")
+    else:
+        damage(first.path)
     second = OutboxOnLoop(tmp_path)
     async with second.outbox.running():
         keeping = second.take()

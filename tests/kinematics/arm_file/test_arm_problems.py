@@ -241,6 +241,12 @@ def test_broken_toml_is_reported_with_line_and_column(text, where):
     assert list(problems_of(text)) == [where]
 
 
+@pytest.mark.parametrize("text", ["\ufeffx = 1\n", "x\0 \0=\0 1\0"])
+def test_what_an_editor_wrote_that_does_not_write_utf_8_is_told(text):
+    (problem,) = problems_of(text).values()
+    assert problem.endswith("save the file as UTF-8 without a byte order mark")
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
