@@ -35,9 +35,10 @@ def features(
 ) -> None:
     """Measure planes, circles, distances and so on with their uncertainty.
 
-    A point belongs to the feature that its label names. With --out, writes the report
-    sheet features.html, features.json, .csv and .qif, and a drawing features.dxf. Exit
-    status 1: a figure does not conform, or is not decided; or a feature has no figures.
+    A point belongs to the feature that its label names, samples of a scan as the plan
+    says. With --out, writes the report sheet features.html, features.json, .csv and
+    .qif, and a drawing features.dxf. Exit status 1: a figure does not conform, or is
+    not decided; or a feature has no figures.
 
     Args:
         points: Points: JSON lines, a recording, or an outbox.
@@ -49,6 +50,7 @@ def features(
     """
     check_inputs(points, plan, arm)
     from traverse.cli.export.file import selected_points
+    from traverse.cli.export.scan_samples import with_samples
     from traverse.client.inspection.plan import Plan, plan_problems
     from traverse.client.inspection.results import assigned_points, inspected
     from traverse.client.inspection.sheet import summary_lines
@@ -57,6 +59,8 @@ def features(
     with refusals(ValueError):
         inspection_plan = read_strict(plan, Plan, plan_problems)
         chosen = list(selected_points(points, session, retracted=False))
+        inspection_plan, samples = with_samples(inspection_plan, points, session)
+        chosen += samples
         assigned = assigned_points(inspection_plan, chosen)
         used = {point.id: point for each in assigned.values() for point in each}
         if not used:

@@ -5,6 +5,9 @@ from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
+import numpy as np
+
+from traverse.arrays import Floats
 from traverse.client.errors import NoAnswerError
 from traverse.client.requests import CommandClient
 from traverse.client.results import (
@@ -12,6 +15,7 @@ from traverse.client.results import (
     PointCovariances,
     Resent,
     ResentScan,
+    SharedErrors,
     StartedScan,
     StoredSession,
 )
@@ -24,6 +28,7 @@ from traverse.protocol.messages import (
     Point,
     PointArgs,
     ProbeArgs,
+    Reading,
     ReferenceArgs,
     ReloadArgs,
     ResendArgs,
@@ -242,6 +247,22 @@ class ArmCommands:
         ids = tuple(point if isinstance(point, str) else point.id for point in points)
         result = await self.execute(CovarianceArgs(ids=ids))
         return PointCovariances.read(result).joint()
+
+    async def shared_errors(self, samples: Sequence[Point]) -> Floats:
+        """Return what samples share by the arm's parameters, from their angles.
+
+        At most 100, measured with the probe in use; need not be points of the arm.
+
+        Returns:
+            Factors S as of `JointCovariance`, (n, 3, rank).
+        """
+        readings = tuple(
+            Reading(angles_rad=sample.angles_rad, utc_s=sample.time_ns * 1e-9)
+            for sample in samples
+        )
+        args = CovarianceArgs(model=samples[0].model, readings=readings)
+        result = SharedErrors.read(await self.execute(args))
+        return np.array(result.shared_mm)
 
     async def distance(self, first: Point | str, second: Point | str) -> "Length":
         """Return the length between two points with its uncertainty.

@@ -124,13 +124,22 @@ class StartedScan(CommandResult):
     rate_hz: float | None = None
 
 
+Factor = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
+
+
+class SharedErrors(CommandResult):
+    """What readings share by the arm, see `CovarianceArgs`; in mm."""
+
+    shared_mm: tuple[Factor, ...]
+
+
 class SharedPoint(CommandResult):
     """One point of an answer to `covariance`; lengths in mm."""
 
     id: str
     xyz_mm: Vector
     covariance_mm2: Covariance
-    shared_mm: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
+    shared_mm: Factor
 
 
 class PointCovariances(CommandResult):

@@ -99,6 +99,10 @@ def cloud_to_bytes(scan: Scan) -> bytes:
         "scan": scan.scan,
         "session": scan.session,
         "time_ns": str(scan.time_ns),
+        "arm": scan.arm,
+        "model": scan.model,
+        "probe_radius_mm": scan.probe_radius_mm,
+        "angles_rad": scan.angles_rad[[0, -1]].tolist() if n else [],
     }
     return json.dumps(table).encode()
 
@@ -114,12 +118,19 @@ class Cloud:
 
     Attributes:
         time_ns: instant that `after_s` counts from. [UTC]
+        arm, model, probe_radius_mm: as of `Scan`; empty and NaN where they were not
+            recorded.
+        ends_rad: angles of the first and the last point, (2, n_joints); or (2, 0).
     """
 
     session: str
     scan: str
     time_ns: int
     points: NDArray[np.void]
+    arm: str
+    model: str
+    probe_radius_mm: float
+    ends_rad: Floats
 
 
 def bytes_to_cloud(content: bytes) -> Cloud:
@@ -136,7 +147,16 @@ def bytes_to_cloud(content: bytes) -> Cloud:
         data = base64.b64decode(table["data"], validate=True)
         points = np.frombuffer(data, CLOUD_TYPE)
         session, scan = str(table["session"]), str(table["scan"])
-        return Cloud(session, scan, int(table["time_ns"]), points)
+        return Cloud(
+            session,
+            scan,
+            int(table["time_ns"]),
+            points,
+            str(table.get("arm", "")),
+            str(table.get("model", "")),
+            float(table.get("probe_radius_mm", np.nan)),
+            np.array(table.get("angles_rad", []), dtype=np.float64).reshape(2, -1),
+        )
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError(f"no cloud of a scan: {error!r}") from error
 

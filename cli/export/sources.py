@@ -46,7 +46,7 @@ def points_of(source: Path) -> Iterator[Point]:
         )
 
 
-def scans_of(source: Path) -> Iterator[PointTable]:
+def clouds_of(source: Path) -> Iterator[Cloud]:
     """Blocks of all scans of a recording.
 
     Raises:
@@ -56,7 +56,12 @@ def scans_of(source: Path) -> Iterator[PointTable]:
     with RunReader(source) as run:
         for entry in run:
             if entry.topic == "cloud":
-                yield _table(bytes_to_cloud(entry.content))
+                yield bytes_to_cloud(entry.content)
+
+
+def scans_of(source: Path) -> Iterator[PointTable]:
+    """As `clouds_of`, as columns."""
+    yield from map(_table, clouds_of(source))
 
 
 def tear_of(source: Path) -> str | None:

@@ -89,6 +89,7 @@ class ArmSight:
         aligned_ns: last change of the alignment, as far as known.
         absence: message that the broker has no arm of this name; else empty.
         listeners: called with each change.
+        scan_listeners: called with each block of a scan.
     """
 
     now_s: Callable[[], float]
@@ -109,6 +110,7 @@ class ArmSight:
     lost_points: int = 0
     absence: str = ""
     listeners: list[Callable[[Change], None]] = field(default_factory=list)
+    scan_listeners: list[Callable[[Scan], None]] = field(default_factory=list)
     _live_s: float = -np.inf
     _live_intervals_s: deque[float] = field(default_factory=lambda: deque(maxlen=5))
     _clock_s: float | None = None
@@ -300,6 +302,8 @@ class ArmSight:
             block.dropped + block.lost,
             block.in_doubt,
         )
+        for listener in self.scan_listeners:
+            listener(block)
         if block.last:
             self._notify(Change("scan", f"{self.scan.text}."))
 

@@ -22,7 +22,9 @@ from traverse.client.display.arm_state import ArmSight, Change
 from traverse.client.display.condition import obstacle
 from traverse.client.display.point_cloud import Cloud
 from traverse.client.errors import BrokerUnreachableError, ClientError, CommandRefused
+from traverse.client.inspection.scan_samples import Sample
 from traverse.client.mqtt.subscription import absence_of
+from traverse.protocol.messages import Point
 
 log = logging.getLogger(__name__)
 
@@ -109,20 +111,29 @@ class Follower:
             return True
         return False
 
-    async def shared_errors(self, ids: Sequence[str]) -> Mapping[str, Floats] | str:
-        """Return the points' common errors by id, or why they are unknown."""
+    async def shared_errors(
+        self, points: Sequence[Point]
+    ) -> Mapping[str, Floats] | str:
+        """Return what points and samples share by the arm, or why it is unknown."""
         shared: dict[str, Floats] = {}
-        for start in range(0, len(ids), MOST_ASKED):
-            requested = ids[start : start + MOST_ASKED]
-            if self._arm is None:
-                return "there is no connection to the arm"
-            try:
-                errors = await self._arm.covariance(requested)
-            except CommandRefused as error:
-                return error.text
-            except ClientError as error:
-                return str(error)
-            shared |= dict(zip(requested, errors.shared_mm, strict=True))
+        for is_sample in (False, True):
+            every = [p for p in points if isinstance(p, Sample) is is_sample]
+            for start in range(0, len(every), MOST_ASKED):
+                requested = every[start : start + MOST_ASKED]
+                if self._arm is None:
+                    return "there is no connection to the arm"
+                try:
+                    factors = (
+                        await self._arm.shared_errors(requested)
+                        if is_sample
+                        else (await self._arm.covariance(requested)).shared_mm
+                    )
+                except CommandRefused as error:
+                    return error.text
+                except ClientError as error:
+                    return str(error)
+                ids = [point.id for point in requested]
+                shared |= dict(zip(ids, factors, strict=True))
         return shared
 
     async def undo_shown(self) -> None:

@@ -16,6 +16,11 @@ from traverse.client.inspection.plan import (
     ToleranceEntry,
 )
 from traverse.client.inspection.results import alignment_of, inspected
+from traverse.client.inspection.scan_samples import (
+    Sample,
+    ThinnedScan,
+    block_of,
+)
 from traverse.client.inspection.systems import (
     Station,
     in_first_system,
@@ -28,7 +33,7 @@ from traverse.client.inspection.values import FeatureResult, Inspection
 from traverse.kinematics.features.measured import Side
 from traverse.kinematics.fits.elements import Kind
 from traverse.kinematics.helmert.transformation import Helmert
-from traverse.protocol.messages import Point
+from traverse.protocol.messages import Point, Scan
 from traverse.protocol.messages.fields import Vector
 
 GOOD_COUNTS: dict[Kind, int] = {
@@ -52,9 +57,9 @@ WHERE: dict[Kind, str] = {
 }
 LEAST_COMMON = 3
 AGAIN = " again"
-MOST_FEATURES, MOST_TOUCHES = 200, 2000
+MOST_FEATURES, MOST_TOUCHES = 200, 4000
 
-Share = Callable[[Sequence[str]], Awaitable[Mapping[str, Floats] | str]]
+Share = Callable[[Sequence[Point]], Awaitable[Mapping[str, Floats] | str]]
 
 
 @dataclass(slots=True)
@@ -81,6 +86,8 @@ class InspectionDesk:
         again: names of features as they are touched once more after the arm was moved,
             and as before, until they are joined.
         is_moved: whether it is not known where the arm stands.
+        scanned: samples of the running scan for the active feature; None without. They
+            belong to it when the scan ends, or when the feature is accepted.
         inspection: the latest results; None before the first.
     """
 
@@ -96,6 +103,7 @@ class InspectionDesk:
         self.alignment: Helmert | None = None
         self.again: dict[str, str] = {}
         self.is_moved = False
+        self.scanned: ThinnedScan | None = None
         self._stations: list[Station] = []
         self._station_by_point: dict[str, int] = {}
         self.inspection: Inspection | None = None
@@ -107,6 +115,7 @@ class InspectionDesk:
         self._shared: dict[str, Floats] = {}
         self._refusal = ""
         sight.listeners.append(self._changed)
+        sight.scan_listeners.append(self._take_scan)
 
     def begin(self, kind: Kind) -> str:
         """Begin a feature; return its name.
@@ -136,12 +145,14 @@ class InspectionDesk:
         """
         if name not in self.again:
             self._refuse_while_moved()
+        self._end_scan()
         self.active = name
         self._begun_ns = self._sight.live.time_ns if self._sight.live else 0
         self.version += 1
 
     def accept(self) -> None:
         """End the active feature; one without touches is dropped."""
+        self._end_scan()
         name = self.active
         if (
             name is not None
@@ -306,13 +317,18 @@ class InspectionDesk:
     def clear(self) -> None:
         """Begin with another part, by the same operator."""
         self.features, self.relations, self.tolerances = {}, {}, {}
-        self._points, self._shared, self.active = {}, {}, None
+        self._points, self._shared, self.active, self.scanned = {}, {}, None, None
         self.alignment = None
         self.again, self.is_moved = {}, False
         self._stations, self._station_by_point = [], {}
         self.part = self.serial = ""
         self.part_temperature = None
         self.version += 1
+
+    def touches_of(self, name: str) -> int:
+        """Return how many touches a feature has, beside samples of scans."""
+        ids = self.features[name].points
+        return sum(not isinstance(self._points[i], Sample) for i in ids)
 
     def result(self, name: str) -> FeatureResult | None:
         features = () if self.inspection is None else self.inspection.features
@@ -365,7 +381,11 @@ class InspectionDesk:
         try:
             version, plan = self.version, self.plan
             used = {i for draft in self.features.values() for i in draft.points}
-            missing = [i for i in used if i not in self._shared]
+            missing = [
+                point
+                for i, point in self._points.items()
+                if i in used and i not in self._shared
+            ]
             if missing:
                 answer = await share(missing)
                 self._refusal = answer if isinstance(answer, str) else ""
@@ -437,14 +457,33 @@ class InspectionDesk:
             if self._points.pop(point.retracts, None) is not None:
                 self.assign(point.retracts, None)
         elif self.active is not None and point.time_ns >= self._begun_ns:
-            if len(self._points) >= MOST_TOUCHES:
-                self._sight.refuse(
-                    f"a part has at most {MOST_TOUCHES} touches; this point is in the "
-                    "session only",
-                    "begin a new part",
-                )
-                return
+            self._add(self.active, [point])
+
+    def _take_scan(self, block: Scan) -> None:
+        if self.active is None or block.time_ns < self._begun_ns:
+            return
+        if self.scanned is None or self.scanned.part.scan != block.scan:
+            self._end_scan()
+            self.scanned = ThinnedScan(block.session, block.scan)
+        self.scanned.add(block_of(block))
+        if block.last:
+            self._end_scan()
+
+    def _end_scan(self) -> None:
+        scanned, self.scanned = self.scanned, None
+        if scanned is not None and self.active is not None:
+            self._add(self.active, scanned.samples())
+
+    def _add(self, name: str, points: Sequence[Point]) -> None:
+        if len(self._points) + len(points) > MOST_TOUCHES:
+            self._sight.refuse(
+                f"a part has at most {MOST_TOUCHES} touches; this point is in the "
+                "session only",
+                "begin a new part",
+            )
+            return
+        for point in points:
             self._points[point.id] = point
-            if self._stations and self.active not in self.again:
+            if self._stations and name not in self.again:
                 self._station_by_point[point.id] = self._station
-            self.assign(point.id, self.active)
+            self.assign(point.id, name)

@@ -30,6 +30,8 @@ class FeatureEntry(StrictModel):
         side: From which it is touched; auto: as the points' compensation says.
         plane: Name of the plane that a circle or an edge lies in.
         points: Ids of its points; else those with its label.
+        scan: Samples of this scan of a recording belong to it, in place of labels.
+        samples: Numbers of the first and the last of them; else all.
     """
 
     name: Name
@@ -37,6 +39,16 @@ class FeatureEntry(StrictModel):
     side: Side = "auto"
     plane: Name | None = None
     points: tuple[Name, ...] | None = None
+    scan: Name | None = None
+    samples: Annotated[tuple[int, int], Field(strict=False)] | None = None
+
+    @model_validator(mode="after")
+    def _is_in_order(self) -> Self:
+        if self.samples is not None:
+            first, last = self.samples
+            if self.scan is None or not 0 <= first <= last:
+                raise ValueError("samples = [first, last] of a scan, from 0 upwards")
+        return self
 
 
 class RelationEntry(StrictModel):

@@ -12,6 +12,7 @@ from traverse.client.inspection.plan import (
     RelationEntry,
     ToleranceEntry,
 )
+from traverse.client.inspection.scan_samples import Sample, scan_parts
 from traverse.client.inspection.values import (
     FeatureResult,
     FigureResult,
@@ -128,12 +129,16 @@ def _measured(
         if assigned[feature.name]
     ]
     tip_mm = max(tips, default=0.0)
+    scan_of = [p.part.scan if isinstance(p, Sample) else "" for p in every]
+    scans = sorted({"", *scan_of})
     touches = Touches(
         errors,
         tip_mm,
         plan.ball_radius_std_mm or 0.0,
         _towards(every, system),
         np.array([p.compensation in MEASURED_SIDES for p in every], dtype=bool),
+        np.array([scans.index(scan) - 1 for scan in scan_of], dtype=np.int64),
+        np.array([point.time_ns for point in every], dtype=np.int64),
     )
     features = measured_features(definitions, touches)
     return _Measured(features, every, system, tip_mm, unknown)
@@ -344,11 +349,19 @@ def _feature(
         distances_mm = of_points_mm.tolist()
     touches = tuple(
         TouchResult(
-            p.id, p.seq, centres_mm[p.id], mm, () if p.quality.ok else p.quality.flags
+            p.id,
+            p.seq,
+            centres_mm[p.id],
+            mm,
+            () if p.quality.ok else p.quality.flags,
+            p.part.scan if isinstance(p, Sample) else "",
         )
         for p, mm in zip(points, distances_mm, strict=True)
     )
-    result = FeatureResult(entry.name, entry.kind, entry.side, touches=touches)
+    scans = tuple(scan_parts(points))
+    result = FeatureResult(
+        entry.name, entry.kind, entry.side, touches=touches, scans=scans
+    )
     if element is None:
         problem = features.problems.get(entry.name, "not touched yet")
         return replace(result, problem=problem)

@@ -27,6 +27,7 @@ COLUMNS = (
 DEFINITIONS = (
     "Elements are of least squares, through the touched surface: centres of the ball "
     "compensated by its radius on the side that was touched.",
+    "Samples of a scan are thinned, and count as often as they are independent.",
     "U is the expanded uncertainty, k = 2: of encoders, contacts and the arm's "
     "identified parameters, which all touches share, and of what the fits found beyond "
     "that; of the ball's radius and the part's temperature, where they are stated. "
@@ -163,13 +164,24 @@ def _figure_rows(features: Iterable[FeatureResult]) -> Iterator[tuple[str, list[
 def _touch_tables(features: Iterable[FeatureResult]) -> Iterator[str]:
     for feature in features:
         if feature.touches:
-            n = counted(len(feature.touches), "touch")
+            touches = [touch for touch in feature.touches if not touch.scan]
+            n = counted(len(touches), "touch")
             yield f"<h2>{_text(feature.name)}: {n}</h2>"
             yield _table(
                 ("Point", "Distance in mm", "In doubt"),
-                (_touch_row(touch) for touch in feature.touches),
+                [*map(_touch_row, touches), *_scan_rows(feature)],
                 1,
             )
+
+
+def _scan_rows(feature: FeatureResult) -> Iterator[tuple[str, list[str]]]:
+    for part in feature.scans:
+        samples = [touch for touch in feature.touches if touch.scan == part.scan]
+        known_mm = [s.distance_mm for s in samples if s.distance_mm is not None]
+        span = f"{min(known_mm):+.4f} to {max(known_mm):+.4f}" if known_mm else ""
+        doubtful = sum(bool(sample.doubts) for sample in samples)
+        doubts = f"{doubtful} of {part.used}" if doubtful else ""
+        yield "doubt" if doubts else "", [part.words, span, doubts]
 
 
 def _touch_row(touch: TouchResult) -> tuple[str, list[str]]:

@@ -27,12 +27,38 @@ class FigureResult:
 
 
 @dataclass(frozen=True, slots=True)
-class TouchResult:
-    """A touch of a feature.
+class ScanPart:
+    """Samples of a scan that came for one feature.
 
     Attributes:
+        used: those that count as touches.
+        lost: dropped by the daemon, or lost between device and daemon, between them.
+        in_doubt: of all of them, also of those that do not count.
+    """
+
+    session: str
+    scan: str
+    used: int = 0
+    samples: int = 0
+    lost: int = 0
+    in_doubt: int = 0
+
+    @property
+    def words(self) -> str:
+        words = f"scan {self.scan}: {self.used} of {self.samples:,} samples"
+        words += f", {self.lost:,} lost" if self.lost else ""
+        return words + (f", {self.in_doubt:,} in doubt" if self.in_doubt else "")
+
+
+@dataclass(frozen=True, slots=True)
+class TouchResult:
+    """A touch of a feature, or a sample of a scan.
+
+    Attributes:
+        seq: of a sample the number in its scan.
         centre_mm: of the ball, in the inspection's system.
         distance_mm: from the fitted element; None of elements without a fit.
+        scan: that it is a sample of; empty of a touch.
     """
 
     id: str
@@ -40,6 +66,7 @@ class TouchResult:
     centre_mm: tuple[float, ...]
     distance_mm: float | None
     doubts: tuple[str, ...]
+    scan: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +77,7 @@ class FeatureResult:
         kind: of the element or relation.
         of: the names that a relation is made of.
         problem: why there are no figures; empty where there are.
+        scans: that touches are samples of.
         direction: unit vector of axis or normal; None without one.
     """
 
@@ -60,6 +88,7 @@ class FeatureResult:
     problem: str = ""
     figures: tuple[FigureResult, ...] = ()
     touches: tuple[TouchResult, ...] = ()
+    scans: tuple[ScanPart, ...] = ()
     place_mm: tuple[float, ...] | None = None
     direction: tuple[float, ...] | None = None
 

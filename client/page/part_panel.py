@@ -144,7 +144,8 @@ class PartPanel:
 
     def show(self) -> None:
         desk = self._desk
-        key = (desk.version, desk.inspection)
+        scanned = None if desk.scanned is None else desk.scanned.part
+        key = (desk.version, desk.inspection, scanned)
         if key == self._shown:
             return
         self._shown = key
@@ -174,30 +175,43 @@ class PartPanel:
         result = desk.result(name)
         least, good = LEAST_POINTS[draft.kind], GOOD_COUNTS[draft.kind]
         required = f"at least {least}" + (f", good are {good}" if good > least else "")
-        so_far = counted(len(draft.points), "touch")
+        so_far = counted(desk.touches_of(name), "touch")
         self._instruction.set_text(f"{name}: {WHERE[draft.kind]} {so_far}; {required}.")
-        self._live.set_text("" if result is None else _words(result))
+        words = "" if result is None else _words(result)
+        if desk.scanned is not None:
+            words = desk.scanned.part.words
+        self._live.set_text(words)
         is_round = draft.kind not in ("point", "line", "plane")
         self._side.set_visibility(is_round)
         self._side.set_text(SIDES[draft.side])
         self._plane.set_visibility(draft.kind in ("circle", "line"))
         self._plane.set_text(f"In: {draft.plane or 'its own touches'}")
-        self._show_touches(() if result is None else result.touches)
+        self._show_touches(result)
 
-    def _show_touches(self, shown: Sequence[TouchResult]) -> None:
-        touches = {touch.id: touch for touch in shown}
-        for removed_id in self._touch_of.keys() - touches.keys():
-            self._touch_of.pop(removed_id).delete()
-        for touch in touches.values():
-            off = "" if touch.distance_mm is None else f" {touch.distance_mm:+.3f}"
-            button = self._touch_of.get(touch.id)
+    def _show_touches(self, result: FeatureResult | None) -> None:
+        result = result or FeatureResult("", "")
+        shown: dict[str, tuple[str, str, str, Sequence[TouchResult]]] = {}
+        for touch in result.touches:
+            if not touch.scan:
+                off = "" if touch.distance_mm is None else f" {touch.distance_mm:+.3f}"
+                title = f"Touch {touch.seq}"
+                shown[touch.id] = title, f"{title}{off}", f"{touch.seq}:{off}", [touch]
+        for part in result.scans:
+            samples = [t for t in result.touches if t.scan == part.scan]
+            title = f"Scan {part.scan}"
+            shown[part.scan] = title, title, part.words, samples
+        for removed in self._touch_of.keys() - shown.keys():
+            self._touch_of.pop(removed).delete()
+        for key, (title, label, text, of) in shown.items():
+            button = self._touch_of.get(key)
             if button is None:
-                act = partial(self._ask_touch, touch.id, touch.seq)
+                act = partial(self._ask_touch, title, key)
                 with self._touches:
-                    self._touch_of[touch.id] = button = self._button("", act)
-            button.set_text(f"{touch.seq}:{off}")
-            button.classes("doubt" if touch.doubts else "", remove="doubt")
-            button.props(f'aria-label="Touch {touch.seq}{off}: move or leave out"')
+                    self._touch_of[key] = button = self._button("", act)
+            button.set_text(text)
+            is_doubtful = any(touch.doubts for touch in of)
+            button.classes("doubt" if is_doubtful else "", remove="doubt")
+            button.props(f'aria-label="{label}: move or leave out"')
 
     def _new_row(self, name: str) -> tuple[ui.button, ui.label]:
         with self._rows:
@@ -274,17 +288,19 @@ class PartPanel:
         desk.version += 1
         self.show()
 
-    async def _ask_touch(self, point_id: str, seq: int) -> None:
-        other_features = [
-            name for name in self._desk.features if name != self._desk.active
-        ]
+    async def _ask_touch(self, title: str, key: str) -> None:
+        desk, active = self._desk, self._desk.active
+        other_features = [name for name in desk.features if name != active]
         answer, _ = await self._dialogs.ask(
-            f"Touch {seq} does not belong here?",
+            f"{title} does not belong here?",
             ("Leave it out", *(f"Move to {name}" for name in other_features)),
         )
-        if answer:
+        result = desk.result(active or "")
+        if answer and result is not None:
             to = answer.removeprefix("Move to ") if answer != "Leave it out" else None
-            self._desk.assign(point_id, to)
+            for touch in result.touches:
+                if key in (touch.id, touch.scan):
+                    desk.assign(touch.id, to)
             self.show()
 
     async def _ask_feature(self, name: str) -> None:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.command_handlers import handles
@@ -32,6 +34,8 @@ from traverse.daemon.pose.probe_library import (
     write_probe_in_use,
 )
 from traverse.drivers.base.values import DeviceError
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.uncertainty.arm_covariance import parameter_columns
 from traverse.plurals import counted
 from traverse.protocol.messages import (
     AlignArgs,
@@ -145,7 +149,7 @@ class PointCommands:
 
     async def _is_remembered(self) -> bool:
         """Wait for the write to the disk; return whether it succeeded."""
-        writing = self.measurement.quality.references.devices.memory.writing
+        writing = self.measurement.quality.references.memory.writing
         if writing is None:
             return False
         try:
@@ -216,6 +220,8 @@ class PointCommands:
                 f"how far points are off is not known: {cause}",
                 "identify the arm, and keep its covariance file beside the arm file",
             )
+        if args.readings:
+            return self._shared_by_readings(args)
         covariances = [self.measurement.capture.shared.of(name) for name in args.ids]
         known = [covariance for covariance in covariances if covariance is not None]
         if len(known) < len(covariances):
@@ -245,6 +251,38 @@ class PointCommands:
                 }
                 for point, shared in known
             ],
+        }
+
+    def _shared_by_readings(self, args: CovarianceArgs) -> Result:
+        model, devices = self.measurement.model, self._devices
+        n_joints = model.encoders.n_joints
+        lengths = {len(reading.angles_rad) for reading in args.readings}
+        if args.model != model.digest or lengths != {n_joints}:
+            raise RequestRefusedError(
+                "command.bad_args",
+                "the readings are not of the arm file and probe in use, "
+                f"{model.digest}, with {counted(n_joints, 'joint')}",
+                "choose the probe again that they were measured with",
+            )
+        at_rest = np.zeros((len(args.readings), n_joints))
+        known_c = devices.temperature_c
+        block = Block(
+            np.array([reading.angles_rad for reading in args.readings]),
+            speeds_rad_s=at_rest,
+            approaches=at_rest,
+            temperature_c=np.full(
+                len(at_rest),
+                model.reference_temperature_c if known_c is None else known_c,
+            ),
+            utc_ns=np.array([int(r.utc_s * 1e9) for r in args.readings]),
+        )
+        by_parameters, _ = parameter_columns(model.geometry, model.effects, block)
+        arm = model.covariance
+        factor = np.zeros((by_parameters.shape[2], 0)) if arm is None else arm.factor
+        return {
+            "model": model.digest,
+            "with_arm": bool(factor.size),
+            "shared_mm": (by_parameters @ factor).tolist(),
         }
 
     def _mean(self, args: PointArgs) -> TakeMean:

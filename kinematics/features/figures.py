@@ -10,7 +10,8 @@ of tr V where it vanishes. Likewise of angles, where b = s^2 / (2 tan alpha).
 
 The form deviation grows by the noise of its n points, by at most 2 sqrt(2 ln n) of
 their standard deviations and never by more than itself; half of that is added to its
-standard uncertainty likewise.
+standard uncertainty likewise. Two of its points make it: what each of them has for
+itself counts once, also of samples of a scan.
 """
 
 from collections.abc import Callable
@@ -204,9 +205,12 @@ def _linear(
 
 
 def _form(fit: Fit, errors: JointCovariance) -> Figure:
-    n = errors.points_mm.shape[0]
+    repeated = (1.0 - 1.0 / fit.repeats)[:, np.newaxis, np.newaxis]
+    covariances_mm2 = errors.covariances_mm2.copy()
+    covariances_mm2[fit.rows] -= repeated * errors.own_mm2[fit.rows]
+    errors = replace(errors, covariances_mm2=covariances_mm2)
     weights = fit.form @ fit.residual_projector
-    by_points = np.zeros((n, 3))
+    by_points = np.zeros_like(errors.points_mm)
     np.add.at(by_points, fit.rows, weights[:, np.newaxis] * fit.normals)
     form_mm = float(fit.form @ fit.distances_mm)
     figure = _linear("form", form_mm, by_points, errors)

@@ -14,15 +14,28 @@ is added to the variance of each of its touches along the normal.
 The ball's radius is the same for all touches. A ball that is larger by dr does to an
 element what touches do that are all moved by dr to the side of the material: so it is
 one more thing that they share.
+
+Samples of a scan that follow each other are not independent: contact, form and the
+encoders' lines are nearly the same for neighbours. Of n samples of one scan on one
+feature only n / m count, and the variance that each has for itself is m-fold, with the
+larger of
+
+- n over the number of pieces of 0.25 s that they are from (`SAMPLES_OF_ONE_TOUCH_NS`),
+- 1 + 2 sum of the autocorrelations of their residuals, up to the first that is not
+  positive: the variance of a mean of correlated values (N. F. Zhang, Metrologia 43
+  (2006) S276).
+
+And how hard a hand presses stays what it is all along a scan: once, the stated noise of
+one sample is an error along the normals that all samples of the scan share.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from traverse.arrays import Booleans, Floats
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.kinematics.fits.elements import (
     Element,
     Fit,
@@ -39,6 +52,7 @@ from traverse.kinematics.fits.elements_in_plane import (
 )
 from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
 
+SAMPLES_OF_ONE_TOUCH_NS = 250_000_000  # a hand needs as long to change its force
 MOST_TOUCHES = 2000  # of a feature: its projector has the square of that
 Side = Literal["auto", "inside", "outside", "centre"]
 _ROUND: dict[Kind, Callable[[Floats, float], Element]] = {
@@ -77,6 +91,9 @@ class Touches:
         tip_std_mm: standard uncertainty of the radius.
         towards: unit vectors to the material, else of the shank, (n_touches, 3).
         is_measured: whether these are directions to the material, (n_touches,).
+        scans: number of the scan that each is a sample of, (n_touches,), -1: of none;
+            samples of one are in their order. None: no scans.
+        times_ns: of samples, (n_touches,).
     """
 
     errors: JointCovariance
@@ -84,6 +101,8 @@ class Touches:
     tip_std_mm: float
     towards: Floats
     is_measured: Booleans
+    scans: Integers | None = None
+    times_ns: Integers | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,6 +124,7 @@ def measured_features(definitions: Iterable[Definition], touches: Touches) -> Fe
     """Compute features; planes first, as others are measured in them."""
     elements: dict[str, Element] = {}
     problems: dict[str, str] = {}
+    rows_of: dict[str, Integers] = {}
     for definition in definitions:
         try:
             plane = None
@@ -115,11 +135,13 @@ def measured_features(definitions: Iterable[Definition], touches: Touches) -> Fe
                         f"{definition.plane} is no plane that was measured before"
                     )
             elements[definition.name] = _element(definition, touches, plane)
+            rows_of[definition.name] = np.array(definition.rows)
         except ValueError as error:
             problems[definition.name] = str(error)
-    errors = touches.errors
     fits = [element.fit for element in elements.values() if element.fit is not None]
-    errors = _with_tip(_with_form(errors, fits), fits, touches.tip_std_mm)
+    errors = _with_form(touches.errors, fits)
+    errors = _with_scans(errors, elements, rows_of, touches)
+    errors = _with_tip(errors, fits, touches.tip_std_mm)
     return Features(elements, errors, problems)
 
 
@@ -227,13 +249,74 @@ def _with_tip(
     errors: JointCovariance, fits: list[Fit], tip_std_mm: float
 ) -> JointCovariance:
     """Add the error of the ball's radius to the common errors of touches."""
-    ways = np.zeros((len(errors.points_mm), 3, 1))
+    ways = np.zeros_like(errors.points_mm)
     for fit in fits:
-        np.add.at(ways[..., 0], fit.rows, fit.by_tip[:, np.newaxis] * fit.normals)
-    shared_mm = tip_std_mm * ways
+        np.add.at(ways, fit.rows, fit.by_tip[:, np.newaxis] * fit.normals)
+    return _with_shared(errors, tip_std_mm * ways)
+
+
+def _with_scans(
+    errors: JointCovariance,
+    elements: dict[str, Element],
+    rows_of: Mapping[str, Integers],
+    touches: Touches,
+) -> JointCovariance:
+    """Have samples of scans count as often as they are independent, also in fits."""
+    if touches.scans is None or touches.times_ns is None:
+        return errors
+    repeats = np.ones(len(errors.points_mm))
+    pressed_mm = []
+    for name, rows in rows_of.items():
+        fit, scans = elements[name].fit, touches.scans[rows]
+        for scan in np.unique(scans[scans >= 0]):
+            its_rows = rows[scans == scan]
+            pieces = np.unique(touches.times_ns[its_rows] // SAMPLES_OF_ONE_TOUCH_NS)
+            repeats[its_rows] = len(its_rows) / len(pieces)
+            if fit is not None:
+                is_its = np.isin(fit.rows, its_rows)
+                residuals_mm = fit.distances_mm[is_its].reshape(len(its_rows), -1)
+                together = _correlated(residuals_mm)
+                repeats[its_rows] = np.maximum(repeats[its_rows], together)
+                pressed_mm.append(_pressed_mm(touches.errors, fit, is_its))
+        if fit is not None:
+            fit = replace(fit, repeats=repeats[fit.rows])
+            elements[name] = replace(elements[name], fit=fit)
+    more_mm2 = (repeats - 1.0)[:, np.newaxis, np.newaxis] * errors.own_mm2
+    errors = replace(errors, covariances_mm2=errors.covariances_mm2 + more_mm2)
+    for ways_mm in pressed_mm:
+        errors = _with_shared(errors, ways_mm)
+    return errors
+
+
+def _pressed_mm(errors: JointCovariance, fit: Fit, is_its: Booleans) -> Floats:
+    """Return by how much a hand's force moves samples of a scan, (n_touches, 3)."""
+    normals, rows = fit.normals[is_its], fit.rows[is_its]
+    own_mm2 = errors.own_mm2[rows]
+    variances_mm2 = np.einsum("ia,iab,ib->i", normals, own_mm2, normals)
+    ways_mm = np.zeros_like(errors.points_mm)
+    std_mm = np.sqrt(max(float(variances_mm2.mean()), 0.0))
+    np.add.at(ways_mm, rows, std_mm * normals)
+    return ways_mm
+
+
+def _correlated(residuals_mm: Floats) -> float:
+    """Return how many of residuals in their order, (n, n_each), count as one."""
+    squares_mm2 = float(np.sum(residuals_mm**2))
+    total = 1.0
+    for lag in range(1, len(residuals_mm)):
+        products_mm2 = float(np.sum(residuals_mm[lag:] * residuals_mm[:-lag]))
+        if products_mm2 <= 0.0:
+            break
+        total += 2.0 * products_mm2 / squares_mm2
+    return total
+
+
+def _with_shared(errors: JointCovariance, shared_mm: Floats) -> JointCovariance:
+    """Add an error that touches share, (n_touches, 3)."""
+    column_mm = shared_mm[..., np.newaxis]
     return replace(
         errors,
         covariances_mm2=errors.covariances_mm2
-        + shared_mm @ shared_mm.transpose(0, 2, 1),
-        shared_mm=np.concatenate([errors.shared_mm, shared_mm], axis=2),
+        + column_mm @ column_mm.transpose(0, 2, 1),
+        shared_mm=np.concatenate([errors.shared_mm, column_mm], axis=2),
     )

@@ -53,6 +53,7 @@ class Fit:
         design: A, (n_distances, n_freedoms).
         by_tip: radii of the ball from its centre to the surface, along each normal,
             (n_distances,): 1, -1, 0 without compensation.
+        repeats: samples of a scan that count as one, (n_distances,); 1 of touches.
     """
 
     distances_mm: Floats
@@ -60,6 +61,7 @@ class Fit:
     rows: Integers
     design: Floats
     by_tip: Floats
+    repeats: Floats
 
     @property
     def redundancy(self) -> int:
@@ -149,7 +151,8 @@ def fitted_element(
     by_points = np.zeros((N_VALUES, len(points_mm), 3))
     for row, by_distance, normal in zip(rows, by_distances.T, normals, strict=True):
         by_points[:, row] += by_distance[:, np.newaxis] * normal
-    fit = Fit(distances_mm, normals, rows, design, np.zeros(len(distances_mm)))
+    n = len(distances_mm)
+    fit = Fit(distances_mm, normals, rows, design, np.zeros(n), np.ones(n))
     return Element(kind, values, by_points, fit)
 
 

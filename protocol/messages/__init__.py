@@ -11,6 +11,7 @@ from traverse.protocol.messages.commands import (
     LabelArgs,
     PointArgs,
     ProbeArgs,
+    Reading,
     RecordArgs,
     ReferenceArgs,
     ReloadArgs,

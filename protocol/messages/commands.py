@@ -12,7 +12,9 @@ from pydantic import ConfigDict, Field, model_validator
 
 from traverse.protocol.messages.clock import Expiry
 from traverse.protocol.messages.fields import (
+    Angles,
     Count,
+    Digest,
     Message,
     Name,
     Positive,
@@ -248,6 +250,15 @@ class RecordArgs(Args):
         return self
 
 
+class Reading(Value):
+    """Of all joints at one instant."""
+
+    angles_rad: Angles
+    """As of a point or of a sample of a scan."""
+    utc_s: Annotated[float, Field(ge=0, le=9.2e9)]
+    """When they were read, in seconds since 1970 [UTC]: for drifts of the arm."""
+
+
 class CovarianceArgs(Args):
     """State how the errors of points belong together, for lengths between them.
 
@@ -256,11 +267,27 @@ class CovarianceArgs(Args):
     covariance as the point has it, and three rows S; points i and j have the covariance
     S_i S_j^T. Without a covariance file of the arm `with_arm` is false, rows are empty,
     and the arm's part is not in `covariance_mm2` either.
+
+    The same of readings, such as those of a scan, in place of `ids`: the result is
+    `{model, with_arm, shared_mm}`, the rows S of each reading; they are at rest, at the
+    arm's present temperature.
     """
 
     command = "covariance"
-    ids: Annotated[tuple[Name, ...], Field(min_length=1, max_length=100)]
+    ids: Annotated[tuple[Name, ...], Field(max_length=100)] = ()
     """Of the points, all measured with one model."""
+    model: Digest | None = None
+    """Digest of the arm file that readings are of: the one in use."""
+    readings: Annotated[tuple[Reading, ...], Field(max_length=100)] = ()
+    """With `model`, in place of `ids`."""
+
+    @model_validator(mode="after")
+    def _asks_for_one_kind(self) -> Self:
+        if bool(self.ids) == bool(self.readings) or (
+            bool(self.readings) != (self.model is not None)
+        ):
+            raise ValueError("ids, or else readings with their model")
+        return self
 
 
 class Command(Message):

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+import time
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from playwright.async_api import Page, expect
 from scipy.spatial.transform import Rotation
 
 from tests.browser.conftest import OpenPage, PosedDaemon
+from tests.client.display.test_inspection_desk import scan_of
 from tests.client.inspection.touched import ARM, touched_points
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.helmert.transformation import Helmert
@@ -113,6 +115,57 @@ async def test_a_plate_with_holes_is_measured_by_touches(
         ):
             off = abs(named[name]["value"] - truth[of])
             assert off <= named[name]["expanded"] < 0.1
+
+
+@pytest.mark.slow
+async def test_a_plate_and_a_hole_are_measured_by_scans(
+    posed: PosedDaemon, address: str, served_page: OpenPage
+) -> None:
+    by_feature, shared, truth = measured()
+    every = by_feature["plate"] + by_feature["hole a"]
+    posed.shared_mm |= {p.angles_rad: shared[p.id].tolist() for p in every}
+
+    async def scan(feature: str, name: str) -> None:
+        for start in (0, 20, 42):  # two samples are lost
+            ends = {"last": start == 42, "total": 62 if start == 42 else None}
+            numbers = range(start, start + 20)
+            block = scan_of(feature, numbers, scan=name, time_ns=time.time_ns(), **ends)
+            await posed.publish(block)
+            if start == 20:
+                so_far = f"scan {name}: {len(by_feature[feature])} of 40 samples"
+                await expect(part.locator(".result")).to_have_text(so_far)
+                await picture(page, f"scanning-{name}")
+
+    async with posed.posing(), served_page(posed.arm, address) as page:
+        part, dialog = page.locator(".part"), page.get_by_role("dialog")
+        await part.get_by_role("button", name="Plane", exact=True).click()
+        await expect(part.locator(".asks")).to_contain_text("0 touches")
+        await scan("plate", "s-3")
+        rows = part.locator(".touches button")
+        await expect(rows).to_have_text(["scan s-3: 6 of 60 samples, 2 lost"])
+        await expect(part.locator(".result")).to_contain_text("±")
+        await part.get_by_role("button", name="Accept").click()
+        await part.get_by_role("button", name="Circle", exact=True).click()
+        await expect(part.locator(".asks")).to_contain_text("circle 1")
+        await scan("hole a", "s-4")
+        await expect(part.locator(".result")).to_contain_text("is not known")
+        await part.get_by_role("button", name="Side: as compensated").click()
+        await expect(part.locator(".result")).to_contain_text("±")
+        await touch_all(posed, by_feature["hole a"][:1], shared)
+        await expect(rows).to_have_count(2)
+        await picture(page, "scanned")
+        async with page.expect_download() as download:
+            await part.get_by_role("button", name="Save results as JSON").click()
+        report = json.loads((await (await download.value).path()).read_text())
+        figures = {
+            figure["name"]: figure for figure in report["features"][1]["figures"]
+        }
+        off = abs(figures["diameter"]["value"] - truth["hole a diameter"])
+        assert off <= figures["diameter"]["expanded"] < 0.1
+        await rows.first.click()
+        await dialog.get_by_role("button", name="Leave it out").click()
+        await expect(rows).to_have_count(1)
+        await expect(part.locator(".asks")).to_contain_text("1 touch;")
 
 
 @pytest.mark.slow

@@ -3,9 +3,13 @@ import json
 
 import pytest
 
+from tests.client.display.test_inspection_desk import scan_of
 from tests.client.inspection.touched import ARM, PLAN, touched_points
+from tests.protocol.message_examples import SCAN
 from tests.running import invoke
 from traverse.protocol.encoding import encode
+from traverse.recording.run_writer import Entry, RunHead, RunWriter
+from traverse.recording.views import cloud_to_bytes
 
 
 @pytest.fixture
@@ -60,6 +64,70 @@ def test_without_the_arm_file_nothing_is_judged(files):
     figures = [f for feature in report["features"] for f in feature["figures"]]
     assert {figure["expanded"] for figure in figures} == {None}
     assert {figure["conformity"] for figure in figures} == {None, "not judged"}
+
+
+def recording(path, clouds):
+    with RunWriter(path, RunHead({"arm": "a", "version": "1"})) as writer:
+        for cloud in clouds:
+            writer.add(Entry("cloud", SCAN.time_ns, cloud))
+    return path
+
+
+SCANNED = """
+[[features]]
+name = "plate"
+kind = "plane"
+scan = "scan-3"
+samples = [0, 59]
+
+[[features]]
+name = "hole a"
+kind = "circle"
+side = "inside"
+plane = "plate"
+scan = "scan-4"
+
+[[tolerances]]
+of = "hole a"
+figure = "diameter"
+nominal_mm = 20.0
+lower_mm = -0.5
+upper_mm = 0.5
+"""
+
+
+def test_features_are_measured_from_scans_of_a_recording(files):
+    """Joints between the ends of a block are interpolated: each has two samples."""
+    folder, truth = files
+    blocks = [scan_of("plate", range(n, n + 2)) for n in range(0, 80, 2)]
+    blocks += [
+        scan_of("hole a", range(n, n + 2), scan="scan-4") for n in range(0, 80, 2)
+    ]
+    path = recording(folder / "run.mcap", [cloud_to_bytes(block) for block in blocks])
+    plan = folder / "plan.toml"
+    plan.write_text(PLAN[: PLAN.index("[[features]]")] + SCANNED)
+    words = ["features", path, "--plan", plan]
+    ran = invoke(*words, "--arm", ARM, "--out", folder / "report")
+    assert "part: conforming" in ran.output
+    report = json.loads((folder / "report" / "features.json").read_text())
+    assert report["uncertainty_unknown"] == ""
+    plate, hole = report["features"]
+    counts = {key: plate["scans"][0][key] for key in ("scan", "used", "samples")}
+    assert counts == {"scan": "scan-3", "used": 6, "samples": 60}
+    figures = {figure["name"]: figure for figure in hole["figures"]}
+    off_mm = abs(figures["diameter"]["value"] - truth["hole a diameter"])
+    assert off_mm <= figures["diameter"]["expanded"] < 0.1
+    plan.write_text(SCANNED.replace("scan-4", "scan-5"))
+    assert "scans: scan-3, scan-4" in invoke(*words, status=2).output
+    plan.write_text(SCANNED.replace("[0, 59]", "[59, 0]"))
+    assert "samples = [first, last]" in invoke(*words, status=2).output
+    plan.write_text(SCANNED)
+    words[1] = folder / "points.jsonl"
+    assert "only a recording" in invoke(*words, status=2).output
+    earlier = json.loads(cloud_to_bytes(blocks[0]))
+    del earlier["angles_rad"]
+    words[1] = recording(folder / "old.mcap", [json.dumps(earlier).encode()])
+    assert "an earlier version" in invoke(*words, status=2).output
 
 
 def test_mistakes_of_a_plan_are_told_all_at_once(files):

@@ -53,7 +53,8 @@ class VirtualDaemon:
         commands: carried out.
         resends: requested ranges.
         scans: listed as held; none of them is ever sent again.
-        shared_mm: factors of the command `covariance`, by point.
+        shared_mm: factors of the command `covariance`, by point, or by a reading's
+            angles.
     """
 
     def __init__(self, arm: str, host: str, port: int, **options: Any) -> None:
@@ -74,7 +75,7 @@ class VirtualDaemon:
         self.commands: list[Args] = []
         self.resends: list[tuple[str | None, int, int | None]] = []
         self.scans: tuple[dict[str, Any], ...] = ()
-        self.shared_mm: dict[str, list[list[float]]] = {}
+        self.shared_mm: dict[object, list[list[float]]] = {}
 
     @property
     def points(self) -> list[Point]:
@@ -194,20 +195,7 @@ class VirtualDaemon:
         result: dict[str, Any] = {}
         match args:
             case CovarianceArgs():
-                held = {point.id: point for point in self.points}
-                result = {
-                    "model": held[args.ids[0]].model,
-                    "with_arm": True,
-                    "points": [
-                        {
-                            "id": name,
-                            "xyz_mm": list(held[name].xyz_mm),
-                            "covariance_mm2": list(held[name].covariance_mm2 or ()),
-                            "shared_mm": self.shared_mm[name],
-                        }
-                        for name in args.ids
-                    ],
-                }
+                result = self._covariance(args)
             case ResendArgs() if not self.can_resend:
                 error = ReplyError(
                     code="command.not_available", text="cannot", remedy="a new version"
@@ -241,6 +229,25 @@ class VirtualDaemon:
             case _:
                 result = {"model": POINT.model}
         return Reply(request=request, ok=True, result=result)
+
+    def _covariance(self, args: CovarianceArgs) -> dict[str, Any]:
+        if args.readings:
+            shared_mm = [self.shared_mm[r.angles_rad] for r in args.readings]
+            return {"model": args.model, "with_arm": True, "shared_mm": shared_mm}
+        held = {point.id: point for point in self.points}
+        return {
+            "model": held[args.ids[0]].model,
+            "with_arm": True,
+            "points": [
+                {
+                    "id": name,
+                    "xyz_mm": list(held[name].xyz_mm),
+                    "covariance_mm2": list(held[name].covariance_mm2 or ()),
+                    "shared_mm": self.shared_mm[name],
+                }
+                for name in args.ids
+            ],
+        }
 
     def _resend(self, args: ResendArgs) -> dict[str, Any]:
         self.resends.append((args.session, args.from_seq, args.to_seq))

@@ -8,11 +8,19 @@ from scipy.spatial.transform import Rotation
 
 from tests.client.display.values import live
 from tests.client.inspection.touched import ARM, touched_points
+from tests.protocol.message_examples import SCAN
 from traverse.client.display.arm_state import ArmSight, Change
 from traverse.client.display.inspection_desk import MOST_FEATURES, InspectionDesk
+from traverse.client.inspection.scan_samples import (
+    MOST_SAMPLES,
+    ThinnedScan,
+    block_of,
+)
+from traverse.client.inspection.sheet import sheet_html
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.lab.measured_points.touch_errors import shared_by_points
+from traverse.protocol.messages import Scan
 
 
 @pytest.fixture
@@ -36,8 +44,9 @@ def shares(requests):
     factors = shared_by_points(points, ARM, read_arm(ARM))
     known = {point.id: f for point, f in zip(points, factors, strict=True)}
 
-    async def answer(ids):
-        requests.append(set(ids))
+    async def answer(points):
+        ids = {point.id for point in points}
+        requests.append(ids)
         return {i: known[i] for i in ids}
 
     return answer
@@ -58,6 +67,105 @@ def test_points_are_asked_for_once_and_results_follow(desk):
     assert requests == [{p.id for p in plate}, {p.id for p in bore}]
     figures = {figure.name: figure for figure in desk.result(name).figures}
     assert figures["diameter"].expanded < 0.05
+
+
+def scan_of(feature, numbers, **changes):
+    """A block of a scan at the places of a feature's touches, over and over."""
+    points = [p for p in touched_points()[0] if p.label.feature == feature]
+    rows = [points[number % len(points)] for number in numbers]
+    n = len(rows)
+    fields = {
+        **dict(SCAN),
+        "seq": numbers[0],
+        "model": rows[0].model,
+        "probe_radius_mm": rows[0].probe_radius_mm,
+        "dtime_ns": np.arange(n) * 1_000_000,
+        "xyz_mm": np.array([p.xyz_mm for p in rows]),
+        "ijk": np.array([p.ijk for p in rows]),
+        "angles_rad": np.array([p.angles_rad for p in rows]),
+        "counts": None,
+        "covariance_mm2": np.array([p.covariance_mm2 for p in rows]),
+        "quality": np.zeros(n, np.uint32),
+        "last": False,
+        "total": None,
+        **changes,
+    }
+    del fields["schema_"]
+    return Scan(**fields)
+
+
+def shares_of_samples():
+    async def answer(points):
+        factors = shared_by_points(points, ARM, read_arm(ARM))
+        return {point.id: f for point, f in zip(points, factors, strict=True)}
+
+    return answer
+
+
+def test_samples_of_a_scan_belong_to_the_active_feature_once_it_ends(desk):
+    desk._sight.take_scan(scan_of("plate", range(9)))  # of no feature
+    name = desk.begin("plane")
+    doubtful = np.array([1 << 5, 0, 0], np.uint32)
+    desk._sight.take_scan(scan_of("plate", range(40, 43), quality=doubtful))
+    desk._sight.take_scan(scan_of("plate", range(45, 60)))
+    assert desk.scanned.part.words == (
+        "scan scan-3: 6 of 18 samples, 2 lost, 1 in doubt"
+    )
+    assert desk.features[name].points == []
+    desk._sight.take_scan(scan_of("plate", range(60, 62), last=True, total=62))
+    assert desk.scanned is None
+    asyncio.run(desk.measure(shares_of_samples()))
+    (part,) = desk.result(name).scans
+    assert (part.used, part.samples, part.lost, part.in_doubt) == (6, 20, 2, 1)
+    assert [touch.doubts for touch in desk.result(name).touches[:2]] == [
+        ("overspeed",),
+        (),
+    ]
+    assert desk.touches_of(name) == 0
+    figures = {figure.name: figure for figure in desk.result(name).figures}
+    assert 0.0 < figures["form"].expanded < 0.1
+    for touch in desk.result(name).touches:
+        desk.assign(touch.id, None)
+    asyncio.run(desk.measure(shares_of_samples()))
+    assert desk.result(name).scans == ()
+
+
+def test_an_accepted_feature_keeps_the_samples_so_far_and_a_new_part_none(desk):
+    hole = desk.begin("circle")
+    desk._sight.take_scan(scan_of("hole a", range(30)))
+    desk.accept()
+    asyncio.run(desk.measure(shares_of_samples()))
+    assert "from inside or from outside is not known" in desk.result(hole).problem
+    desk.features[hole].side = "inside"
+    desk.version += 1
+    asyncio.run(desk.measure(shares_of_samples()))
+    figures = {figure.name: figure for figure in desk.result(hole).figures}
+    truth_mm = touched_points()[1]["hole a diameter"]
+    off_mm = abs(figures["diameter"].value - truth_mm)
+    assert off_mm <= figures["diameter"].expanded < 0.1
+    sheet = sheet_html(desk.inspection)
+    assert "scan scan-3: 8 of 30 samples" in sheet
+    desk.touch(hole)
+    desk._sight.take_scan(scan_of("hole a", range(30, 60)))
+    desk.clear()
+    assert desk.scanned is None
+
+
+def test_a_long_scan_is_thinned_evenly():
+    turns = np.linspace(0.0, 40.0 * np.pi, 12_000)
+    helix_mm = np.column_stack([30 * np.cos(turns), 30 * np.sin(turns), turns])
+    thinned = ThinnedScan(SCAN.session, SCAN.scan)
+    for start in range(0, 12_000, 500):
+        n = range(start, start + 500)
+        block = scan_of("shaft", n, xyz_mm=helix_mm[start : start + 500])
+        thinned.add(block_of(block))
+    samples = thinned.samples()
+    assert 100 < len(samples) <= MOST_SAMPLES
+    assert len({sample.id for sample in samples}) == len(samples)
+    assert [s.seq for s in samples] == sorted(s.seq for s in samples)
+    heights_mm = np.array([sample.xyz_mm[2] for sample in samples])
+    in_thirds, _ = np.histogram(heights_mm, bins=3)
+    assert in_thirds.min() > 0.2 * len(samples)
 
 
 def test_what_the_arm_refuses_is_the_reason_for_no_uncertainty(desk):

@@ -3,13 +3,21 @@
 import asyncio
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from tests.daemon.arm_harness import edge
 from tests.daemon.two_devices import BEGIN_NS
 from traverse.daemon.errors import CaptureRefusedError, RequestRefusedError
 from traverse.drivers.base.values import DeviceLost
-from traverse.protocol.messages import LabelArgs, PointArgs, SessionArgs, UndoArgs
+from traverse.protocol.messages import (
+    CovarianceArgs,
+    LabelArgs,
+    PointArgs,
+    Reading,
+    SessionArgs,
+    UndoArgs,
+)
 
 
 @pytest.fixture
@@ -41,6 +49,29 @@ async def test_a_mean_is_taken_of_the_samples_that_come(bench):
     middle_ns = BEGIN_NS + int((39 + 58) / 2 * 1e7)
     assert point.time_ns == middle_ns + bench.clock.offset_ns
     assert point.covariance_mm2 is not None
+
+
+async def test_readings_share_what_points_of_the_same_place_do(bench):
+    asking = await asked(bench.point_requests.take_point(PointArgs(samples=20)))
+    bench.stream(40, 70)
+    await asking
+    (point,) = bench.points
+    covariance = bench.point_requests.covariance
+    of_point = await covariance(CovarianceArgs(ids=(point.id,)))
+    reading = Reading(angles_rad=point.angles_rad, utc_s=point.time_ns * 1e-9)
+    asked_for = CovarianceArgs(model=point.model, readings=(reading, reading))
+    of_readings = await covariance(asked_for)
+    assert of_readings["with_arm"] is of_point["with_arm"] is True
+    (first, second), (shared,) = (
+        of_readings["shared_mm"],
+        [p["shared_mm"] for p in of_point["points"]],
+    )
+    assert first == second
+    np.testing.assert_allclose(first, shared, rtol=1e-9, atol=1e-12)
+    with pytest.raises(RequestRefusedError, match="not of the arm file and probe"):
+        await covariance(CovarianceArgs(model="sha256:other", readings=(reading,)))
+    with pytest.raises(ValueError, match="ids, or else readings"):
+        CovarianceArgs(ids=("a",), readings=(reading,), model="m")
 
 
 async def test_a_mean_over_a_time_has_all_samples_of_it(bench):

@@ -138,7 +138,7 @@ def reaching(place, angles_rad, wanted_mm):
     raise AssertionError(f"{np.abs(off_mm).max()} mm short")
 
 
-def touched(bench, part, nominal_rad, rng) -> Touches:
+def touched(bench, part, nominal_rad, rng, contact_mm=None) -> Touches:
     """Touch a part with one arm of the kind that the bench's covariance states."""
     factor = bench.arm.factor
     values = bench.values + factor @ rng.normal(size=factor.shape[1])
@@ -147,7 +147,8 @@ def touched(bench, part, nominal_rad, rng) -> Touches:
         each = np.tile(values, (len(angles_rad), 1))
         return centres_mm(bench.geometry, bench.effects, angles_rad, each)
 
-    contact_mm = CONTACT_MM * rng.normal(size=part.centres_mm.shape)
+    if contact_mm is None:
+        contact_mm = CONTACT_MM * rng.normal(size=part.centres_mm.shape)
     at_rad = reaching(true_place, nominal_rad, part.centres_mm + contact_mm)
     read_rad = at_rad + ENCODER_RAD * rng.normal(size=at_rad.shape)
     uncertainties = point_uncertainties(
