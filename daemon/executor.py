@@ -357,7 +357,7 @@ class HomeJoints(OrderedCommand, recorded_name="home"):
                 HOME_REFUSED,
             )
         known = dict(home.angles_rad)
-        incremental = measurement.quality.references.incremental_joints
+        incremental = measurement.quality.references.devices.incremental_joints
         joints = self.args.joints or tuple(j for j in known if j in incremental)
         for joint in joints:
             if joint not in known:

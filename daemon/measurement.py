@@ -6,7 +6,6 @@ replays and tests; `traverse.daemon.executor` has its commands.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from traverse.daemon.monitoring.latencies import Latencies, latencies_by_name
 from traverse.daemon.points.capture import ActiveSession, Capture, PointWriter
 from traverse.daemon.points.controller import PointController, PointFuture
 from traverse.daemon.points.measurement import MeasurementContext
-from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
+from traverse.daemon.pose.alignment import ActiveAlignment
 from traverse.daemon.pose.arm_model import ArmModel, model_with_probe
 from traverse.daemon.pose.condition_subjects import (
     counting_subjects,
@@ -53,7 +52,6 @@ from traverse.daemon.pose.uncertainty import (
 )
 from traverse.daemon.scans.scanner import Scanner, ScanSink
 from traverse.daemon.step_listener import StepListener
-from traverse.drivers.base.delivery_maps import delivery_from_map
 from traverse.drivers.base.values import (
     STATUS_TIME_UNCERTAIN,
     CountSamples,
@@ -71,7 +69,6 @@ from traverse.drivers.base.values import (
 from traverse.protocol.messages import (
     FLAG_MEANINGS,
     REMARKS,
-    Label,
     Live,
     QualityFlag,
 )
@@ -143,8 +140,8 @@ class Measurement(MeasurementContext):
         parts = self.joint_devices, self.pipeline, self.resampler
         changed = sinks.status_changed
         self.conditions = ConditionMonitor(clock, events)
-        self._utc = UtcCondition(clock, self.conditions)
-        self._frozen_joints = FrozenJointMonitor(
+        self.utc = UtcCondition(clock, self.conditions)
+        self.frozen_joints = FrozenJointMonitor(
             self.conditions,
             lambda since_ns: self.capture.session.since(clock.to_utc_ns(since_ns)),
         )
@@ -242,7 +239,7 @@ class Measurement(MeasurementContext):
             self.conditions.doubt("geometry", cause=cause)
         else:
             self.conditions.establish("geometry")
-        if not self._frozen_joints.counts:
+        if not self.frozen_joints.counts:
             self.conditions.establish("channels")
 
     def set_model(self, model: ArmModel) -> None:
@@ -295,43 +292,11 @@ class Measurement(MeasurementContext):
             "air_mm": None if air_mm is None else air_mm.tolist(),
             "temperatures": self.quality.persistent.temperatures[-MAX_TEMPERATURES:],
             "pipeline": self.pipeline.state,
-            "frozen_joints": self._frozen_joints.state,
+            "frozen_joints": self.frozen_joints.state,
             "references": self.quality.references.state,
             "conditions": self.conditions.state,
-            "utc_doubt": [self._utc.doubt, self._utc.remedy],
+            "utc_doubt": [self.utc.doubt, self.utc.remedy],
         }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Continue from a recorded state, with its devices and `fresh`.
-
-        Raises:
-            ValueError: it is of another arm.
-            KeyError: something is missing.
-        """
-        if state["model"] != self.model.digest:
-            raise ValueError(
-                f"the recording's state is of model {str(state['model'])[:12]}, its "
-                f"arm file gives {self.model.digest[:12]}"
-            )
-        for delivery in map(delivery_from_map, state["devices"]):
-            if delivery.device in self.devices:
-                self.dispatch(self.devices[delivery.device], delivery)
-        self.quality.references.resume(state["references"])
-        if not state["fresh"]:
-            self.pipeline.resume(state["pipeline"])
-            self._frozen_joints.resume(state["frozen_joints"])
-        if state["probe"] is not None:
-            self.probe = LibraryProbe.model_validate_json(state["probe"])
-        self.capture.session.id = state["session"]
-        self.capture.session.next_seq = state["next_seq"]
-        self.capture.label = Label(**state["label"])
-        if state["alignment"] is not None:
-            self.alignment.alignment = Alignment(**state["alignment"])
-        if state["air_mm"] is not None:
-            self.points.evaluator.tip.air_mm = np.array(state["air_mm"])
-        self.quality.persistent.resume(state["temperatures"])
-        self.conditions.resume(state["conditions"])
-        self._utc.doubt, self._utc.remedy = state.get("utc_doubt", ("", ""))
 
     # -- deliveries and time --------------------------------------------------
 
@@ -359,10 +324,10 @@ class Measurement(MeasurementContext):
 
     def _check_host_clock(self) -> None:
         self.quality.check_clock()
-        self._utc.check()
+        self.utc.check()
 
     def judge_utc(self, doubt: str, remedy: str) -> None:
-        self._utc.doubt, self._utc.remedy = doubt, remedy
+        self.utc.doubt, self.utc.remedy = doubt, remedy
         self._check_host_clock()
 
     def dispatch(
@@ -471,7 +436,7 @@ class Measurement(MeasurementContext):
     def _read(self, samples: CountSamples) -> ArmReadings:
         readings = self.pipeline.read(samples)
         self.trajectory.follow(readings)
-        self._frozen_joints.add(self.model, readings)
+        self.frozen_joints.add(self.model, readings)
         return readings
 
     def evaluate_readings(self) -> None:

@@ -27,6 +27,7 @@ from traverse.daemon.replay.compare import (
     ReplayResult,
     ScanComparison,
 )
+from traverse.daemon.replay.restoring import restore
 from traverse.daemon.step_listener import StepListener
 from traverse.daemon.store.records import PendingPoint
 from traverse.drivers.base.delivery_maps import delivery_from_map
@@ -199,7 +200,7 @@ class Replay:
             take_scan=self._take_new_scan,
         )
         self._measurement = measurement
-        measurement.restore(state)
+        restore(measurement, state)
         self._sure_ns = 0 if state["fresh"] else table["at_ns"] + WARM_UP_NS
         if not self._has_begun:
             self._has_begun = True

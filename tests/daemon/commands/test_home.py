@@ -11,6 +11,7 @@ from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.executor import HomeJoints
 from traverse.daemon.pose.reference_memory import ReferenceMemory
+from traverse.daemon.replay.restoring import restore
 from traverse.drivers.base.values import DeviceUp
 from traverse.protocol.messages import HomeArgs
 
@@ -31,7 +32,7 @@ class Arm:
     def __init__(self, folder, text=HOMED, memory=None):
         self.bench = Bench(arm_model(folder, text))
         self.memory = memory or ReferenceMemory()
-        self.bench.measurement.quality.references.memory = self.memory
+        self.bench.measurement.quality.references.devices.memory = self.memory
         self.commands = PointCommands(self.bench.measurement)
         self.offset_rad = np.array([0.7, 2.9, -1.1])
         self._n = 0
@@ -159,7 +160,7 @@ async def test_a_snapshot_continues_bit_for_bit(arm, tmp_path):
     expected = arm.at((2.1, -1.9, 0.9))
     other = Arm(tmp_path)
     other._n = arm._n - 1
-    other.bench.measurement.restore({**state, "devices": [], "fresh": False})
+    restore(other.bench.measurement, {**state, "devices": [], "fresh": False})
     reading = other.at((2.1, -1.9, 0.9))
     assert reading.angles_rad == expected.angles_rad
     assert reading.xyz_mm == expected.xyz_mm

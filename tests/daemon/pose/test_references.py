@@ -430,7 +430,7 @@ def test_what_may_have_been_exchanged_is_confirmed_at_each_start(
     wrist = BOARD if serials != ("7", "wrist") else replace(BOARD, serials=("wrist",))
     for _ in range(2):
         rig = Rig(tmp_path, absolute, memory)
-        rig.monitor._identities["wrist"] = wrist
+        rig.monitor.devices.identities["wrist"] = wrist
         rig.monitor.on_up(device)
         assert rig.is_doubtful
         assert "confirm" in rig.events[-1].remedy
