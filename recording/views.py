@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from traverse.arrays import Floats
 from traverse.protocol.messages import Event, Point, Scan
+from traverse.protocol.messages.scan import ScanMode
 
 FRAME = "arm"
 UINT32, FLOAT32, FLOAT64 = 5, 7, 8  # foxglove.NumericType
@@ -99,6 +100,7 @@ def cloud_to_bytes(scan: Scan) -> bytes:
         "scan": scan.scan,
         "session": scan.session,
         "time_ns": str(scan.time_ns),
+        "mode": scan.mode,
         "arm": scan.arm,
         "model": scan.model,
         "probe_radius_mm": scan.probe_radius_mm,
@@ -118,8 +120,8 @@ class Cloud:
 
     Attributes:
         time_ns: instant that `after_s` counts from. [UTC]
-        arm, model, probe_radius_mm: as of `Scan`; empty and NaN where they were not
-            recorded.
+        mode, arm, model, probe_radius_mm: as of `Scan`; "time", empty and NaN where
+            they were not recorded.
         ends_rad: angles of the first and the last point, (2, n_joints); or (2, 0).
     """
 
@@ -127,6 +129,7 @@ class Cloud:
     scan: str
     time_ns: int
     points: NDArray[np.void]
+    mode: ScanMode
     arm: str
     model: str
     probe_radius_mm: float
@@ -152,6 +155,7 @@ def bytes_to_cloud(content: bytes) -> Cloud:
             scan,
             int(table["time_ns"]),
             points,
+            table.get("mode", "time"),
             str(table.get("arm", "")),
             str(table.get("model", "")),
             float(table.get("probe_radius_mm", np.nan)),

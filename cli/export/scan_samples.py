@@ -6,7 +6,8 @@ import numpy as np
 
 from traverse.cli.export.sources import clouds_of
 from traverse.client.inspection.plan import Plan
-from traverse.client.inspection.scan_samples import Sample, SampleBlock, ThinnedScan
+from traverse.client.inspection.scan_samples import Sample, ThinnedScan
+from traverse.protocol.messages import Scan
 from traverse.recording.views import COVARIANCES, Cloud, columns_of
 
 
@@ -39,7 +40,7 @@ def with_samples(
                     f"{source}: several sessions have a scan {scan}, {cloud.session} "
                     f"and {chosen.part.session}; choose one with --session"
                 )
-            chosen.add(_block_of(cloud, numbers))
+            chosen.add(_scan_of(cloud), numbers or (0, np.inf))
     samples = {key: chosen.samples() for key, chosen in thinned.items()}
     for key, name in name_by_range.items():
         if not samples.get(key):
@@ -47,56 +48,51 @@ def with_samples(
                 f"{source}: {name}: no such samples of scan {key[0]}; scans: "
                 f"{', '.join(recorded) or 'none'}"
             )
-    ids = {key: [sample.id for sample in each] for key, each in samples.items()}
-    features = tuple(
-        feature
-        if feature.scan is None
-        else feature.model_copy(
-            update={
-                "points": (
-                    *(feature.points or ()),
-                    *ids[feature.scan, feature.samples],
-                )
-            }
-        )
-        for feature in plan.features
-    )
-    return plan.model_copy(update={"features": features}), [
-        sample for each in samples.values() for sample in each
-    ]
+    features = []
+    for feature in plan.features:
+        ids = [s.id for s in samples.get((feature.scan, feature.samples), ())]
+        points = (*(feature.points or ()), *ids) if ids else feature.points
+        features.append(feature.model_copy(update={"points": points}))
+    every = [sample for each in samples.values() for sample in each]
+    return plan.model_copy(update={"features": tuple(features)}), every
 
 
-def _block_of(cloud: Cloud, numbers: tuple[int, int] | None) -> SampleBlock:
-    """Return samples of a block, their joints between those of its first and last."""
+def _scan_of(cloud: Cloud) -> Scan:
+    """Return a recorded block, its joints between those of its first and last point."""
     points, after_s = cloud.points, cloud.points["after_s"]
-    if len(points) and not cloud.ends_rad.size:
+    n = len(points)
+    if n and not cloud.ends_rad.size:
         raise ValueError(
             f"scan {cloud.scan}: an earlier version recorded it, without the ball's "
             "radius and the joints' readings; scan again"
         )
-    shares = np.linspace(0.0, 1.0, len(points))
-    if len(points) and after_s[-1] > after_s[0]:
+    shares = np.linspace(0.0, 1.0, n)
+    if n and after_s[-1] > after_s[0]:
         shares = (after_s - after_s[0]) / (after_s[-1] - after_s[0])
-    angles_rad = np.zeros((0, 0))
-    if len(points):
-        angles_rad = np.outer(1.0 - shares, cloud.ends_rad[0])
-        angles_rad += np.outer(shares, cloud.ends_rad[1])
-    seq = points["number"].astype(np.int64)
-    first, last = numbers or (0, np.inf)
-    rows = (seq >= first) & (seq <= last)
-    time_ns = cloud.time_ns + np.rint(after_s * 1e9).astype(np.int64)
-    return SampleBlock(
-        cloud.session,
-        cloud.scan,
-        cloud.arm,
-        cloud.model,
-        cloud.probe_radius_mm,
-        seq[rows],
-        time_ns[rows],
-        columns_of(points, ("x_mm", "y_mm", "z_mm"))[rows],
-        columns_of(points, "ijk")[rows],
-        angles_rad[rows],
-        None,
-        columns_of(points, COVARIANCES)[rows],
-        points["quality"][rows],
+    first_rad, last_rad = cloud.ends_rad
+    covariance_mm2 = columns_of(points, COVARIANCES)
+    is_known = not np.isnan(covariance_mm2).any()  # all of a block, or none
+    return Scan(
+        session=cloud.session,
+        scan=cloud.scan,
+        seq=int(points["number"][0]) if n else 0,
+        arm=cloud.arm,
+        model=cloud.model,
+        mode=cloud.mode,
+        rate_hz=None,
+        probe_radius_mm=cloud.probe_radius_mm,
+        time_ns=cloud.time_ns,
+        dtime_ns=np.rint(after_s * 1e9).astype(np.int64),
+        xyz_mm=columns_of(points, ("x_mm", "y_mm", "z_mm")),
+        ijk=columns_of(points, "ijk"),
+        angles_rad=np.outer(1.0 - shares, first_rad) + np.outer(shares, last_rad),
+        counts=None,
+        part_xyz_mm=None,
+        covariance_mm2=covariance_mm2 if is_known else None,
+        quality=points["quality"],
+        dropped=0,
+        lost=0,
+        last=False,
+        total=None,
+        in_doubt=0,
     )

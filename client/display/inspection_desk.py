@@ -16,11 +16,7 @@ from traverse.client.inspection.plan import (
     ToleranceEntry,
 )
 from traverse.client.inspection.results import alignment_of, inspected
-from traverse.client.inspection.scan_samples import (
-    Sample,
-    ThinnedScan,
-    block_of,
-)
+from traverse.client.inspection.scan_samples import Sample, ThinnedScan
 from traverse.client.inspection.systems import (
     Station,
     in_first_system,
@@ -134,11 +130,10 @@ class InspectionDesk:
             ]
             draft.plane = planes[-1] if planes else None
         self.features[name] = draft
-        self.touch(name)
-        return name
+        return self.touch(name)
 
-    def touch(self, name: str) -> None:
-        """Have new points belong to a feature.
+    def touch(self, name: str) -> str:
+        """Have new points belong to a feature; return its name.
 
         Raises:
             ValueError: it was touched before the arm was moved.
@@ -149,6 +144,7 @@ class InspectionDesk:
         self.active = name
         self._begun_ns = self._sight.live.time_ns if self._sight.live else 0
         self.version += 1
+        return name
 
     def accept(self) -> None:
         """End the active feature; one without touches is dropped."""
@@ -465,7 +461,7 @@ class InspectionDesk:
         if self.scanned is None or self.scanned.part.scan != block.scan:
             self._end_scan()
             self.scanned = ThinnedScan(block.session, block.scan)
-        self.scanned.add(block_of(block))
+        self.scanned.add(block)
         if block.last:
             self._end_scan()
 

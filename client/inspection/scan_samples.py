@@ -4,15 +4,15 @@ Of the samples in each cube of a grid the first one is kept. When there are too 
 the cubes grow.
 """
 
+import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from traverse.arrays import Floats, Integers
+from traverse.arrays import Floats
 from traverse.client.inspection.values import ScanPart
 from traverse.protocol.messages import Label, Point, Quality, Scan
-from traverse.protocol.messages.scan import Bits
 
 MOST_SAMPLES = 200
 _FIRST_SPACING_MM = 0.05
@@ -26,53 +26,6 @@ class Sample(Point):
     """Of which it was chosen."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SampleBlock:
-    """Samples that follow each other.
-
-    Attributes:
-        seq: numbers in the scan, (n,).
-        time_ns: [UTC], (n,).
-        part_xyz_mm: None without an alignment.
-        covariance_mm2: xx, xy, xz, yy, yz, zz, (n, 6); NaN where unknown.
-        quality: bits of the table of flags, (n,).
-    """
-
-    session: str
-    scan: str
-    arm: str
-    model: str
-    probe_radius_mm: float
-    seq: Integers
-    time_ns: Integers
-    xyz_mm: Floats
-    ijk: Floats
-    angles_rad: Floats
-    part_xyz_mm: Floats | None
-    covariance_mm2: Floats
-    quality: Bits
-
-
-def block_of(scan: Scan) -> SampleBlock:
-    n = len(scan.dtime_ns)
-    covariance_mm2 = scan.covariance_mm2
-    return SampleBlock(
-        scan.session,
-        scan.scan,
-        scan.arm,
-        scan.model,
-        scan.probe_radius_mm,
-        np.arange(scan.seq, scan.seq + n),
-        scan.time_ns + scan.dtime_ns,
-        scan.xyz_mm,
-        scan.ijk,
-        scan.angles_rad,
-        scan.part_xyz_mm,
-        np.full((n, 6), np.nan) if covariance_mm2 is None else covariance_mm2,
-        scan.quality,
-    )
-
-
 class ThinnedScan:
     """Keeps some samples of one scan, from all over the place that it was at.
 
@@ -84,71 +37,78 @@ class ThinnedScan:
         self.part = ScanPart(session, scan)
         self._next: int | None = None
         self._spacing_mm = _FIRST_SPACING_MM
-        self._kept: dict[tuple[int, ...], tuple[SampleBlock, int]] = {}
+        self._kept: dict[tuple[int, ...], tuple[Scan, int]] = {}
 
-    def add(self, block: SampleBlock) -> None:
-        """Take the samples that follow."""
-        n = len(block.seq)
-        if n == 0:
+    def add(self, scan: Scan, numbers: tuple[float, float] = (0, math.inf)) -> None:
+        """Take the samples that follow, as far as their numbers are between two."""
+        n, (least, most) = len(scan.dtime_ns), numbers
+        rows = [row for row in range(n) if least <= scan.seq + row <= most]
+        if not rows:
             return
-        first, part = int(block.seq[0]), self.part
-        doubts = [not Quality.from_bits(bits).ok for bits in block.quality.tolist()]
+        first, part = scan.seq + rows[0], self.part
+        bits = scan.quality[rows].tolist()
+        doubts = [not Quality.from_bits(of_sample).ok for of_sample in bits]
         lost = 0 if self._next is None else first - self._next
-        self._next = int(block.seq[-1]) + 1
-        for row, cube in enumerate(self._cubes(block.xyz_mm)):
-            self._kept.setdefault(cube, (block, row))
+        self._next = first + len(rows)
+        for row, cube in zip(rows, self._cubes(scan.xyz_mm[rows]), strict=True):
+            self._kept.setdefault(cube, (scan, row))
         while len(self._kept) > MOST_SAMPLES:
             self._spacing_mm *= _GROWTH
             kept, self._kept = [*self._kept.values()], {}
-            places_mm = np.array([block.xyz_mm[row] for block, row in kept])
+            places_mm = np.array([of.xyz_mm[row] for of, row in kept])
             for cube, sample in zip(self._cubes(places_mm), kept, strict=True):
                 self._kept.setdefault(cube, sample)
         self.part = replace(
             part,
             used=len(self._kept),
-            samples=part.samples + n,
+            samples=part.samples + len(rows),
             lost=part.lost + lost,
             in_doubt=part.in_doubt + sum(doubts),
         )
 
     def samples(self) -> list[Sample]:
         """Return the kept ones, in their order."""
-        return [self._sample(block, row) for block, row in self._kept.values()]
+        return [self._sample(scan, row) for scan, row in self._kept.values()]
 
     def _cubes(self, places_mm: Floats) -> list[tuple[int, ...]]:
         cubes = np.floor(places_mm / self._spacing_mm).astype(np.int64)
         return [tuple(cube) for cube in cubes.tolist()]
 
-    def _sample(self, block: SampleBlock, row: int) -> Sample:
-        seq, angles_rad = int(block.seq[row]), block.angles_rad[row].tolist()
-        covariance_mm2, part_xyz_mm = block.covariance_mm2[row], block.part_xyz_mm
-        is_known = not np.isnan(covariance_mm2).any()
-        return Sample(
-            session=block.session,
-            seq=seq,
-            id=f"{block.session}-{block.scan}-{seq}",
-            retracts=None,
-            arm=block.arm,
-            model=block.model,
-            trigger="timer",
-            time_ns=int(block.time_ns[row]),
-            xyz_mm=tuple(block.xyz_mm[row].tolist()),
-            ijk=tuple(block.ijk[row].tolist()),
-            surface_mm=None,
-            compensation="none",
-            part_xyz_mm=(
-                None if part_xyz_mm is None else tuple(part_xyz_mm[row].tolist())
-            ),
-            covariance_mm2=tuple(covariance_mm2.tolist()) if is_known else None,
-            angles_rad=tuple(angles_rad),
-            counts=(0,) * len(angles_rad),  # a scan may leave them out
-            temperature_c=None,
-            probe_radius_mm=block.probe_radius_mm,
-            samples=1,
-            spread_mm=None,
-            label=Label(),
-            quality=Quality.from_bits(int(block.quality[row])),
-            part=self.part,
+    def _sample(self, scan: Scan, row: int) -> Sample:
+        def vector(name: str) -> tuple[float, ...] | None:
+            array = getattr(scan, name)
+            return None if array is None else tuple(array[row].tolist())
+
+        seq = scan.seq + row
+        covariance_mm2, angles_rad = vector("covariance_mm2"), vector("angles_rad")
+        if covariance_mm2 is not None and np.isnan(covariance_mm2).any():
+            covariance_mm2 = None
+        return Sample.model_validate(
+            {
+                "session": scan.session,
+                "seq": seq,
+                "id": f"{scan.session}-{scan.scan}-{seq}",
+                "retracts": None,
+                "arm": scan.arm,
+                "model": scan.model,
+                "trigger": "timer",
+                "time_ns": scan.time_ns + int(scan.dtime_ns[row]),
+                "xyz_mm": vector("xyz_mm"),
+                "ijk": vector("ijk"),
+                "surface_mm": None,
+                "compensation": "none",
+                "part_xyz_mm": vector("part_xyz_mm"),
+                "covariance_mm2": covariance_mm2,
+                "angles_rad": angles_rad,
+                "counts": (0,) * len(angles_rad or ()),  # a scan may leave them out
+                "temperature_c": None,
+                "probe_radius_mm": scan.probe_radius_mm,
+                "samples": 1,
+                "spread_mm": None,
+                "label": Label(),
+                "quality": Quality.from_bits(int(scan.quality[row])),
+                "part": self.part,
+            }
         )
 
 

@@ -237,28 +237,21 @@ class PartPanel:
     # -- what is done -------------------------------------------------------------
 
     async def _begin(self, kind: Kind) -> None:
-        self._desk.accept()
-        try:
-            name = self._desk.begin(kind)
+        if await self._touch(lambda desk: desk.begin(kind)):
             self._last_kind = kind
-        except ValueError as error:
-            self._follower.sight.refuse(str(error))
-            return
-        await self._label(name)
 
-    async def _touch(self, name: str) -> None:
+    async def _touch(self, choose: Callable[[InspectionDesk], str]) -> bool:
+        """Have new points belong to the chosen feature; False if it is refused."""
         self._desk.accept()
         try:
-            self._desk.touch(name)
+            name = choose(self._desk)
         except ValueError as error:
             self._follower.sight.refuse(str(error))
-            return
-        await self._label(name)
-
-    async def _label(self, name: str) -> None:
+            return False
         self.show()
         part = self._desk.part or "part"
         await self._follower.do(lambda arm: arm.label(part, name))
+        return True
 
     async def accept_or_repeat(self) -> None:
         """Accept the feature that is touched; else begin another of the last kind."""
@@ -317,7 +310,7 @@ class PartPanel:
             details="" if result is None else _listed(result, result.figures),
         )
         if answer == "Touch more":
-            await self._touch(name)
+            await self._touch(lambda desk: desk.touch(name))
         elif answer == "Remove":
             desk.remove(name)
         elif answer and result is not None:

@@ -11,11 +11,7 @@ from tests.client.inspection.touched import ARM, touched_points
 from tests.protocol.message_examples import SCAN
 from traverse.client.display.arm_state import ArmSight, Change
 from traverse.client.display.inspection_desk import MOST_FEATURES, InspectionDesk
-from traverse.client.inspection.scan_samples import (
-    MOST_SAMPLES,
-    ThinnedScan,
-    block_of,
-)
+from traverse.client.inspection.scan_samples import MOST_SAMPLES, ThinnedScan
 from traverse.client.inspection.sheet import sheet_html
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.helmert.transformation import Helmert
@@ -157,8 +153,7 @@ def test_a_long_scan_is_thinned_evenly():
     thinned = ThinnedScan(SCAN.session, SCAN.scan)
     for start in range(0, 12_000, 500):
         n = range(start, start + 500)
-        block = scan_of("shaft", n, xyz_mm=helix_mm[start : start + 500])
-        thinned.add(block_of(block))
+        thinned.add(scan_of("shaft", n, xyz_mm=helix_mm[start : start + 500]))
     samples = thinned.samples()
     assert 100 < len(samples) <= MOST_SAMPLES
     assert len({sample.id for sample in samples}) == len(samples)
