@@ -37,7 +37,7 @@ class ThinnedScan:
         self.part = ScanPart(session, scan)
         self._next: int | None = None
         self._spacing_mm = _FIRST_SPACING_MM
-        self._kept: dict[tuple[int, ...], tuple[Scan, int]] = {}
+        self._kept: dict[tuple[float, ...], tuple[Scan, int]] = {}
 
     def add(self, scan: Scan, numbers: tuple[float, float] = (0, math.inf)) -> None:
         """Take the samples that follow, as far as their numbers are between two."""
@@ -70,9 +70,8 @@ class ThinnedScan:
         """Return the kept ones, in their order."""
         return [self._sample(scan, row) for scan, row in self._kept.values()]
 
-    def _cubes(self, places_mm: Floats) -> list[tuple[int, ...]]:
-        cubes = np.floor(places_mm / self._spacing_mm).astype(np.int64)
-        return [tuple(cube) for cube in cubes.tolist()]
+    def _cubes(self, places_mm: Floats) -> list[tuple[float, ...]]:
+        return [*map(tuple, np.floor(places_mm / self._spacing_mm).tolist())]
 
     def _sample(self, scan: Scan, row: int) -> Sample:
         def vector(name: str) -> tuple[float, ...] | None:
@@ -80,14 +79,12 @@ class ThinnedScan:
             return None if array is None else tuple(array[row].tolist())
 
         seq = scan.seq + row
-        covariance_mm2, angles_rad = vector("covariance_mm2"), vector("angles_rad")
-        if covariance_mm2 is not None and np.isnan(covariance_mm2).any():
-            covariance_mm2 = None
+        angles_rad = vector("angles_rad") or ()
         return Sample.model_validate(
             {
                 "session": scan.session,
                 "seq": seq,
-                "id": f"{scan.session}-{scan.scan}-{seq}",
+                "id": f"{scan.scan[:40]}-{seq}",
                 "retracts": None,
                 "arm": scan.arm,
                 "model": scan.model,
@@ -98,9 +95,9 @@ class ThinnedScan:
                 "surface_mm": None,
                 "compensation": "none",
                 "part_xyz_mm": vector("part_xyz_mm"),
-                "covariance_mm2": covariance_mm2,
+                "covariance_mm2": vector("covariance_mm2"),
                 "angles_rad": angles_rad,
-                "counts": (0,) * len(angles_rad or ()),  # a scan may leave them out
+                "counts": (0,) * len(angles_rad),  # a scan may leave them out
                 "temperature_c": None,
                 "probe_radius_mm": scan.probe_radius_mm,
                 "samples": 1,
