@@ -213,9 +213,9 @@ install: venv  ## into DESTDIR: /usr/lib/traverse, unit, rules; nothing is start
 	@sh deploy/debian-packages.sh elfutils
 	sh deploy/package/install.sh '$(DESTDIR)'
 
-deb: venv  ## Debian packages of the daemon and of the lab, in build/
-	@sh deploy/debian-packages.sh elfutils
-	BUILD=$(abspath $(BUILD)) sh deploy/package/build-deb.sh
+deb: venv  ## Debian packages of daemon, lab and store, in build/ (MACHINE=aarch64: for arm64)
+	@sh deploy/debian-packages.sh elfutils $(if $(MACHINE),aarch64)
+	BUILD=$(abspath $(BUILD)) $(if $(MACHINE),MACHINE=$(MACHINE)) sh deploy/package/build-deb.sh
 
 wheels: venv  ## wheels for x86_64 and aarch64, and the source distribution, in dist/
 	@sh deploy/debian-packages.sh aarch64
@@ -223,7 +223,7 @@ wheels: venv  ## wheels for x86_64 and aarch64, and the source distribution, in 
 
 test-vm: deb system  ## CANopen on SocketCAN, and the package with systemd, in virtual machines; takes minutes
 	@sh deploy/debian-packages.sh vm
-	sh deploy/vm/system.sh 1500 "$$(ls -t build/traverse_*.deb | head -n 1)" "$$(ls -t build/traverse-lab_*.deb | head -n 1)"
+	sh deploy/vm/system.sh 1500 $$(for name in traverse traverse-lab traverse-fleet; do ls -t build/$${name}_*.deb | head -n 1; done)
 	sh deploy/vm/run.sh 1200 $(BIN)/python -m tests.vm
 
 docs: venv  ## the documentation as a site, in site/ (SITE=DIR for another)

@@ -194,8 +194,7 @@ HINT = "from traverse.installation import remedy; print(remedy({extra!r}))"
     [
         ("lab", r"sudo apt-get install \./traverse-lab_[\d.]+_\*\.deb$"),
         ("page", r"sudo apt-get install \./traverse_[\d.]+_\*\.deb$"),
-        ("parquet", "the Debian packages do not have it: write another kind of file"),
-        ("live", "the Debian packages do not have it: use `traverse page`"),
+        ("parquet", r"sudo apt-get install \./traverse-fleet_[\d.]+_\*\.deb$"),
         ("keys", "the Debian packages do not have it: use `traverse gateway lines`"),
     ],
 )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.arrays import Floats, Integers
-from traverse.protocol.messages import Point, Quality, QualityFlag
+from traverse.protocol.messages import Point, Quality, QualityFlag, Scan
 
 Coordinates = Literal["centre", "surface", "part"]
 
@@ -92,6 +92,24 @@ def scan_table(
         id=none,
         artefact=none,
         feature=none,
+    )
+
+
+def block_table(block: Scan, coordinates: Coordinates = "centre") -> PointTable | None:
+    """Return a block of a scan as columns; None if it has no such coordinates."""
+    places = {"centre": block.xyz_mm, "part": block.part_xyz_mm}
+    xyz_mm = places.get(coordinates)
+    if xyz_mm is None:
+        return None
+    return scan_table(
+        block.session,
+        block.scan,
+        seq=np.arange(block.seq, block.seq + len(block.dtime_ns)),
+        time_ns=block.time_ns + block.dtime_ns,
+        xyz_mm=xyz_mm,
+        ijk=block.ijk,
+        quality=block.quality,
+        covariance_mm2=block.covariance_mm2 if coordinates == "centre" else None,
     )
 
 

@@ -2,11 +2,9 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from traverse.client.arm import Arm
 from traverse.client.exports.line_template import LineTemplate
-from traverse.client.exports.point_table import Coordinates, scan_table
+from traverse.client.exports.point_table import Coordinates, block_table
 from traverse.client.exports.text import SPECIMEN, scan_values, values_of
 from traverse.client.gateways.outlets import NotTakenError, Outlet, Report
 from traverse.client.points.session_order import Lost
@@ -144,20 +142,10 @@ class LineGateway:
 
     def _scan_lines(self, block: Scan) -> list[str]:
         form, n = self._form, len(block.dtime_ns)
-        xyz_mm = block.part_xyz_mm if form.coordinates == "part" else block.xyz_mm
-        if xyz_mm is None:
+        table = block_table(block, form.coordinates)
+        if table is None:
             self._held_back(n, f"scan {block.scan} was made without an alignment")
             return []
-        table = scan_table(
-            block.session,
-            block.scan,
-            seq=np.arange(block.seq, block.seq + n),
-            time_ns=block.time_ns + block.dtime_ns,
-            xyz_mm=xyz_mm,
-            ijk=block.ijk,
-            quality=block.quality,
-            covariance_mm2=None if form.coordinates == "part" else block.covariance_mm2,
-        )
         rows = [
             values
             for values in scan_values(table, form.unit_mm)

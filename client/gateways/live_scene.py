@@ -10,6 +10,7 @@ import numpy as np
 from foxglove import messages as fox
 
 from traverse.client.display.figures import COVERAGE_FACTOR, flag_words
+from traverse.client.exports.ros_messages import joint_names
 from traverse.kinematics.helmert.transformation import quaternion_of
 from traverse.protocol.messages import Live, Point
 from traverse.protocol.messages.point import Covariance
@@ -87,20 +88,13 @@ def arm_entity(live: Live, times: float) -> fox.SceneEntity:
 
 
 def joint_states(live: Live, names: Sequence[str]) -> fox.JointStates:
-    """Return the readings of the joints.
-
-    Args:
-        live: a pose.
-        names: of its joints; J1, J2 and so on where they are not known.
-    """
-    angles_rad = live.angles_rad
-    if len(names) != len(angles_rad):
-        names = [f"J{number}" for number, _ in enumerate(angles_rad, start=1)]
+    """Return the readings of the joints."""
+    names = joint_names(names, len(live.angles_rad))
     return fox.JointStates(
         timestamp=_time(live.time_ns),
         joints=[
             fox.JointState(name=name, position=angle_rad)
-            for name, angle_rad in zip(names, angles_rad, strict=True)
+            for name, angle_rad in zip(names, live.angles_rad, strict=True)
         ],
     )
 

@@ -1,6 +1,6 @@
 #!/bin/sh
 # Boots Debian 12 with systemd in a virtual machine and lets it check packages there.
-# Usage: system.sh SECONDS PACKAGE LAB_PACKAGE
+# Usage: system.sh SECONDS PACKAGE LAB_PACKAGE FLEET_PACKAGE
 # The guest has a disk of its own, whose changes are thrown away, and of this machine
 # it sees the folder tests/ and build/vm/system-out/. The exit status is that of
 # tests/vm/system/job.sh, or 4 if it has not ended in time.
@@ -8,6 +8,7 @@ set -eu
 limit_s="$1"
 package="$2"
 lab_package="$3"
+fleet_package="$4"
 here="$(cd "$(dirname "$0")" && pwd)"
 . "$here/kernel.sh"
 . "$here/image.sh"
@@ -16,6 +17,7 @@ rm -rf "$out"
 mkdir -p "$out"
 cp "$package" "$out/traverse.deb"
 cp "$lab_package" "$out/traverse-lab.deb"
+cp "$fleet_package" "$out/traverse-fleet.deb"
 pack_initial "$build/initial-system.gz" "$here/init-system" "$here/modules-system.txt"
 
 status=0

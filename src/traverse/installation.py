@@ -39,15 +39,12 @@ EXTRAS = {
 """Extra with a library, by the imported name."""
 
 _NOT_IN_DEBIAN = {
-    "parquet": "write another kind of file",
-    "fleet": "store on another computer, with pip",
     "cluster": "leave --scheduler out",
     "keys": "use `traverse gateway lines`",
-    "live": "use `traverse page`",
-    "opcua": "use `traverse gateway lines`, or the extra on another computer, with pip",
-    "ros": "write the joints' angles as CSV",
-    "certificate": "certify on another computer, with pip",
-    "signed": "leave [signing] out",
+}
+_OTHER_PACKAGES = {
+    **dict.fromkeys(("lab", "certificate", "ros"), "traverse-lab"),
+    **dict.fromkeys(("fleet", "parquet"), "traverse-fleet"),
 }
 PACKAGED = "/usr/lib/traverse"
 
@@ -62,7 +59,7 @@ def remedy(extra: str) -> str:
     if sys.prefix.endswith(PACKAGED):
         if extra in _NOT_IN_DEBIAN:
             return f"the Debian packages do not have it: {_NOT_IN_DEBIAN[extra]}"
-        package = "traverse-lab" if extra == "lab" else "traverse"
+        package = _OTHER_PACKAGES.get(extra, "traverse")
         return (
             f"install the Debian package {package}, of the same version as traverse: "
             f"sudo apt-get install ./{package}_{version('traverse-cmm')}_*.deb"

@@ -26,7 +26,7 @@ TARGETS = dict(
 LEAVES = {
     "bench": ("figures/performance-path.png", "figures/performance-presses.png"),
     "blind": ("blind.jsonl",),
-    "deb": ("traverse_*.deb", "traverse-lab_*.deb"),
+    "deb": ("traverse_*.deb", "traverse-lab_*.deb", "traverse-fleet_*.deb"),
     "honesty": ("honesty.jsonl",),
     "prove": ("proofs.jsonl",),
     "prove-acceptance": ("acceptance.jsonl", "figures/acceptance-truth.png"),

@@ -25,8 +25,9 @@ UNIT = DEPLOY / "systemd/traverse@.service"
 PAGE = DEPLOY / "systemd/traverse-page@.service"
 MOST_EXPOSURE = 2.0
 GATEWAY = DEPLOY / "systemd/traverse-gateway@.service"
+STORE = DEPLOY / "systemd/traverse-store@.service"
 each = pytest.mark.parametrize(
-    "file", [UNIT, PAGE, GATEWAY], ids=lambda file: file.stem
+    "file", [UNIT, PAGE, GATEWAY, STORE], ids=lambda file: file.stem
 )
 
 
@@ -77,7 +78,7 @@ def test_secrets_may_be_missing_but_the_token(file: Path) -> None:
     required = {
         Path(credential).name for credential in unit.get("AssertPathExists", ())
     }
-    required_of = {PAGE: {"page.token"}, GATEWAY: {"%i"}}
+    required_of = {PAGE: {"page.token"}, GATEWAY: {"%i"}, STORE: {"%i"}}
     assert required == required_of.get(file, set())
     required &= loaded
     assert loaded - required == {

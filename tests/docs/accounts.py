@@ -82,6 +82,9 @@ NOT_RUN: Final = {
     r"(sudo|journalctl|systemctl|chown|cp deploy|install -m|ip -details) ": _ROOT,
     r"make test$": "runs this",
     r"python3 -m venv ~/traverse ": "the reader's folder",
+    r"(pip install traverse_cmm|cp -r examples/|cd ~/ros2_ws|colcon |ros2 |\. inst)": (
+        "needs ROS; the page says how it was tried"
+    ),
     r"TRAVERSE_ARM=": "needs FreeCAD or Blender; the page says how it was tried",
     r"openssl rand ": "a random number",
 }

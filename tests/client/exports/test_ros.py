@@ -16,6 +16,10 @@ def messages(write) -> dict[str, list]:
     file = io.BytesIO()
     with FORMATS["ros2"](file) as sink:
         write(sink)
+    return read_back(file)
+
+
+def read_back(file: io.BytesIO) -> dict[str, list]:
     file.seek(0)
     by_topic: dict[str, list] = {}
     reader = make_reader(file, decoder_factories=[DecoderFactory()])

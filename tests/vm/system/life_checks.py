@@ -95,10 +95,12 @@ class Life:
         return f"{result}; WatchdogSec={unit.shown('WatchdogUSec')}"
 
     async def be_upgraded(self) -> str:
-        """The package is installed over itself: running services run again."""
+        """Packages are installed over themselves: running services run again."""
         pid, n = unit.main_pid(), len(self._listener.statuses)
-        package = f"{os.environ['TRAVERSE_VM_OUT']}/traverse.deb"
-        await asyncio.to_thread(unit.run, "dpkg", "-i", package)
+        folder = os.environ["TRAVERSE_VM_OUT"]
+        names = ("traverse", "traverse-lab", "traverse-fleet")
+        files = [f"{folder}/{name}.deb" for name in names]
+        await asyncio.to_thread(unit.run, "dpkg", "-i", *files)
         await self._ready_since(n)
         assert unit.main_pid() not in {0, pid}, "the old process"
         return "restarted by it, and measuring"

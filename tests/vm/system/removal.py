@@ -12,6 +12,7 @@ from pathlib import Path
 from tests.vm.table import Table
 
 BEFORE = Path("/run/before")
+PACKAGES = ("traverse-fleet", "traverse-lab", "traverse")
 # Written by others meanwhile: the package manager, systemd, the broker, this Python.
 OTHERS = (
     "/var/cache/ldconfig",
@@ -39,7 +40,7 @@ def done(*words: str) -> str:
 
 def remove() -> str:
     """Removal keeps the configuration and the points."""
-    done("dpkg", "--remove", "traverse-lab", "traverse")
+    done("dpkg", "--remove", *PACKAGES)
     state = sorted(p.name for p in Path("/var/lib/traverse/bench-7").iterdir())
     assert "outbox.db" in state, state
     assert Path("/etc/traverse/bench-7/arm.toml").exists()
@@ -51,7 +52,7 @@ def remove() -> str:
 
 def purge() -> str:
     """Purging leaves nothing."""
-    done("dpkg", "--purge", "traverse-lab", "traverse")
+    done("dpkg", "--purge", *PACKAGES)
     before = set(BEFORE.read_text("utf-8").splitlines())
     prune = ["(", "-path", "/tmp", "-o", "-path", "/var/log", ")", "-prune", "-o"]
     after = set(done("find", "/", "-xdev", *prune, "-print").splitlines())

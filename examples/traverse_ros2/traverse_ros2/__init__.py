@@ -1,0 +1,1 @@
+"""A measuring arm as a node of ROS 2."""
