@@ -36,14 +36,11 @@ def touch(desk, feature):
 
 def shares(requests):
     """Answer with common errors of points; record which were requested."""
-    points, _ = touched_points()
-    factors = shared_by_points(points, ARM, read_arm(ARM))
-    known = {point.id: f for point, f in zip(points, factors, strict=True)}
 
     async def answer(points):
-        ids = {point.id for point in points}
-        requests.append(ids)
-        return {i: known[i] for i in ids}
+        requests.append({point.id for point in points})
+        factors = shared_by_points(points, ARM, read_arm(ARM))
+        return {point.id: f for point, f in zip(points, factors, strict=True)}
 
     return answer
 
@@ -90,14 +87,6 @@ def scan_of(feature, numbers, **changes):
     return Scan(**fields)
 
 
-def shares_of_samples():
-    async def answer(points):
-        factors = shared_by_points(points, ARM, read_arm(ARM))
-        return {point.id: f for point, f in zip(points, factors, strict=True)}
-
-    return answer
-
-
 def test_samples_of_a_scan_belong_to_the_active_feature_once_it_ends(desk):
     desk._sight.take_scan(scan_of("plate", range(9)))  # of no feature
     name = desk.begin("plane")
@@ -110,7 +99,7 @@ def test_samples_of_a_scan_belong_to_the_active_feature_once_it_ends(desk):
     assert desk.features[name].points == []
     desk._sight.take_scan(scan_of("plate", range(60, 62), last=True, total=62))
     assert desk.scanned is None
-    asyncio.run(desk.measure(shares_of_samples()))
+    asyncio.run(desk.measure(shares([])))
     (part,) = desk.result(name).scans
     assert (part.used, part.samples, part.lost, part.in_doubt) == (6, 20, 2, 1)
     assert [touch.doubts for touch in desk.result(name).touches[:2]] == [
@@ -122,7 +111,7 @@ def test_samples_of_a_scan_belong_to_the_active_feature_once_it_ends(desk):
     assert 0.0 < figures["form"].expanded < 0.1
     for touch in desk.result(name).touches:
         desk.assign(touch.id, None)
-    asyncio.run(desk.measure(shares_of_samples()))
+    asyncio.run(desk.measure(shares([])))
     assert desk.result(name).scans == ()
 
 
@@ -130,11 +119,11 @@ def test_an_accepted_feature_keeps_the_samples_so_far_and_a_new_part_none(desk):
     hole = desk.begin("circle")
     desk._sight.take_scan(scan_of("hole a", range(30)))
     desk.accept()
-    asyncio.run(desk.measure(shares_of_samples()))
+    asyncio.run(desk.measure(shares([])))
     assert "from inside or from outside is not known" in desk.result(hole).problem
     desk.features[hole].side = "inside"
     desk.version += 1
-    asyncio.run(desk.measure(shares_of_samples()))
+    asyncio.run(desk.measure(shares([])))
     figures = {figure.name: figure for figure in desk.result(hole).figures}
     truth_mm = touched_points()[1]["hole a diameter"]
     off_mm = abs(figures["diameter"].value - truth_mm)
