@@ -331,8 +331,8 @@ class LatchBoardSession:
         if (forgotten := self._edges.begin_at(first_edge)) > 0:
             self._fault(
                 "edges_lost",
-                f"{counted(forgotten, 'button or probe edge')} of the time before this "
-                "start were forgotten: a press and its release are two",
+                f"the board forgot {counted(forgotten, 'button or probe edge')} of the "
+                "time before this start; a press and its release are two",
                 "look which points of that time are missing, and take them again",
                 forgotten,
             )
