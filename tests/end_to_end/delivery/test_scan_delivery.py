@@ -1,7 +1,4 @@
-"""Scans while the broker is away: complete, from the disk.
-
-`benchmarks.service.scan_outage` has the long outage, and a live scan's.
-"""
+"""Scans while the broker is away: complete, from the disk."""
 
 from collections.abc import Callable
 
