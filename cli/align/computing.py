@@ -22,7 +22,7 @@ from traverse.lab.alignment.nominal import (
     volume_from_text,
 )
 from traverse.lab.alignment.plane_line_point import align_plane_line_point
-from traverse.lab.alignment.result import AlignmentResult, alignment_values
+from traverse.lab.alignment.result import AlignmentResult
 from traverse.lab.alignment.touches import (
     Place,
     Touch,
@@ -33,6 +33,7 @@ from traverse.lab.alignment.touches import (
     read_touch_table,
     touches_of_points,
 )
+from traverse.lab.alignment.values import alignment_values
 from traverse.lab.measured_points.reading import files_read, read_measured
 from traverse.lab.measured_points.touch_errors import shared_by_points
 from traverse.lab.report.provenance import (

@@ -11,13 +11,13 @@ from traverse.arrays import Floats
 from traverse.kinematics.helmert.transformation import N_RIGID, Helmert, moved_centre
 from traverse.kinematics.helmert.volume import Ball
 from traverse.lab.alignment.pictures import alignment_paintings
-from traverse.lab.alignment.result import (
+from traverse.lab.alignment.values import (
     SCHEMA,
+    TITLES,
     covariance_values,
     predicted_values,
     volume_values,
 )
-from traverse.lab.outcomes.alignment import TITLES
 from traverse.lab.outcomes.base import State, worst
 from traverse.lab.report.figures import painted
 from traverse.lab.report.templates import Filters, Words, page

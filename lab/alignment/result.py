@@ -1,7 +1,4 @@
-"""An alignment as computed, its tests, and alignment.json as plain values.
-
-Words and page are made of these values, schema traverse/alignment/1.
-"""
+"""An alignment as computed, and what its tests say of it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,27 +9,22 @@ from scipy import special
 
 from traverse.arrays import Floats
 from traverse.kinematics.helmert.shape import Shape, direction_text
-from traverse.kinematics.helmert.transformation import PARAMETERS, Helmert
+from traverse.kinematics.helmert.transformation import Helmert
 from traverse.kinematics.helmert.volume import (
-    Ball,
     Volume,
     VolumeError,
-    place_covariances,
-    volume_error,
 )
 from traverse.lab.alignment.touches import CommonPoints
-from traverse.lab.outcomes.alignment import (
-    TITLES,
-    AlignmentEvidence,
-    alignment_outcome,
+from traverse.lab.outcomes.base import (
+    Condition,
+    Established,
+    Finding,
+    Outcome,
+    Shortfall,
+    State,
+    judge,
 )
-from traverse.lab.outcomes.base import Outcome
-from traverse.lab.report.provenance import (
-    ReportProvenance,
-    ReportSource,
-    report_provenance,
-)
-from traverse.lab.report.quantities import picked, plain_values
+from traverse.lab.report.quantities import picked
 from traverse.lab.report.templates import Words
 from traverse.lab.statistics.distributions import GLOBAL_LEVEL, GlobalTest
 
@@ -188,114 +180,46 @@ class AlignmentResult:
 
     @property
     def outcome(self) -> Outcome:
-        test = self.test
-        return alignment_outcome(
-            AlignmentEvidence(
-                sigma0=None if test is None else test.sigma0,
-                redundancy=0 if test is None else test.redundancy,
-                p_value=None if test is None else test.p_value,
-                passed=None if test is None else test.passed,
-                warnings=[(flag.code, flag.text) for flag in self.flags],
-            )
-        )
+        return judge(CONDITIONS, self)
 
 
-def volume_values(volume: Volume, source: str) -> dict[str, Any]:
-    """Write a volume as in alignment.json."""
-    if isinstance(volume, Ball):
-        shape = {"centre_mm": volume.mean_mm.tolist(), "radius_mm": volume.radius_mm}
-        return {"kind": "ball", **shape, "source": source}
-    corners = {"min_mm": volume.low_mm.tolist(), "max_mm": volume.high_mm.tolist()}
-    return {"kind": "box", **corners, "source": source}
+_TESTED = ("no_redundancy", "errors_not_stated", "global_test_failed")
 
 
-SCHEMA = "traverse/alignment/1"
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:].strip()}."
 
 
-def alignment_values(
-    result: AlignmentResult,
-    *,
-    name: str,
-    arm: str | None,
-    measured: str,
-    nominal: str,
-    provenance: ReportProvenance | None = None,
-) -> dict[str, Any]:
-    """Put everything into plain values; computed by this user now if not said."""
-    origin = provenance or report_provenance(ReportSource(measured, ""))
-    transformation, test, outcome = result.transformation, result.test, result.outcome
-    return {
-        "schema": SCHEMA,
-        "method": result.method,
-        "date_utc": origin.date_utc,
-        "provenance": origin.values,
-        "arm": arm,
-        "measured": measured,
-        "nominal": nominal,
-        # As the command `align` takes it.
-        "alignment": {
-            "action": "set",
-            "name": name,
-            "rotation": transformation.rotation.tolist(),
-            "translation_mm": transformation.translation_mm.tolist(),
-            "scale": transformation.scale,
-        },
-        **plain_values(outcome),
-        "verdict": TITLES[outcome.state],
-        "passed": result.is_good,
-        "covariance": None
-        if result.covariance is None
-        else covariance_values(result.covariance, result.centre_mm),
-        "errors_stated": result.is_stated,
+def _tested(result: AlignmentResult) -> Finding:
+    test = result.test
+    values = {
         "sigma0": None if test is None else test.sigma0,
-        "sigma0_unit": "1" if result.is_stated else "mm",
-        "sigma0_interval": None if test is None else list(test.interval),
         "redundancy": 0 if test is None else test.redundancy,
-        "global_test": None if test is None else test.values(),
-        "point_test": {"level": POINT_LEVEL, "power": POWER},
-        "quality": {
-            "volume": volume_values(result.volume, result.volume_source),
-            "index": error_values(result.index),
-            **predicted_values(result.volume, result.centre_mm, result.covariance),
-        },
-        **picked(result, "points", "features", "flags", "remarks"),
+        "p_value": None if test is None else test.p_value,
     }
+    state = State.DOUBT if result.is_good else State.BAD
+    shortfalls = [
+        Shortfall(_sentence(flag.text), "", {**values, "flag": flag.code}, state)
+        for flag in result.flags
+        if flag.code in _TESTED
+    ]
+    if test is not None and test.passed and not shortfalls:
+        return Established(values)
+    return shortfalls
 
 
-def covariance_values(covariance: Floats, centre_mm: Floats) -> dict[str, Any]:
-    variances = np.maximum(np.diag(covariance), 0.0)
-    return {
-        "parameters": list(PARAMETERS[: len(covariance)]),
-        "centre_mm": centre_mm.tolist(),
-        "matrix": covariance.tolist(),
-        "std": np.sqrt(variances).tolist(),
-    }
+def _well_placed(result: AlignmentResult) -> Finding:
+    return [
+        Shortfall(_sentence(flag.text), "", {"flag": flag.code})
+        for flag in result.flags
+        if flag.code not in _TESTED
+    ] or Established()
 
 
-def predicted_values(
-    volume: Volume, centre_mm: Floats, covariance: Floats | None
-) -> dict[str, Any]:
-    """Return the errors in a volume, and at its middle and its corners."""
-    if covariance is None:
-        return {"predicted_error_mm": None, "places": []}
-    places_mm = np.vstack([volume.mean_mm, volume.corners_mm])
-    errors = place_covariances(places_mm, centre_mm, covariance)
-    return {
-        "predicted_error_mm": error_values(volume_error(volume, centre_mm, covariance)),
-        "places": [
-            {
-                "place_mm": place.tolist(),
-                "rms_mm": float(np.sqrt(np.trace(error))),
-                "covariance_mm2": error.tolist(),
-            }
-            for place, error in zip(places_mm, errors, strict=True)
-        ],
-    }
-
-
-def error_values(error: VolumeError) -> dict[str, Any]:
-    at_mm = error.max_at_mm.tolist()
-    return {"rms": error.rms_mm, "max": error.max_mm, "max_at_mm": at_mm}
+CONDITIONS: tuple[Condition[AlignmentResult], ...] = (
+    Condition("tested", "residuals are as large as the stated errors allow", _tested),
+    Condition("points", "points determine it well and fit each other", _well_placed),
+)
 
 
 WORDS = Words("alignment/warnings.jinja", direction=direction_text)
