@@ -14,7 +14,7 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.lab.adjustment import Adjustment, Network
-from traverse.lab.artefacts.artefact import Touches, postures_touching
+from traverse.lab.artefacts.artefact import postures_touching
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.outcomes.identified import Suggestion
 
@@ -157,16 +157,8 @@ def _candidates(adjustment: Adjustment) -> list[_Candidate]:
     for at, station in enumerate(chosen):
         size = _TRIES_AN_ARTEFACT, network.parameters.n_joints
         tries_rad = rng.uniform(limits_rad[0], limits_rad[1], size)
-        features = rng.choice(station.touches.features, _TRIES_AN_ARTEFACT)
-        lengths_mm = station.touches.lengths_mm
-        touches = Touches(
-            features,
-            np.zeros(_TRIES_AN_ARTEFACT),
-            np.full((_TRIES_AN_ARTEFACT, 3), np.nan),
-            station.touches.radius_mm,
-            station.touches.feature_names,
-            None if lengths_mm is None else rng.choice(lengths_mm, _TRIES_AN_ARTEFACT),
-        )
+        like = rng.integers(len(station.poses), size=_TRIES_AN_ARTEFACT)
+        touches = station.part(like).touches
         came = postures_touching(
             station.artefact,
             state.unknowns[at],
@@ -182,6 +174,6 @@ def _candidates(adjustment: Adjustment) -> list[_Candidate]:
             full[:, :n_free] = rows[index, :, :n_free]
             full[:, offsets[at] : offsets[at + 1]] = rows[index, :, n_free:]
             candidates.append(
-                _Candidate(at, int(features[index]), reached_rad[index], full)
+                _Candidate(at, int(touches.features[index]), reached_rad[index], full)
             )
     return candidates
