@@ -16,7 +16,6 @@ from traverse.lab.diagnosis.holdout.comparison import (
     compare_on_holdout,
     find_misfit,
     held_out_blunders,
-    is_many,
     is_noise,
     noise_exceeded,
 )
@@ -38,6 +37,7 @@ from traverse.lab.diagnosis.search.forward_search import (
 )
 from traverse.lab.diagnosis.terms import terms_of, verdict_of
 from traverse.lab.outcomes.candidate import BankName
+from traverse.lab.outcomes.common_conditions import is_many
 from traverse.lab.outcomes.diagnosis import BankRemainder, Detectable, LedgerLine
 
 __all__ = ["DiagnosisOptions", "diagnose"]

@@ -18,7 +18,7 @@ from traverse.lab.diagnosis.scans.scan_diagnosis import (
     stream_lines,
 )
 from traverse.lab.diagnosis.search.forward_search import Progress
-from traverse.lab.outcomes.arm_file import NO_ARM
+from traverse.lab.outcomes.common_conditions import NO_ARM
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.runs.inputs import BreakdownError, broken_down, date_of
 from traverse.strict_toml.writing import write_atomically

@@ -22,7 +22,7 @@ from traverse.lab.identification.results.files import (
 from traverse.lab.identification.results.outcome import outcome_of
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.outcomes.adjustment import Progress
-from traverse.lab.outcomes.arm_file import NO_ARM
+from traverse.lab.outcomes.common_conditions import NO_ARM
 from traverse.lab.report.provenance import SUMS, ReportProvenance, sums_of, write_sums
 from traverse.lab.runs.inputs import BreakdownError, broken_down, date_of
 from traverse.strict_toml.writing import write_atomically

@@ -197,23 +197,12 @@ def noise_exceeded(
 
 # Standard deviations of a mean square of noise alone.
 _OPEN_GAP = 4.0
-_MANY_EXCLUDED = 0.1
 
 
 def is_noise(figures: HoldoutResult) -> bool:
     """Return whether noise explains how poses kept aside are predicted."""
     last = figures.without_blunders or figures
-    return last.n == 0 or not is_beyond_noise(last.chi2, last.chi2_std)
-
-
-def is_beyond_noise(chi2: float, std: float) -> bool:
-    """Return whether a mean square is more than noise alone leaves."""
-    return chi2 > 1.0 + _OPEN_GAP * std
-
-
-def is_many(n_excluded: int, n_poses: int) -> bool:
-    """Return whether more poses contradict the others than blunders may be."""
-    return n_excluded > _MANY_EXCLUDED * n_poses
+    return last.n == 0 or last.chi2 <= 1.0 + _OPEN_GAP * last.chi2_std
 
 
 def is_worse(

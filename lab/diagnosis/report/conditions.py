@@ -1,13 +1,10 @@
 """What must be established before a diagnosis is good."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from traverse.lab.adjustment import Adjustment
-from traverse.lab.diagnosis.holdout.comparison import is_beyond_noise, is_many
+from traverse.lab.diagnosis.holdout.comparison import is_noise
 from traverse.lab.diagnosis.model.result import Diagnosis
-from traverse.lab.outcomes.arm_file import signs_and_zeros
 from traverse.lab.outcomes.base import (
     Condition,
     Established,
@@ -16,22 +13,17 @@ from traverse.lab.outcomes.base import (
     bad,
     doubt,
 )
-from traverse.lab.outcomes.diagnosis import DiagnosisFigures
-from traverse.lab.outcomes.repeats import no_repeats
+from traverse.lab.outcomes.common_conditions import (
+    few_excluded,
+    like_family,
+    no_repeats,
+    signs_and_zeros,
+)
 from traverse.lab.report.quantities import length_mm
-from traverse.plurals import counted
 
 
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """A diagnosis, and its figures."""
-
-    diagnosis: Diagnosis
-    figures: DiagnosisFigures
-
-
-def _converged(judged: Judged) -> Finding:
-    if judged.diagnosis.final.adjustment.converged:
+def _converged(diagnosis: Diagnosis) -> Finding:
+    if diagnosis.final.adjustment.converged:
         return Established()
     return bad(
         "The estimates of the adapted arm did not converge: none of them may be used.",
@@ -39,8 +31,8 @@ def _converged(judged: Judged) -> Finding:
     )
 
 
-def _belongs(judged: Judged) -> Finding:
-    for term in judged.figures.terms:
+def _belongs(diagnosis: Diagnosis) -> Finding:
+    for term in diagnosis.terms:
         if term.misfit is not None and term.misfit.is_gross:
             rms_mm = term.misfit.figures.rms_mm
             return bad(
@@ -53,15 +45,13 @@ def _belongs(judged: Judged) -> Finding:
     return Established()
 
 
-def _file_fits(judged: Judged) -> Finding:
-    figures = judged.figures
-    return signs_and_zeros(figures.wrong_signs, figures.zero_offsets_rad)
+def _file_fits(diagnosis: Diagnosis) -> Finding:
+    return signs_and_zeros(diagnosis.wrong_signs, diagnosis.zero_offsets_rad)
 
 
-def _visible(judged: Judged) -> Finding:
-    visible = judged.figures.visible
-    values = {"n_visible": visible["n"], "n_effects": visible["of"]}
-    if visible["n"] > 0:
+def _visible(diagnosis: Diagnosis) -> Finding:
+    values = {"n_visible": diagnosis.n_visible, "n_effects": diagnosis.n_library}
+    if not diagnosis.blind:
         return Established(values)
     return bad(
         "These poses could show no effect of the library.",
@@ -70,9 +60,9 @@ def _visible(judged: Judged) -> Finding:
     )
 
 
-def _named(judged: Judged) -> Finding:
+def _named(diagnosis: Diagnosis) -> Finding:
     counts = {
-        f"n_{status}": sum(term.status == status for term in judged.figures.terms)
+        f"n_{status}": sum(term.status == status for term in diagnosis.terms)
         for status in ("named", "tentative", "unknown")
     }
     if counts["n_unknown"]:
@@ -90,18 +80,16 @@ def _named(judged: Judged) -> Finding:
     return Established(counts)
 
 
-def _within_noise(judged: Judged) -> Finding:
-    figures = judged.figures
-    gap, exceeded = figures.gap, figures.times_stated_noise
-    gap = gap.without_blunders or gap
-    chi2, rms_mm = gap.held_out_chi2.after, gap.held_out_rms_mm.after
-    values = {"held_out_chi2": chi2, "held_out_rms_mm": rms_mm}
+def _within_noise(diagnosis: Diagnosis) -> Finding:
+    exceeded = diagnosis.exceeded
+    last = diagnosis.gap.after.without_blunders or diagnosis.gap.after
+    values = {"held_out_chi2": last.chi2, "held_out_rms_mm": last.rms_mm}
     if exceeded is not None:
         beyond = (
             f"What is left is {exceeded:.3g} times the mean square that the "
             "stated noise explains"
         )
-        if figures.verdict != "unexplained":
+        if diagnosis.verdict != "unexplained":
             # Something was found that no arm file holds.
             return bad(
                 f"{beyond}, by whatever the arm file cannot hold or does not have.",
@@ -117,15 +105,15 @@ def _within_noise(judged: Judged) -> Finding:
             "no column for.",
             {**values, "times_stated": exceeded},
         )
-    if gap.n == 0 or chi2 is None or rms_mm is None:
+    if last.n == 0:
         return doubt(
             "No pose could be kept aside, so that nothing proves the result.",
             "Measure more poses.",
         )
-    if is_beyond_noise(chi2, gap.held_out_chi2_std):
+    if not is_noise(last):
         return doubt(
             "The poses kept aside still differ from the model by "
-            f"{length_mm(rms_mm)} rms, {chi2:.2g} times the mean square "
+            f"{length_mm(last.rms_mm)} rms, {last.chi2:.2g} times the mean square "
             "that noise explains: the noise is larger than was thought, or something "
             "is missing in the arm file.",
             "Measure again, where the discrepancies are largest.",
@@ -134,20 +122,20 @@ def _within_noise(judged: Judged) -> Finding:
     return Established(values)
 
 
-def _helps(judged: Judged) -> Finding:
-    figures = judged.figures
+def _helps(diagnosis: Diagnosis) -> Finding:
+    ledger = diagnosis.ledger
     values = {
-        "held_out_chi2_before": figures.ledger[0].held_out_chi2,
-        "held_out_chi2_after": figures.ledger[-1].held_out_chi2,
+        "held_out_chi2_before": ledger[0].held_out_chi2,
+        "held_out_chi2_after": ledger[-1].held_out_chi2,
     }
-    if figures.vetoed:
+    if diagnosis.vetoed:
         return bad(
             "The poses kept aside are predicted worse with what was found than "
             "without: nothing was added to the arm.",
             "Measure again, or more.",
             values,
         )
-    if figures.identified_anew:
+    if diagnosis.is_identified_anew:
         return doubt(
             "The arm as identified, without what was found, predicts the poses "
             "kept aside better than the one with it, and is what is written.",
@@ -157,8 +145,8 @@ def _helps(judged: Judged) -> Finding:
     return Established(values)
 
 
-def _written(judged: Judged) -> Finding:
-    terms = judged.figures.terms
+def _written(diagnosis: Diagnosis) -> Finding:
+    terms = diagnosis.terms
     shortfalls = [
         Shortfall(
             f"The artefact {term.candidate.artefact} is at fault, not the arm.",
@@ -171,7 +159,7 @@ def _written(judged: Judged) -> Finding:
         "the campaign does not say when it began",
         "Give start_utc in campaign.toml.",
     )
-    if judged.diagnosis.campaign.time_is_order:
+    if diagnosis.campaign.time_is_order:
         why, remedy = "the times of poses are their order", "Give times of the poses."
     shortfalls += [
         Shortfall(
@@ -186,9 +174,9 @@ def _written(judged: Judged) -> Finding:
     return shortfalls or Established({"n_written": n_written})
 
 
-def _scaled(judged: Judged) -> Finding:
+def _scaled(diagnosis: Diagnosis) -> Finding:
     """Look whether a length is known, here or where the arm was identified."""
-    if judged.diagnosis.after.network.holds_scale:
+    if diagnosis.after.network.holds_scale:
         return bad(
             "The measurements shrink the arm to a fraction of its design, whatever "
             "was found: its scale is the design's.",
@@ -196,7 +184,7 @@ def _scaled(judged: Judged) -> Finding:
         )
     lengths = {
         str(rival.candidate.artefact)
-        for term in judged.figures.terms
+        for term in diagnosis.terms
         for rival in term.alternatives
         if rival.candidate.is_length and (rival.alias or rival.candidate.is_of_several)
     }
@@ -207,12 +195,12 @@ def _scaled(judged: Judged) -> Finding:
             "arm has another scale.",
             "Measure another certified length, or have these standards checked.",
         )
-    if judged.diagnosis.after.network.has_length():
+    if diagnosis.after.network.has_length():
         return Established()
     unknown = (
         "The scale of the arm is undetermined: no length is known in this campaign"
     )
-    if judged.diagnosis.arm.identification is not None:
+    if diagnosis.arm.identification is not None:
         return doubt(
             f"{unknown}, and nothing here checks that of the arm file, which is kept. "
             "The covariance counts it as if it were a design's.",
@@ -236,10 +224,11 @@ def _undetermined_mm(adjustment: Adjustment) -> float:
     return float(np.linalg.norm(effects_mm))
 
 
-def _determined(judged: Judged) -> Finding:
+def _determined(diagnosis: Diagnosis) -> Finding:
     """Compare what is not determined with how poses kept aside are predicted."""
-    predicted_mm = judged.figures.gap.held_out_rms_mm.after or 0.0
-    undetermined_mm = _undetermined_mm(judged.diagnosis.final.adjustment)
+    last = diagnosis.gap.after
+    predicted_mm = last.rms_mm if last.n else 0.0
+    undetermined_mm = _undetermined_mm(diagnosis.final.adjustment)
     values = {"undetermined_mm": undetermined_mm}
     if undetermined_mm <= predicted_mm:
         return Established(values)
@@ -252,38 +241,24 @@ def _determined(judged: Judged) -> Finding:
     )
 
 
-def _agreeing(judged: Judged) -> Finding:
-    n_all = len(judged.diagnosis.campaign.poses)
-    n_excluded = len(judged.figures.excluded)
-    values = {"n_left_out": n_excluded, "n_poses": n_all}
-    if not is_many(n_excluded, n_all):
-        return Established(values)
-    return doubt(
-        f"{n_excluded} of {counted(n_all, 'pose')} contradict the others and took "
-        "no part.",
-        "Find out why before the arm is used.",
-        values,
-    )
+def _agreeing(diagnosis: Diagnosis) -> Finding:
+    n_excluded = int(np.count_nonzero(diagnosis.excluded | diagnosis.left_out))
+    return few_excluded(n_excluded, len(diagnosis.campaign.poses))
 
 
-def _independent(judged: Judged) -> Finding:
-    poses = judged.diagnosis.campaign.poses
+def _independent(diagnosis: Diagnosis) -> Finding:
+    poses = diagnosis.campaign.poses
     return no_repeats(poses.n_repeated, len(poses))
 
 
-def _in_family(judged: Judged) -> Finding:
-    prior = judged.diagnosis.campaign.prior
-    if prior is None or not prior.contradicted:
+def _in_family(diagnosis: Diagnosis) -> Finding:
+    prior = diagnosis.campaign.prior
+    if prior is None:
         return Established()
-    names = ", ".join(name for name, _ in prior.contradicted)
-    return doubt(
-        f"The measurements contradict the family {prior.family} in {names}.",
-        "Look whether the arm is of that family.",
-        {f"sigmas_of_{name}": sigmas for name, sigmas in prior.contradicted},
-    )
+    return like_family(prior.family, prior.contradicted, is_of_it=bool(prior.names))
 
 
-CONDITIONS: tuple[Condition[Judged], ...] = (
+CONDITIONS: tuple[Condition[Diagnosis], ...] = (
     Condition("converged", "the adjustment converged", _converged),
     Condition("fit", "arm file and campaign belong together", _belongs),
     Condition("arm_file", "signs and zeros of the arm file fit", _file_fits),

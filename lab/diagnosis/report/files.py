@@ -29,7 +29,7 @@ from traverse.lab.outcomes.adjustment import (
     CartesianCovariance,
     write_covariance,
 )
-from traverse.lab.outcomes.arm_file import may_be_measured_with
+from traverse.lab.outcomes.common_conditions import may_be_measured_with
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.statistics.distributions import global_test, variance_factor
 from traverse.strict_toml.files import bytes_of, text_of

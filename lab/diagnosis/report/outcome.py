@@ -7,7 +7,7 @@ import numpy as np
 
 from traverse.lab.campaign.prior import family_json
 from traverse.lab.diagnosis.model.result import Diagnosis, closed
-from traverse.lab.diagnosis.report.conditions import CONDITIONS, Judged
+from traverse.lab.diagnosis.report.conditions import CONDITIONS
 from traverse.lab.outcomes.base import Outcome, judge
 from traverse.lab.outcomes.diagnosis import (
     BeforeAfter,
@@ -23,18 +23,17 @@ SCHEMA = "traverse/diagnosis/1"
 
 
 def outcome_of(diagnosis: Diagnosis) -> Outcome:
-    return judge(CONDITIONS, Judged(diagnosis, figures_of(diagnosis)))
+    return judge(CONDITIONS, diagnosis)
 
 
 def diagnosis_json(
     diagnosis: Diagnosis, provenance: ReportProvenance | None = None
 ) -> dict[str, Any]:
-    figures = figures_of(diagnosis)
     return {
         "schema": SCHEMA,
         "provenance": (provenance or diagnosis.campaign.provenance()).values,
-        **plain_values(judge(CONDITIONS, Judged(diagnosis, figures))),
-        **plain_values(figures),
+        **plain_values(outcome_of(diagnosis)),
+        **plain_values(figures_of(diagnosis)),
     }
 
 

@@ -3,7 +3,6 @@
 import numpy as np
 
 from traverse.lab.identification.results.result import Identification
-from traverse.lab.outcomes.arm_file import signs_and_zeros
 from traverse.lab.outcomes.base import (
     Condition,
     Established,
@@ -12,12 +11,16 @@ from traverse.lab.outcomes.base import (
     State,
     doubt,
 )
+from traverse.lab.outcomes.common_conditions import (
+    few_excluded,
+    is_many,
+    like_family,
+    no_repeats,
+    signs_and_zeros,
+)
 from traverse.lab.outcomes.identified import ContradictedCertificate
-from traverse.lab.outcomes.repeats import no_repeats
 from traverse.lab.statistics.outlier_clusters import ExcludedCluster
 
-# Part of the poses that may contradict the others.
-_MOST_EXCLUDED = 0.1
 # Standard deviations within which a certificate is what was measured.
 _AGREES = 3.0
 
@@ -150,28 +153,13 @@ def _cluster(entry: ExcludedCluster, time_unit: str) -> Shortfall:
 
 def _family_agrees(result: Identification) -> Finding:
     prior = result.campaign.prior
-    if prior is None or not prior.contradicted:
+    if prior is None:
         return Established()
-    names = ", ".join(
-        f"{sigmas:.3g} standard deviations in {name}"
-        for name, sigmas in prior.contradicted
-    )
-    left = (
-        "this arm left its family there, and its own poses alone count."
-        if prior.names
-        else "this arm is none of it, and nothing of it counts."
-    )
-    text = f"The measurements contradict the family by {names}: {left}"
-    return doubt(text, "Compare the arm with its family.")
+    return like_family(prior.family, prior.contradicted, is_of_it=bool(prior.names))
 
 
 def _few_excluded(result: Identification) -> Finding:
-    n_excluded, n_all = len(result.excluded), len(result.campaign.poses)
-    values = {"n_excluded": n_excluded, "n": n_all}
-    if n_excluded <= _MOST_EXCLUDED * n_all:
-        return Established(values)
-    text = f"{n_excluded} of {n_all} poses contradict the others."
-    return doubt(text, "Find out why before the arm is used.", values)
+    return few_excluded(len(result.excluded), len(result.campaign.poses))
 
 
 def _orientations_agree(result: Identification) -> Finding:
@@ -179,7 +167,7 @@ def _orientations_agree(result: Identification) -> Finding:
     n_turned = 0 if turned is None else len(turned.excluded)
     n_all = 0 if turned is None else turned.n_measured
     values = {"n_excluded": n_turned, "n": n_all}
-    if n_turned <= _MOST_EXCLUDED * n_all:
+    if not is_many(n_turned, n_all):
         return Established(values)
     text = (
         f"{n_turned} of {n_all} orientations contradict the positions and were left "

@@ -14,7 +14,6 @@ from traverse.lab.artefacts.artefact import Artefact
 from traverse.lab.identification.results.agreement import ALIKE, KEPT, STATED
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.results.undetermined import combination
-from traverse.lab.outcomes.arm_file import may_be_measured_with
 from traverse.lab.outcomes.base import (
     Condition,
     Established,
@@ -26,6 +25,7 @@ from traverse.lab.outcomes.base import (
     doubt,
     judge,
 )
+from traverse.lab.outcomes.common_conditions import may_be_measured_with
 from traverse.lab.report.quantities import length_mm, probability
 from traverse.plurals import counted
 
