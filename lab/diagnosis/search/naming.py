@@ -7,7 +7,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS
-from traverse.kinematics.effects.contacts.touching import ArtefactLength, ProbeRadius
+from traverse.kinematics.effects.contacts.touching import ArtefactLength
 from traverse.lab.diagnosis.candidates.candidate_scores import (
     CandidateScores,
     score_banks,
@@ -107,18 +107,11 @@ def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
     shown = names + [curve for curve in curves[:1] if curve.score > chosen.score - _SET]
     shown += _lengths_of_all(stage)
     rivals = rivals_of(chosen, shown, max(best.score, chosen.score))
-    if status == "named" and _may_be_another_length(chosen.candidate, rivals):
+    may_be_another = any(rival.candidate.is_length for rival in rivals)
+    if status == "named" and chosen.candidate.is_length and may_be_another:
+        # Whoever corrects a right certificate gives the arm another scale.
         status = "tentative"
     return NamedTerm(added, chosen, status, harmonic, rivals, best, oversized, negative)
-
-
-def _may_be_another_length(candidate: Candidate, rivals: Sequence[Alternative]) -> bool:
-    """Return whether a radius or a certificate is named where another may be wrong.
-
-    Whoever corrects the wrong one gives the arm another scale.
-    """
-    is_of_a_standard = candidate.is_length or candidate.kind == ProbeRadius.kind
-    return is_of_a_standard and any(rival.candidate.is_length for rival in rivals)
 
 
 def _lengths_of_all(stage: CandidateScores) -> list[ScoredCandidate]:
