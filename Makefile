@@ -223,7 +223,7 @@ wheels: venv  ## wheels for x86_64 and aarch64, and the source distribution, in 
 
 test-vm: deb system  ## CANopen on SocketCAN, and the package with systemd, in virtual machines; takes minutes
 	@sh deploy/debian-packages.sh vm
-	sh deploy/vm/system.sh 1500 $$(for name in traverse traverse-lab traverse-fleet; do ls -t build/$${name}_*.deb | head -n 1; done)
+	sh deploy/vm/system.sh 1500 $$(for name in traverse traverse-lab traverse-fleet; do ls -t build/$${name}_*_amd64.deb | head -n 1; done)
 	sh deploy/vm/run.sh 1200 $(BIN)/python -m tests.vm
 
 docs: venv  ## the documentation as a site, in site/ (SITE=DIR for another)

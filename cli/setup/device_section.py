@@ -13,7 +13,6 @@ from traverse.daemon.config.devices import section_class
 from traverse.drivers.base.registry import driver_names
 
 NEW_ID = "base"
-PORT_KEYS = ("port", "ports", "channel")
 
 
 class DeviceList:
