@@ -46,7 +46,6 @@ async def run(table: Table) -> int:
             await table.check("systemctl stop", life.end)
             await table.check("systemctl start, points go on", delivery.go_on)
             await table.check("dpkg -i, as an upgrade", life.be_upgraded)
-            await table.check("traverse-fleet, its unit", page_checks.store)
     return table.n_failed
 
 

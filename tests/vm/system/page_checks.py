@@ -1,13 +1,9 @@
-"""The page's unit and the other packages, as an administrator adds them."""
+"""The page's unit and the second package, as an administrator adds them."""
 
 import asyncio
 import http.client
 import os
-import shutil
-import sqlite3
 import subprocess
-from contextlib import suppress
-from pathlib import Path
 
 from tests.vm.system import guard_checks, unit
 from tests.vm.system.preparation import FOLDER, OPERATOR, PASSWORDS
@@ -17,9 +13,6 @@ NAME = f"traverse-page@{ARM}.service"
 PORT = 8080
 TOKEN = "a-token-of-the-guest"
 START_S = 200.0
-STORES = Path("/var/lib/private/traverse-stores")
-DATABASE = STORES / "all" / "traverse-store.db"
-SECRET = "store.password"
 OPTIONS = f"--username={OPERATOR} --password-file=credential:page.password"
 
 
@@ -84,25 +77,3 @@ def add_lab() -> str:
     after = shown()
     assert "has no check of arm" in after, after
     return before.strip().rpartition("; ")[2]
-
-
-async def store() -> str:
-    """A store of the third package keeps what the arm has published."""
-    for name, text in (
-        ("all", f"STORE=--username={OPERATOR} --password-file=credential:{SECRET}\n"),
-        ("all.password", PASSWORDS[OPERATOR]),
-    ):
-        file = FOLDER.parent / "stores" / name
-        file.parent.mkdir(exist_ok=True)
-        file.write_text(text, "utf-8")
-    await asyncio.to_thread(unit.systemctl, "start", "traverse-store@all.service")
-
-    def n_arms() -> int:
-        with suppress(sqlite3.OperationalError), sqlite3.connect(DATABASE) as database:
-            return int(database.execute("SELECT count(*) FROM arm").fetchone()[0])
-        return 0
-
-    await unit.until(n_arms, "an arm in the store", START_S)
-    unit.systemctl("stop", "traverse-store@all.service")
-    shutil.rmtree(STORES)
-    return "tables made, the arm's state is in them"
