@@ -26,6 +26,8 @@ CONTROL = (
     *("point", "undo", "scan", "label", "session", "reload", "confirm", "home"),
     "send",
 )
+FORMER_NAMES = {"interim": "daily-check"}
+"""Names that commands had; scripts and instructions of others use them. Not listed."""
 COMMANDS = (
     *("demo", "setup", "run", "watch", "page", "check", "joints", "artefact"),
     "collect",
@@ -40,7 +42,7 @@ COMMANDS = (
         "store",
         "extensions",
     ),
-    *CONTROL,
+    *(*CONTROL, *FORMER_NAMES),
     *(
         "simulate",
         "arm",
@@ -122,9 +124,11 @@ def command_line(names: Iterable[str]) -> CommandGroup:
     )
     group.callback()(_options)
     for name in names:
-        command = _command(name.replace("-", "_"))
+        command = _command(FORMER_NAMES.get(name, name).replace("-", "_"))
         if isinstance(command, CommandGroup):
             group.add_typer(command, cls=Commands)
+        elif name in FORMER_NAMES:
+            group.command(name, hidden=True)(command)
         elif name == "run":
             group.command(cls=ConfigCommand)(command)
         else:

@@ -114,3 +114,12 @@ def test_a_history_that_is_a_folder_is_refused_with_what_is_expected(tmp_path):
     words = ["daily-check", "--arm", str(ARM), "--history", str(tmp_path), "--show"]
     done = invoke(*words, status=2)
     assert f"{tmp_path}: is not a file; expected the SQLite file" in done.stderr
+
+
+def test_its_former_name_does_the_same(tmp_path):
+    words = ("--arm", tmp_path / "no-arm.toml", "--history", tmp_path / "h.db")
+    printed, of_former = (
+        invoke(name, *words, "--show", status=2).output
+        for name in ("daily-check", "interim")
+    )
+    assert printed.replace("daily-check", "interim") == of_former
