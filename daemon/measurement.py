@@ -144,6 +144,7 @@ class Measurement(MeasurementContext):
         self.frozen_joints = FrozenJointMonitor(
             self.conditions,
             lambda since_ns: self.capture.session.since(clock.to_utc_ns(since_ns)),
+            clock.to_utc_ns,
         )
         self._use_conditions()
         self.conditions.changed = changed
@@ -385,6 +386,7 @@ class Measurement(MeasurementContext):
                 self.states.on_clock(device, delivery)
             case DeviceFault():
                 self.states.on_fault(device, delivery)
+                self.quality.references.on_fault(delivery)
 
     def _take_samples(
         self, device: Device, samples: CountSamples, has_edges: bool

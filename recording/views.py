@@ -166,7 +166,7 @@ def bytes_to_cloud(content: bytes) -> Cloud:
 
 
 def log_to_bytes(event: Event) -> bytes:
-    """Write an event; its code is in the place of a file's name."""
+    """Write an event; its code is in the place of a file's name, its data are kept."""
     remedy = f"; {event.remedy}" if event.remedy else ""
     times = f" ({event.count} times)" if event.count > 1 else ""
     table = {
@@ -176,8 +176,46 @@ def log_to_bytes(event: Event) -> bytes:
         "name": event.source,
         "file": event.code,
         "line": 0,
+        "data": event.data,
     }
     return json.dumps(table).encode()
+
+
+@dataclass(frozen=True, slots=True)
+class LaterDoubt:
+    """Flags of numbers that were published before an event put them in doubt.
+
+    Attributes:
+        ids: of points.
+        from_ns: UTC of the first reading concerned.
+        until_ns: UTC of the last.
+        flags: names of quality flags.
+    """
+
+    ids: frozenset[str]
+    from_ns: int
+    until_ns: int
+    flags: tuple[str, ...]
+
+
+def bytes_to_doubt(content: bytes) -> LaterDoubt | None:
+    """Read what an event that was written here puts in doubt; None if nothing.
+
+    Raises:
+        ValueError: It is not such an event.
+    """
+    try:
+        data = json.loads(content).get("data", {})
+        if "from_ns" not in data:
+            return None
+        return LaterDoubt(
+            frozenset(data.get("points", "").split()),
+            int(data["from_ns"]),
+            int(data["until_ns"]),
+            tuple(data["flags"].split()),
+        )
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"no event: {error!r}") from error
 
 
 def _time(utc_ns: int) -> dict[str, int]:

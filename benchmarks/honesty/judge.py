@@ -9,8 +9,9 @@ covariance; without one, as of the first pose, that of the last message.
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -114,23 +115,34 @@ class Judge:
         self._pardoned_s = np.inf, np.inf
         self._is_named = True
         self._unnamed: dict[str, Lie] = {}
+        self._unnamed_samples: list[Lie] = []
 
     def pardon(self, from_s: float, until_s: float, *, is_named: bool = True) -> None:
         """Judge no number of a time in which nothing can show yet that it is wrong.
 
-        With ``is_named`` a point of that time has to be named by an event once it
-        shows; else nobody measures then.
+        With ``is_named`` points and samples of that time have to be named by an event
+        once it shows; else nobody measures then.
         """
         self._pardoned_s, self._is_named = (from_s, until_s), is_named
 
-    def take_names(self, ids: str) -> None:
-        """Note that an event names points, which it puts in doubt afterwards."""
-        for point_id in ids.split():
+    def take_doubt(self, data: Mapping[str, Any]) -> None:
+        """Note what an event puts in doubt that was published before it."""
+        for point_id in str(data.get("points", "")).split():
             self._unnamed.pop(point_id, None)
+        if "from_ns" in data:
+            from_s, until_s = (
+                self._hub.true_s(int(data[name]) - self._offsets_ns[0])
+                for name in ("from_ns", "until_ns")
+            )
+            self._unnamed_samples = [
+                lie
+                for lie in self._unnamed_samples
+                if not from_s <= lie.at_s <= until_s
+            ]
 
     def finish(self) -> None:
-        """Count wrong points that no event has named until the end."""
-        for lie in self._unnamed.values():
+        """Count wrong points and samples that no event has named until the end."""
+        for lie in (*self._unnamed.values(), *self._unnamed_samples):
             self._add_lie(lie)
 
     def point(self, point: Point, utc_offset_ns: int) -> None:
@@ -163,7 +175,9 @@ class Judge:
             if variances_mm2 is None
             else np.sqrt(variances_mm2[:, DIAGONAL].sum(axis=1))
         )
-        self._judge(claims, std_mm, utc_offset_ns)
+        lies = self._judge(claims, std_mm, utc_offset_ns)
+        if self._is_named:
+            self._unnamed_samples += lies
 
     def _judge(self, claims: Claims, std_mm: Floats, utc_offset_ns: int) -> list[Lie]:
         """Count numbers and lies; return the lies that are pardoned."""

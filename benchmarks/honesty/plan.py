@@ -113,6 +113,8 @@ LONE_KINDS = (
     *FROZEN_KINDS,  # a reading that is missing meanwhile begins the observation anew
     "host_slew",  # a program brings UTC back: all of the host's clocks run 500 ppm off
     "bus_off",  # and recovery
+    "preset",  # a count jumps, and goes on from there: set anew, or reset by an index
+    "clock_pair",  # devices' clocks are wrong by as much, one fast and one slow
 )
 """Drawn without others."""
 LONE_SHARE, MOST_LONE_S, SLEW_PPM = 0.08, 6.0, 500.0
@@ -142,8 +144,10 @@ SIZES = {
     "utc_step": (0.1, 1e4),
     "utc_set": (0.1, 1e4),
     "utc_ahead": (1e3, 3e8),
+    "preset": (0.2, 0.5),
+    "clock_pair": (200.0, 2e4),
 }
-"""Least and greatest sizes of faults: ppm, ppm/s, seconds, or shares of frames."""
+"""Least and greatest sizes of faults: ppm, ppm/s, seconds, shares of frames, turns."""
 LASTING_S = {
     "delays": (5.0, 50.0),
     "utc_ahead": (5.0, 50.0),
@@ -214,15 +218,17 @@ def _delay(rng: np.random.Generator) -> tuple[float, float, float]:
 def _suits(kind: str, family: Family) -> bool:
     if kind in ("clock_rate", "clock_drift", "device_stall", "timer_loss"):
         return family.has_clock
-    if kind == "swap":
-        return family.can_swap
-    if kind in ("corrupted", "garbage"):
-        return family.name != "canopen"
+    if kind in ("swap", "incremental"):
+        return family.can_swap if kind == "swap" else family.can_count
+    if kind in ("corrupted", "garbage", "bus_off"):
+        return (family.name == "canopen") == (kind == "bus_off")
     if kind in FROZEN_KINDS:
         return family.shows(kind)
-    if kind == "bus_off":
-        return family.name == "canopen"
-    return kind != "incremental" or family.can_count
+    if kind == "clock_pair":
+        return family.has_clock and family.n_devices > 1
+    # Others' drivers do not look at counts while they run.
+    is_judged = family.name.split("+")[0] not in ("latch", "latch2", "canopen")
+    return kind != "preset" or is_judged
 
 
 def _with_fault(plan: Plan, kind: str, rng: np.random.Generator) -> Plan:
@@ -255,13 +261,18 @@ def _perhaps_lone(plan: Plan) -> Plan:
     at_s = float(rng.uniform(EDGE_S, plan.duration_s - EDGE_S - MOST_LONE_S))
     lasts_s = float(rng.uniform(3.0, MOST_LONE_S))
     kind = str(rng.choice(kinds))
-    size = SLEW_PPM * float(rng.choice([-1, 1]))
+    size = SLEW_PPM
+    if kind in SIZES:
+        size = float(np.exp(rng.uniform(*np.log(SIZES[kind]))))
+    size *= float(rng.choice([-1, 1]))
     plan = _without_faults(plan, rng)
-    return replace(
+    fault = PlannedFault(kind, at_s, lasts_s, size)
+    plan = replace(
         plan,
         pace=str(rng.choice(SEEN_PACES)) if kind in FROZEN_KINDS else plan.pace,
-        faults=(PlannedFault(kind, at_s, lasts_s, size),),
+        faults=(fault,),
     )
+    return _from_start(plan, fault, rng)
 
 
 def _without_faults(plan: Plan, rng: np.random.Generator) -> Plan:
@@ -311,6 +322,8 @@ def _from_start(plan: Plan, fault: PlannedFault, rng: np.random.Generator) -> Pl
     delays = list(plan.delays_s)
     if kind == "clock_rate":
         rates[device] = fault.size
+    elif kind == "clock_pair":
+        rates = [fault.size * (-1) ** number for number in range(len(rates))]
     elif kind == "clock_drift":
         drifts[device] = fault.size
     elif kind == "delays" and not fault.at_s:

@@ -265,6 +265,8 @@ class World:
             self._schedule_swap(fault)
         elif fault.kind in FROZEN_KINDS:
             self._freeze(fault)
+        elif fault.kind == "preset":
+            self._preset(fault)
         self._note(f"          fault {fault}")
 
     def _freeze(self, fault: PlannedFault) -> None:
@@ -293,6 +295,19 @@ class World:
         seen_s = from_s + self._family.still_s + SEEN_SLACK_S
         self.judge.pardon(from_s, seen_s)
         self._note(f"          {mounted.source.freeze}, shown by {seen_s:.3f} s")
+
+    def _preset(self, fault: PlannedFault) -> None:
+        mounted, housed = self._mounted[fault.device], self.hub.devices[fault.device]
+        source = mounted.source
+        channel = int(self._rng.integers(len(source.offsets)))
+        per_turn = np.asarray(source.encoders.counts_per_turn)
+
+        def set_anew() -> None:
+            source.offsets = source.offsets.copy()
+            source.offsets[channel] += round(fault.size * per_turn[channel])
+
+        self.hub.at(fault.at_s, lambda: housed.live(self.hub.now_s))
+        self.hub.at(fault.at_s, set_anew)
 
     def _look_at_power(self, fault: PlannedFault) -> None:
         mounted, housed = self._mounted[fault.device], self.hub.devices[fault.device]
@@ -424,7 +439,7 @@ class World:
 
         def take_event(event: Occurrence) -> None:
             events[event.code] += 1
-            judge.take_names(str(event.data.get("points", "")))
+            judge.take_doubt(event.data)
             if "fault in the driver" in event.text:
                 raise RuntimeError(event.text)
             self._note(

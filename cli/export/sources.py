@@ -1,19 +1,28 @@
 """Sources of points and scans: outboxes, recordings, lines of JSON."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from traverse.arrays import Integers
 from traverse.cli.points.command import LAST
 from traverse.cli.points.outbox import opened_outbox
-from traverse.client.exports.point_table import PointTable, scan_table
+from traverse.client.exports.point_table import BITS, PointTable, scan_table
 from traverse.daemon.store.queries import iter_messages, read_sessions
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
-from traverse.protocol.messages import Point
+from traverse.protocol.messages import Point, Quality
 from traverse.recording.run_reader import RunReader
-from traverse.recording.views import COVARIANCES, Cloud, bytes_to_cloud, columns_of
+from traverse.recording.views import (
+    COVARIANCES,
+    Cloud,
+    LaterDoubt,
+    bytes_to_cloud,
+    bytes_to_doubt,
+    columns_of,
+)
 from traverse.strict_toml.files import open_regular
 
 SQLITE = b"SQLite format 3\x00"
@@ -24,6 +33,8 @@ PIECE = 5000
 def points_of(source: Path) -> Iterator[Point]:
     """All points and retractions of a file, in their order.
 
+    Those of a recording have the flags of events that put them in doubt afterwards.
+
     Raises:
         ValueError: it is no such file, or a point in it cannot be read.
         OSError: it cannot be read.
@@ -33,10 +44,11 @@ def points_of(source: Path) -> Iterator[Point]:
     if head == SQLITE:
         yield from _of_outbox(source)
     elif head.startswith(MCAP):
+        doubts = _doubts_of(source)
         with RunReader(source) as run:
             for entry in run:
                 if entry.topic == "point":
-                    yield Point.model_validate_json(entry.content)
+                    yield _doubted(Point.model_validate_json(entry.content), doubts)
     elif head[:1] == b"{":
         yield from _of_lines(source)
     else:
@@ -47,16 +59,17 @@ def points_of(source: Path) -> Iterator[Point]:
 
 
 def clouds_of(source: Path) -> Iterator[Cloud]:
-    """Blocks of all scans of a recording.
+    """Blocks of all scans of a recording, with flags of later events.
 
     Raises:
         ValueError: it is no recording.
         OSError: it cannot be read.
     """
+    doubts = _doubts_of(source)
     with RunReader(source) as run:
         for entry in run:
             if entry.topic == "cloud":
-                yield bytes_to_cloud(entry.content)
+                yield _doubted_cloud(bytes_to_cloud(entry.content), doubts)
 
 
 def scans_of(source: Path) -> Iterator[PointTable]:
@@ -75,14 +88,48 @@ def tear_of(source: Path) -> str | None:
         return run.tear
 
 
+def _doubts_of(recording: Path) -> list[LaterDoubt]:
+    with RunReader(recording) as run:
+        events = (bytes_to_doubt(e.content) for e in run if e.topic == "log")
+        return [doubt for doubt in events if doubt is not None]
+
+
+def _doubted(point: Point, doubts: Sequence[LaterDoubt]) -> Point:
+    flags = [
+        flag
+        for doubt in doubts
+        if point.id in doubt.ids or doubt.from_ns <= point.time_ns <= doubt.until_ns
+        for flag in doubt.flags
+    ]
+    if not flags:
+        return point
+    every = tuple(dict.fromkeys((*point.quality.flags, *flags)))
+    return point.model_copy(update={"quality": Quality(ok=False, flags=every)})
+
+
+def _doubted_cloud(cloud: Cloud, doubts: Sequence[LaterDoubt]) -> Cloud:
+    if not doubts:
+        return cloud
+    points, time_ns = cloud.points.copy(), _times_ns(cloud)
+    for doubt in doubts:
+        are_doubted = (time_ns >= doubt.from_ns) & (time_ns <= doubt.until_ns)
+        for flag in doubt.flags:
+            points["quality"][are_doubted] |= np.uint32(BITS.get(flag, 0))
+    return replace(cloud, points=points)
+
+
+def _times_ns(cloud: Cloud) -> Integers:
+    after_ns = np.rint(cloud.points["after_s"] * 1e9)
+    return np.asarray(cloud.time_ns + after_ns.astype(np.int64))
+
+
 def _table(cloud: Cloud) -> PointTable:
     points = cloud.points
-    after_ns = np.rint(points["after_s"] * 1e9).astype(np.int64)
     return scan_table(
         cloud.session,
         cloud.scan,
         seq=points["number"].astype(np.int64),
-        time_ns=cloud.time_ns + after_ns,
+        time_ns=_times_ns(cloud),
         xyz_mm=columns_of(points, [f"{axis}_mm" for axis in "xyz"]),
         ijk=columns_of(points, "ijk"),
         quality=points["quality"].astype(np.uint32),

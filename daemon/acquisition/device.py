@@ -18,6 +18,7 @@ DeviceStateName = Literal["starting", "ready", "lost", "failed", "stopped"]
 
 
 RECENT_NS, RECENT_PERIODS = 1_000_000_000, 20  # without readings: none are recent
+BELIEVED_C = (-20.0, 60.0)  # an arm in use; else Fahrenheit, kelvin, or no sensor
 REPORT_PERIODS = 5  # without a temperature: the last one is not recent
 
 
@@ -81,7 +82,10 @@ class Device:
 
     @property
     def temperature_c(self) -> float | None:
-        return next((c for c in self.temperatures_c if c is not None), None)
+        """Temperature of the first sensor that has one that an arm can have."""
+        least_c, most_c = BELIEVED_C
+        known_c = (c for c in self.temperatures_c if c is not None)
+        return next((c for c in known_c if least_c <= c <= most_c), None)
 
     def status(self) -> DriverStatus:
         identity: dict[str, Any] = {}

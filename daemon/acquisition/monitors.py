@@ -255,6 +255,7 @@ class TemperatureMonitor:
         names = ", ".join(model.devices)
         self.conditions.doubt(
             "temperature",
-            cause=f"{names} has no temperature for the arm's effects; the reference of "
+            cause=f"{names} has no temperature for the arm's effects, or none that an "
+            "arm can have (degrees Fahrenheit?); the reference of "
             f"{model.reference_temperature_c:g} C is taken instead",
         )

@@ -243,7 +243,6 @@ class PointEvaluator:
                 if pose.error_bounds_counts is None
                 else pose.error_bounds_counts[np.newaxis],
                 jitter_ns,
-                is_of_latch=latch is not None and pose.error_bounds_counts is None,
             ),
             temperature_c,
         )

@@ -69,6 +69,7 @@ class FrozenJointMonitor:
 
     Args:
         points_since: Points of the session since a host monotonic time.
+        to_utc_ns: Converts host monotonic times.
 
     Attributes:
         counts: of frozen joints, by joint from 0.
@@ -78,8 +79,10 @@ class FrozenJointMonitor:
         self,
         conditions: ConditionMonitor,
         points_since: Callable[[int], Sequence[Point]],
+        to_utc_ns: Callable[[int], int],
     ) -> None:
         self._conditions, self._points_since = conditions, points_since
+        self._to_utc_ns = to_utc_ns
         self.counts: dict[int, float] = {}
         self._noisy_rests: Integers = np.zeros(0, np.int64)
         self._may_rest: Booleans = np.zeros(0, np.bool_)
@@ -164,19 +167,21 @@ class FrozenJointMonitor:
     def _report(
         self, model: ArmModel, joint: int, count: float, why: str, since_ns: int
     ) -> None:
-        """Put numbers in doubt; name the points that were taken before it showed."""
+        """Put numbers in doubt; name those that were published before it showed."""
         if joint in self.counts:
             return
         self.counts[joint] = float(count)
         data: dict[str, float | str] = {
-            "constant_s": round((self._checked_ns - since_ns) * 1e-9, 3)
+            "constant_s": round((self._checked_ns - since_ns) * 1e-9, 3),
+            "from_ns": str(self._to_utc_ns(since_ns)),
+            "until_ns": str(self._to_utc_ns(self._checked_ns)),
+            "flags": " ".join(flag_names(QualityFlag.STALE.value)),
         }
         points = self._points_since(since_ns)[-MOST_NAMED:]
         if points:
             numbers = ", ".join(str(point.seq) for point in points)
             why += f"; points that may rest on it already, by seq: {numbers}"
             data["points"] = " ".join(point.id for point in points)
-            data["flags"] = " ".join(flag_names(QualityFlag.STALE.value))
         self._doubt(model, why, data)
 
     def _doubt(

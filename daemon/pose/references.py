@@ -9,7 +9,7 @@ flagged.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import KW_ONLY, InitVar, dataclass
+from dataclasses import KW_ONLY, InitVar, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,12 @@ from traverse.daemon.pose.reference_memory import (
     ConfirmedDevice,
     ReferenceMemory,
 )
-from traverse.drivers.base.values import CountSamples, DeviceUp, Identity
+from traverse.drivers.base.values import (
+    CountSamples,
+    DeviceFault,
+    DeviceUp,
+    Identity,
+)
 
 IDENTITY, REFERENCE = "identity", "reference"  # conditions that this feeds
 PLACE, TURN = "place", "turn"
@@ -184,6 +189,25 @@ class ReferenceMonitor:
                 "unseen: its angle, and what depends on it, may be off by whole turns",
                 named,
             )
+
+    def on_fault(self, fault: DeviceFault) -> None:
+        """Take a driver's report that a count has jumped."""
+        if fault.code == "count_jumped":
+            self._take_jump(fault.device, f"{fault.device}: {fault.text}")
+
+    def _take_jump(self, device: str, text: str) -> None:
+        """Doubt a device of which a count has jumped, also after a restart."""
+        joints, memory = self.devices.joints_of(device), self.devices.memory
+        if device not in self.devices.identities or not joints:
+            return
+        if known := self.devices.confirmed(device):
+            memory.add({device: replace(known, encoders="")})
+        if self._doubts.get(device) != PLACE:
+            cause = (
+                f"{text}: it was set anew, its counter was reset, a coupling slips, or "
+                "a reading was spoilt"
+            )
+            self._doubt_place(device, cause, joints)
 
     def _monitor(self, device: str, max_speed_rad_s: float | None) -> OutageMonitor:
         model, joints = self._model, self.devices.joints_of(device)

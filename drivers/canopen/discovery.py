@@ -137,9 +137,10 @@ def bus_identity(
     if options.interface == "slcan":
         rate_hz = min(rate_hz, SLCAN_FRAMES_HZ / (len(facts) + 1))
     versions = sorted({f"{fact.profile or 0:08X}" for fact in facts})
+    counting = ", ".join(fact.counting(options.code_sequence) for fact in facts)
     return Identity(
         f"CANopen encoders on {where}: {', '.join(fact.name for fact in facts)}",
-        f"profile {', '.join(versions)}",
+        f"profile {', '.join(versions)}; parameters/offsets {counting}",
         tuple(fact.modulus for fact in facts),
         0,
         float(int(rate_hz)),

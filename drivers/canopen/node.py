@@ -30,6 +30,7 @@ class NodeFacts:
         profile: object 6507, version of profile and software.
         modulus: where its count wraps to 0.
         parameters: object 6000.
+        offset: object 6509, by which its presets move the position.
         alarms: object 6503, of `traverse.protocol.canopen.objects.ALARM_BITS`.
         warnings: object 6505.
     """
@@ -41,6 +42,7 @@ class NodeFacts:
     counts_per_turn: int
     modulus: int
     parameters: int
+    offset: int
     alarms: int
     warnings: int
     position: int
@@ -56,6 +58,14 @@ class NodeFacts:
             "?" if number is None else f"{number:x}" for number in self.identity
         )
         return f"{self.node}:{vendor}-{product}-{serial}"
+
+    def counting(self, code_sequence: str) -> str:
+        """How it counts, and from which place: bits of object 6000, object 6509.
+
+        A ``code_sequence`` that is set at each start says nothing of the node.
+        """
+        bits = objects.COUNTERCLOCKWISE * (code_sequence == "keep") | objects.SCALING
+        return f"{self.parameters & bits:x}/{self.offset:x}"
 
     @property
     def serial(self) -> str:
@@ -91,6 +101,7 @@ def read_facts(sdo: NodeSdo, node: int) -> NodeFacts:
         per_turn,
         modulus,
         parameters,
+        sdo.find_number(objects.OFFSET) or 0,
         sdo.find_number(objects.ALARMS) or 0,
         sdo.find_number(objects.WARNINGS) or 0,
         sdo.read_number(objects.POSITION_VALUE),

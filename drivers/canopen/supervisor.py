@@ -313,6 +313,16 @@ class NodeSupervisor:
                     f", it had {known.counts_per_turn}",
                     "if it was replaced, correct the arm file and identify anew",
                 )
+            code_sequence = self.options.code_sequence
+            counts, counted_before = (
+                node_facts.counting(code_sequence) for node_facts in (facts, known)
+            )
+            if counts != counted_before:
+                raise DeviceError(
+                    f"{sdo.name} counts otherwise or from another place: parameters/"
+                    f"offset (objects 6000, 6509) were {counted_before}, are {counts}",
+                    "store its preset and settings in it; then confirm the arm",
+                )
             if facts.serial != known.serial:
                 raise DeviceError(
                     f"{sdo.name} was exchanged: was {known.serial or 'unknown'}, is "

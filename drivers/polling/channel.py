@@ -22,6 +22,7 @@ READ_ERRORS_FOR_ALARM = 3
 ASK_AGAIN_NS = 500_000_000  # vain requests cost the other encoders time
 SLACK_NS = 1_000_000  # instants of readings are known to about an exchange
 SLACK_COUNTS = 4
+JUMP_SHARE = 0.25  # of the greatest speed, at which a joint is that has jumped
 HAND_RAD_S2 = 50.0  # 4 g at 0.8 m; a wrist twists so
 REST_COUNTS, REST_NS = 1, 25_000_000  # a joint rests that moved no more in that time
 START_COUNTS = 3.0  # noise of a joint that rests, and what it had begun unseen
@@ -77,6 +78,7 @@ class PolledChannel:
         count: the last good one; 0 before the first.
         time_ns: of that; None before the first, and after it was missing.
         away_ns: since the good one before it, if it was missing meanwhile; else 0.
+        has_jumped: its last readings are elsewhere, and agree with each other.
     """
 
     def __init__(
@@ -94,6 +96,8 @@ class PolledChannel:
         self.count = 0
         self.time_ns: int | None = None
         self.misses = self.away_ns = 0
+        self.has_jumped = False
+        self._elsewhere: list[EncoderReading] = []  # successive ones
         self._good_ns: int | None = None
         counts_per_rad = counts_per_turn / math.tau
         self._counts_per_ns = max_speed_rad_s * counts_per_rad * 1e-9
@@ -136,6 +140,7 @@ class PolledChannel:
             return UNCONFIRMED
         if not self._reachable(before, answer):
             self.doubt(now_ns)
+            self._note_elsewhere(answer)
             return self._failed(IMPLAUSIBLE, now_ns)
         left, self._left_motion = self._left_motion, False
         if not self.is_checked:
@@ -151,6 +156,7 @@ class PolledChannel:
                 or abs(self._steps(self._resting, answer)) > REST_COUNTS
             ):
                 self._resting = answer
+        self._elsewhere.clear()
         self.away_ns = 0
         if self.missing and self._good_ns is not None:
             self.away_ns = answer.time_ns - self._good_ns
@@ -179,6 +185,18 @@ class PolledChannel:
             self.reset()
             self._ask_again_ns = now_ns + ASK_AGAIN_NS
         return miss
+
+    def _note_elsewhere(self, answer: EncoderReading) -> None:
+        """Detect a jump: spoilt readings do not agree with each other."""
+        elsewhere = self._elsewhere
+        if elsewhere:
+            passed_ns = answer.time_ns - elsewhere[-1].time_ns
+            near_counts = SLACK_COUNTS + passed_ns * self._counts_per_ns * JUMP_SHARE
+            if abs(self._steps(elsewhere[-1], answer)) > near_counts:
+                elsewhere.clear()
+        elsewhere.append(answer)
+        if len(elsewhere) == READ_ERRORS_FOR_ALARM:
+            self.has_jumped = True
 
     def _reachable(self, before: EncoderReading, after: EncoderReading) -> bool:
         elapsed_ns = after.time_ns - before.time_ns + SLACK_NS

@@ -283,6 +283,9 @@ class DeviceClock:
                 self._line_bound_ns = -2.0 * late_ns
                 # Or the counter has gained, by more the later this reading is.
                 self._forget_exchanges(self._usual.limit_ns - late_ns)
+            elif late_ns < 0.0 and -late_ns > self._most_late_ns() + self._ns_per_tick:
+                # No latch is that early if the best answer still holds.
+                self._forget_exchanges(self._usual.limit_ns - late_ns)
             self._judge(ticks, late_ns, received_ns)
         elapsed = ticks - self._anchor_ticks
         elapsed_ns = elapsed * self._ns_per_tick

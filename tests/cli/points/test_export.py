@@ -8,17 +8,17 @@ from click.testing import Result
 
 import traverse.cli
 from tests.campaign_texts import ONE_CONE
-from tests.client.display.values import point
+from tests.client.display.values import event, point
 from tests.protocol.message_examples import SCAN
 from tests.running import invoke
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.outbox import message_of
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.protocol.encoding import encode
-from traverse.protocol.messages import Point, Quality
+from traverse.protocol.messages import Point, Quality, QualityFlag
 from traverse.recording.run_writer import Entry as Recorded
 from traverse.recording.run_writer import RunHead, RunWriter
-from traverse.recording.views import cloud_to_bytes, point_to_bytes
+from traverse.recording.views import cloud_to_bytes, log_to_bytes, point_to_bytes
 
 DEMO_ARM = Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml"
 
@@ -74,6 +74,37 @@ def test_points_that_stand_come_out_of_every_source(
     assert [row["x_mm"] for row in rows] == ["0.0", "10.0", "20.0"]
     export(path, "--out", out, "--retracted", "--force")
     assert len(out.read_text().splitlines()) == 1 + 5
+
+
+@pytest.mark.parametrize("to", ["csv", "jsonl", "npz", "parquet", "ply", "xyz"])
+@pytest.mark.parametrize("kind", ["points", "scans"])
+def test_what_an_event_put_in_doubt_afterwards_is_marked(
+    to: str, kind: str, tmp_path: Path
+) -> None:
+    is_ok = Quality(ok=True, flags=())
+    before = [
+        point(seq, time_ns="1000000000", quality=is_ok.model_dump()) for seq in range(3)
+    ]
+    scan = SCAN.model_copy(update={"quality": np.zeros_like(SCAN.quality)})
+    from_ns = scan.time_ns + int(scan.dtime_ns[-1])
+    data = {"from_ns": str(from_ns), "until_ns": str(from_ns + 10**9)}
+    doubt = event(
+        "condition.channels",
+        True,
+        data={**data, "flags": "stale", "points": before[1].id},
+    )
+    path, out = tmp_path / "run.mcap", tmp_path / f"out.{to}"
+    with RunWriter(path, RunHead({"arm": "a", "version": "1"}, {})) as writer:
+        for p in before:
+            writer.add(Recorded("point", p.time_ns, point_to_bytes(p)))
+        writer.add(Recorded("cloud", scan.time_ns, cloud_to_bytes(scan)))
+        writer.add(Recorded("log", doubt.last_ns, log_to_bytes(doubt)))
+    ran = export(path, "--to", to, "--out", out, "--kind", kind, "--json")
+    assert json.loads(ran.stdout)["in_doubt"] == 1
+    if to == "npz":
+        with np.load(out) as columns:
+            (row,) = np.flatnonzero(columns["quality"] == QualityFlag.STALE)
+            assert row == 1  # the second point, and the last sample
 
 
 def test_scans_of_a_recording_keep_their_last_bit_and_their_times(

@@ -190,7 +190,7 @@ def begin_warm(folder):
 
 
 def lose_temperature(world):
-    world.bench.take(DeviceTemperatures("base", (None,)))
+    world.bench.take(DeviceTemperatures("base", (None, 68.0)))  # degrees Fahrenheit
     world.bench.clock.now_ns += 6 * 10**9
 
 

@@ -31,8 +31,11 @@ class Arm:
         self.conditions = ConditionMonitor(self.clock, log)
         self.conditions.use({"channels": (ARM,)}, (ARM,))
         self.conditions.establish("channels")
-        self.monitor = FrozenJointMonitor(self.conditions, self.points_since)
+        self.monitor = self.new_monitor()
         self.n, self.points = 0, []
+
+    def new_monitor(self):
+        return FrozenJointMonitor(self.conditions, self.points_since, lambda ns: ns)
 
     def points_since(self, since_ns):
         return [point for point in self.points if point.time_ns >= since_ns]
@@ -146,6 +149,11 @@ def test_the_event_names_the_points_that_were_taken_before_it_showed(arm):
     assert event.data["points"] == " ".join(p.id for p in arm.points[1:])
     assert "by seq: 1, 2" in event.text
     assert 0.05 <= event.data["constant_s"] <= 0.35
+    # Samples of a scan from then on are named by their time.
+    from_ns, until_ns = (int(event.data[name]) for name in ("from_ns", "until_ns"))
+    constant_ns = until_ns - from_ns
+    assert constant_ns == pytest.approx(1e9 * event.data["constant_s"], abs=1e6)
+    assert abs(from_ns - (10**12 + 10**9)) <= 2e9 / arm.rate_hz
 
 
 def test_an_arm_that_stops_dead_only_rests(arm):
@@ -214,7 +222,7 @@ def test_its_state_continues_in_a_replay(arm):
     angles_rad = arm.steady(2.0)
     angles_rad[round(arm.rate_hz) :, 2] = angles_rad[round(arm.rate_hz), 2]
     arm.read(angles_rad)
-    other = FrozenJointMonitor(arm.conditions, arm.points_since)
+    other = arm.new_monitor()
     other.resume(arm.monitor.state)
     assert list(other.counts) == [2]
     assert other.state == arm.monitor.state

@@ -25,6 +25,7 @@ from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_MISSING,
     STATUS_STALE,
+    DeviceFault,
     DeviceUp,
 )
 from traverse.protocol.messages import QualityFlag, ReferenceArgs
@@ -535,3 +536,21 @@ def test_boards_that_nothing_tells_apart_may_have_changed_places(tmp_path, boots
         assert rig.is_doubtful == (not is_again or boots == ("1", "1"))
         rig.monitor.confirm()
         assert not rig.is_doubtful
+
+
+@pytest.mark.parametrize("is_over_a_restart", [False, True])
+def test_a_device_whose_count_jumped_has_to_be_confirmed(tmp_path, is_over_a_restart):
+    memory = ReferenceMemory()
+    absolute = ARM.replace("sign =", "absolute = true\nsign =")
+    rig = Rig(tmp_path, absolute, memory)
+    rig.accept(up(absolute=True))
+    rig.monitor.on_fault(DeviceFault("base", "samples_lost", "1 sample lost", ""))
+    assert not rig.is_doubtful
+    rig.monitor.on_fault(DeviceFault("base", "count_jumped", "encoder 1 jumped", ""))
+    assert rig.is_doubtful
+    if is_over_a_restart:
+        rig = Rig(tmp_path, absolute, memory)
+    rig.monitor.on_up(up(absolute=True))
+    assert rig.is_doubtful
+    rig.monitor.confirm()
+    assert not rig.is_doubtful

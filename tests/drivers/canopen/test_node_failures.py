@@ -61,6 +61,28 @@ async def test_a_node_that_has_become_another_is_not_measured_with(rig: CanRig):
     assert deliveries.of(DeviceUp)[1].identity.counts_per_turn == (1 << 16, 1 << 13)
 
 
+@pytest.mark.parametrize(("number", "value"), [(0x6000, 1), (0x6509, 500)])
+async def test_a_node_that_lost_its_preset_or_sense_is_told_apart(
+    rig: CanRig, number: int, value: int
+) -> None:
+    power_up = rig.nodes.nodes[9].power_up
+
+    def otherwise() -> None:
+        power_up()
+        rig.nodes.nodes[9].objects[(number, 0)] = u32(value)
+
+    with rig.driver:
+        deliveries = await streaming(rig)
+        rig.nodes.nodes[9].power_up = otherwise
+        rig.nodes.restart(9)
+        await deliveries.until(
+            lambda: len(deliveries.of(DeviceUp)) == 2, "it is reported anew"
+        )
+    assert "from another place" in deliveries.of(DeviceLost)[0].reason
+    before, now = (up.identity.firmware for up in deliveries.of(DeviceUp))
+    assert before != now  # so that it has to be confirmed
+
+
 async def test_a_node_without_a_serial_number_may_be_another(rig: CanRig):
     power_up = rig.nodes.nodes[9].power_up
 

@@ -86,6 +86,17 @@ def test_three_misses_in_a_row_make_it_missing_and_two_readings_bring_it_back():
     assert encoder.count == 9001
 
 
+@pytest.mark.parametrize("spread", [0, TURN // 4])
+def test_readings_elsewhere_are_a_jump_only_if_they_agree(spread):
+    """It was set anew; spoilt readings differ from each other."""
+    encoder = channel()
+    for n in range(1, 4):
+        assert not encoder.has_jumped
+        count = TURN // 2 + (n % 2) * spread
+        assert encoder.accept(EncoderReading(count, n * 10 * MS), 0) is not None
+    assert encoder.has_jumped == (not spread)
+
+
 def test_readings_that_do_not_agree_do_not_bring_it_back():
     encoder = PolledChannel("encoder 1", TURN, TURN, SPEED_RAD_S)
     counts = [0, 8000, 3000, 12000]
