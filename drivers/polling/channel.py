@@ -156,6 +156,8 @@ class PolledChannel:
                 or abs(self._steps(self._resting, answer)) > REST_COUNTS
             ):
                 self._resting = answer
+        # After some time a joint may be where it has jumped to.
+        self.has_jumped = self.has_jumped or self._agrees_elsewhere(answer)
         self._elsewhere.clear()
         self.away_ns = 0
         if self.missing and self._good_ns is not None:
@@ -188,15 +190,19 @@ class PolledChannel:
 
     def _note_elsewhere(self, answer: EncoderReading) -> None:
         """Detect a jump: spoilt readings do not agree with each other."""
-        elsewhere = self._elsewhere
-        if elsewhere:
-            passed_ns = answer.time_ns - elsewhere[-1].time_ns
-            near_counts = SLACK_COUNTS + passed_ns * self._counts_per_ns * JUMP_SHARE
-            if abs(self._steps(elsewhere[-1], answer)) > near_counts:
-                elsewhere.clear()
-        elsewhere.append(answer)
-        if len(elsewhere) == READ_ERRORS_FOR_ALARM:
+        if not self._agrees_elsewhere(answer):
+            self._elsewhere.clear()
+        self._elsewhere.append(answer)
+        if len(self._elsewhere) == READ_ERRORS_FOR_ALARM:
             self.has_jumped = True
+
+    def _agrees_elsewhere(self, answer: EncoderReading) -> bool:
+        if not self._elsewhere:
+            return False
+        before = self._elsewhere[-1]
+        passed_ns = answer.time_ns - before.time_ns
+        near_counts = SLACK_COUNTS + passed_ns * self._counts_per_ns * JUMP_SHARE
+        return abs(self._steps(before, answer)) <= near_counts
 
     def _reachable(self, before: EncoderReading, after: EncoderReading) -> bool:
         elapsed_ns = after.time_ns - before.time_ns + SLACK_NS
