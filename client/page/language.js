@@ -80,7 +80,7 @@ window.traverse_language = {
     return this.has_comma ? text.replace(/(?<![\d.])(\d+)\.(\d+)(?![\d.])/g, "$1,$2") : text;
   },
   has_words(text) {
-    return /[A-Za-z]{2}/.test(text.replace(/\b(mm|ms|MB|inch|CSV|DXF|JSON|PLY)\b/g, ""));
+    return /[A-Za-z]{2}/.test(text.replace(/\b(mm|ms|MB|inch|CSV|DXF|JSON|PLY|QIF)\b/g, ""));
   },
   translated(text) {
     const inner = text.trim();
