@@ -120,6 +120,7 @@ class PointController:
                 latch.sample_time_ns,
                 request.deadline_ns,
                 latch=latch,
+                is_edge=True,
                 time_bound_ns=0
                 if identity is None
                 else latch.time_bound_ns or identity.jitter_ns,

@@ -243,6 +243,7 @@ class PointEvaluator:
                 if pose.error_bounds_counts is None
                 else pose.error_bounds_counts[np.newaxis],
                 jitter_ns,
+                is_of_edge=observation.is_edge and pose.error_bounds_counts is None,
             ),
             temperature_c,
         )

@@ -16,6 +16,7 @@ class Observation:
         instant_ns: host monotonic time.
         deadline_ns: until when later readings may be awaited.
         latch: counts that a device latched at that instant.
+        is_edge: whether it did so at an edge; else because it was asked.
         time_bound_ns: possible error of the instant, by the clock that gave it.
         average: samples of a mean.
         mean: their mean, as soon as they are complete.
@@ -28,6 +29,7 @@ class Observation:
     deadline_ns: int
     _: KW_ONLY
     latch: LatchedCounts | None = None
+    is_edge: bool = False
     time_bound_ns: int = 0
     average: SampleAverage | None = None
     mean: PointMeasurement | None = None
