@@ -44,5 +44,5 @@ def codes(alignment):
     return {flag.code for flag in alignment.flags}
 
 
-def told(alignment, name="part"):
+def values_of(alignment, name="part"):
     return alignment_values(alignment, name=name, arm=None, measured="m", nominal="n")

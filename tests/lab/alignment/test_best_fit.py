@@ -11,8 +11,8 @@ from tests.lab.alignment.aligned import (
     codes,
     common,
     fitted,
-    told,
     transformation,
+    values_of,
 )
 from traverse.kinematics.helmert.adjustment import HelmertError
 from traverse.lab.alignment.best_fit import best_fit_alignment
@@ -34,7 +34,7 @@ def test_a_wide_net_has_nothing_against_it():
     assert fit.is_good
     assert not fit.flags
     assert fit.outcome.state is State.GOOD
-    assert told(fit)["verdict"] == "Usable"
+    assert values_of(fit)["verdict"] == "Usable"
     assert fit.index.rms_mm < 1.0
 
 
@@ -44,7 +44,7 @@ def test_nearly_collinear_points_are_called_so_however_small_their_residuals():
     (flag,) = (f for f in fit.flags if f.code == "nearly_collinear")
     assert abs(flag.direction[0]) > 0.999
     assert fit.index.rms_mm > 5.0 * fitted(WIDE).index.rms_mm
-    assert "nearly collinear" in "\n".join(WORDS.lines("summary", told(fit)))
+    assert "nearly collinear" in "\n".join(WORDS.lines("summary", values_of(fit)))
 
 
 def test_points_on_a_line_within_their_errors_are_refused_with_the_direction():
@@ -123,7 +123,7 @@ def test_errors_that_are_not_stated_are_estimated_and_test_nothing():
     assert fit.is_good
     assert codes(fit) == {"errors_not_stated"}
     assert fit.test.sigma0 == pytest.approx(STD_MM, rel=0.7)
-    values = told(fit)
+    values = values_of(fit)
     assert values["sigma0_unit"] == "mm"
     assert all(point["p_value"] is None for point in values["points"])
 
@@ -150,12 +150,13 @@ def test_a_wrong_point_fails_the_test_and_is_named():
     )
     assert not alignment.is_good
     assert codes(alignment) >= {"global_test_failed", "suspect_point"}
-    assert told(alignment)["verdict"] == "Not usable"
-    assert [r["state"] for r in told(alignment)["reasons"]].count("bad") == 1
+    assert values_of(alignment)["verdict"] == "Not usable"
+    assert [r["state"] for r in values_of(alignment)["reasons"]].count("bad") == 1
     # and the covariance grows with sigma0
     good = best_fit_alignment(points, fixed_volume(BOX), "")
     after, before = (
-        told(each)["quality"]["predicted_error_mm"]["rms"] for each in (alignment, good)
+        values_of(each)["quality"]["predicted_error_mm"]["rms"]
+        for each in (alignment, good)
     )
     assert after / before == pytest.approx(alignment.test.sigma0, rel=0.01)
 
@@ -195,8 +196,8 @@ def test_the_global_test_against_scipy():
 
 
 def test_a_leapfrog_joined_to_an_alignment_adds_both_errors():
-    first = told(fitted(WIDE, seed=8))
-    second = told(fitted(WIDE + 50.0, seed=9))
+    first = values_of(fitted(WIDE, seed=8))
+    second = values_of(fitted(WIDE + 50.0, seed=9))
     joined = chained_values(second, first, "first.json")
     expected = transformation_of(first).after(transformation_of(second))
     transformation = transformation_of(joined)

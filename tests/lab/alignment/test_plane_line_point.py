@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tests.lab.alignment.aligned import told
+from tests.lab.alignment.aligned import values_of
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.lab.alignment.nominal import Nominal, volume_from_text
 from traverse.lab.alignment.plane_line_point import align_plane_line_point
@@ -109,7 +109,7 @@ def test_the_covariance_is_the_scatter_of_many_alignments():
     observed = np.mean(
         [np.mean(np.sum((e[:3] + np.cross(e[3:], away)) ** 2, axis=1)) for e in errors]
     )
-    quality = told(aligned(touches(true), std_mm))["quality"]
+    quality = values_of(aligned(touches(true), std_mm))["quality"]
     predicted = quality["predicted_error_mm"]["rms"]
     assert np.sqrt(observed) == pytest.approx(predicted, rel=0.1)
 
@@ -122,7 +122,7 @@ def test_which_side_is_up_has_to_be_told():
             "point": NOMINAL.point.model_copy(update={"point_mm": (-3.0, 100.0, 50.0)}),
         }
     )
-    with pytest.raises(ValueError, match="side of the plane is not told"):
+    with pytest.raises(ValueError, match="side of the plane is not values_of"):
         align_plane_line_point(touches(true, shanks=False), flat, BOX, "", std_mm=0.01)
 
 
