@@ -122,7 +122,7 @@ def test_which_side_is_up_has_to_be_told():
             "point": NOMINAL.point.model_copy(update={"point_mm": (-3.0, 100.0, 50.0)}),
         }
     )
-    with pytest.raises(ValueError, match="side of the plane is not values_of"):
+    with pytest.raises(ValueError, match="side of the plane is not told"):
         align_plane_line_point(touches(true, shanks=False), flat, BOX, "", std_mm=0.01)
 
 
