@@ -31,6 +31,7 @@ def features(
     arm: Path | None = None,
     session: str | None = None,
     out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
+    logo: Path | None = None,
     as_json: Json = False,
 ) -> None:
     """Measure planes, circles, distances and so on with their uncertainty.
@@ -47,8 +48,9 @@ def features(
             it there is no uncertainty, and nothing is judged.
         session: Only points of this session.
         out: Folder for the report.
+        logo: Picture for the sheet, PNG or JPEG.
     """
-    check_inputs(points, plan, arm)
+    check_inputs(points, plan, arm, logo)
     from traverse.cli.export.file import selected_points
     from traverse.cli.export.scan_samples import with_samples
     from traverse.client.inspection.plan import Plan, plan_problems
@@ -72,7 +74,7 @@ def features(
         inspection = inspected(
             inspection_plan, chosen, _shared(list(used.values()), arm)
         )
-        written = "" if out is None else _write(inspection, out)
+        written = "" if out is None else _write(inspection, out, logo)
     lines = summary_lines(inspection)
     if written:
         lines.append(written)
@@ -97,15 +99,16 @@ def _shared(points: "list[Point]", arm: Path | None) -> "Mapping[str, Floats] | 
     return {point.id: factor for point, factor in zip(points, shared_mm, strict=True)}
 
 
-def _write(inspection: "Inspection", folder: Path) -> str:
+def _write(inspection: "Inspection", folder: Path, logo: Path | None) -> str:
     from traverse.client.inspection.drawing import dxf_text
+    from traverse.client.inspection.logo import logo_uri
     from traverse.client.inspection.qif import qif_text
     from traverse.client.inspection.sheet import csv_text, json_text, sheet_html
     from traverse.strict_toml.writing import write_atomically
 
     folder.mkdir(parents=True, exist_ok=True)
     texts = {
-        "html": sheet_html(inspection),
+        "html": sheet_html(inspection, "" if logo is None else logo_uri(logo)),
         "json": json_text(inspection),
         "csv": csv_text(inspection),
         "qif": qif_text(inspection),

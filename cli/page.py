@@ -1,11 +1,13 @@
 """`traverse page`: the operator's page in a browser."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from traverse.cli.common.broker_options import BrokerOptions, only_arm
 from traverse.cli.common.page_options import PageOptions
+from traverse.cli.common.refusals import refusals
 
 if TYPE_CHECKING:
     from traverse.client.display.arm_state import Change
@@ -16,6 +18,7 @@ FIND_S = 5.0
 def page(
     *,
     arm: str | None = None,
+    logo: Path | None = None,
     broker: BrokerOptions,
     options: PageOptions,
 ) -> None:
@@ -28,18 +31,22 @@ def page(
 
     Args:
         arm: Name of the arm; without it the only one on the broker.
+        logo: Picture for the report of a part, PNG or JPEG.
     """
     from traverse.client.display.follower import Follower
     from traverse.client.exports.formats import points_as
+    from traverse.client.inspection.logo import logo_uri
     from traverse.client.page.server import serve
 
     serving = options.serving()
+    with refusals(ValueError):
+        picture = "" if logo is None else logo_uri(logo)
     address = broker.address()
     name = arm or only_arm(address, FIND_S)
     typer.echo(f"{name} on {address}: {serving.url}")
     follower = Follower(name, address)
     follower.sight.listeners.append(_notify_absence)
-    serve(follower, points_as, serving)
+    serve(follower, points_as, serving, picture)
 
 
 def _notify_absence(change: "Change") -> None:

@@ -98,7 +98,8 @@ def figure_words(figure: FigureResult) -> tuple[str, str, str]:
     return value, expanded, f"{limits} {figure.conformity}"
 
 
-def sheet_html(inspection: Inspection) -> str:
+def sheet_html(inspection: Inspection, logo: str = "") -> str:
+    """Make the sheet; `logo` is a data URI, see `logo_uri`."""
     now = datetime.now(UTC)
     verdict = inspection.conformity or "no tolerances"
     title = f"Inspection of {inspection.part or 'a part'}"
@@ -123,6 +124,7 @@ def sheet_html(inspection: Inspection) -> str:
         f'<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<style>{_STYLE}</style></head><body><main>",
+        f'<img class="logo" src="{logo}" alt="Logo">' if logo else "",
         f"<h1>{escape(title)}</h1>",
         f'<p class="verdict {_CLASSES.get(verdict, "doubt")}">{escape(verdict)}</p>',
         "<dl>",

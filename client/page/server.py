@@ -28,13 +28,14 @@ RECONNECT_S = 10.0
 Export = Callable[[str, list[Point]], tuple[str, bytes]]
 
 
-def serve(follower: Follower, export: Export, serving: Serving) -> None:
+def serve(follower: Follower, export: Export, serving: Serving, logo: str = "") -> None:
     """Serve the page until the process is requested to end.
 
     Args:
         follower: of the arm.
         export: returns points as a file of some kind: name and content.
         serving: where, and for whom.
+        logo: of the report, a data URI.
     """
     tasks: list[asyncio.Task[None]] = []
     desk, choices = CheckDesk(follower.sight), Choices()
@@ -68,7 +69,7 @@ def serve(follower: Follower, export: Export, serving: Serving) -> None:
     def report() -> HTMLResponse:
         if inspection_desk.inspection is None:
             return HTMLResponse("Nothing is measured yet.", 404)
-        return HTMLResponse(sheet_html(inspection_desk.inspection))
+        return HTMLResponse(sheet_html(inspection_desk.inspection, logo))
 
     @ui.page("/", title=f"{follower.name} - Traverse", reconnect_timeout=RECONNECT_S)
     def page() -> None:

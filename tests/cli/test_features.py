@@ -1,3 +1,4 @@
+import base64
 import csv
 import json
 
@@ -53,6 +54,19 @@ def test_a_part_is_measured_within_its_uncertainty_and_reported(files):
     page = (folder / "report" / "features.html").read_text()
     for text in ("plate 12", "0007", "A. Weber", report["model"], "ISO 14253-1"):
         assert text in page
+
+
+def test_the_sheet_has_a_logo_and_what_is_none_is_refused(files):
+    folder, _ = files
+    picture = b"\x89PNG\r\n\x1a\n" + b"of a laboratory"
+    (folder / "logo.png").write_bytes(picture)
+    words = ["features", folder / "points.jsonl", "--plan", folder / "plan.toml"]
+    words += ["--out", folder / "report", "--logo"]
+    invoke(*words, folder / "logo.png", status=1)
+    page = (folder / "report" / "features.html").read_text()
+    assert f"base64,{base64.b64encode(picture).decode()}" in page
+    refused = invoke(*words, folder / "plan.toml", status=2)
+    assert "is no picture in PNG or JPEG" in refused.output
 
 
 def test_without_the_arm_file_nothing_is_judged(files):
