@@ -116,6 +116,7 @@ class Judge:
         self._is_named = True
         self._unnamed: dict[str, Lie] = {}
         self._unnamed_samples: list[Lie] = []
+        self._named_s: list[tuple[float, float]] = []
 
     def pardon(self, from_s: float, until_s: float, *, is_named: bool = True) -> None:
         """Judge no number of a time in which nothing can show yet that it is wrong.
@@ -134,15 +135,19 @@ class Judge:
                 self._hub.true_s(int(data[name]) - self._offsets_ns[0])
                 for name in ("from_ns", "until_ns")
             )
-            self._unnamed_samples = [
-                lie
-                for lie in self._unnamed_samples
-                if not from_s <= lie.at_s <= until_s
-            ]
+            self._named_s.append((from_s, until_s))
 
     def finish(self) -> None:
-        """Count wrong points and samples that no event has named until the end."""
-        for lie in (*self._unnamed.values(), *self._unnamed_samples):
+        """Count wrong points and samples that no event has named until the end.
+
+        A block of samples may be published after the event that names its time.
+        """
+        unnamed_samples = (
+            lie
+            for lie in self._unnamed_samples
+            if not any(begin <= lie.at_s <= end for begin, end in self._named_s)
+        )
+        for lie in (*self._unnamed.values(), *unnamed_samples):
             self._add_lie(lie)
 
     def point(self, point: Point, utc_offset_ns: int) -> None:

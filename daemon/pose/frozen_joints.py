@@ -133,7 +133,8 @@ class FrozenJointMonitor:
         times_s = (all_ns - now_ns) * 1e-9
         window = _Window(times_s, all_counts, np.abs(model.per_count_rad))
         for joint, row in _stopped_joints(window):
-            text, since_ns = "it stopped without braking", int(all_ns[row])
+            # It froze after the reading before its first constant one.
+            text, since_ns = "it stopped without braking", int(all_ns[row - 1])
             self._report(model, joint, counts[-1, joint], text, since_ns)
         if now_ns - self._rested_ns >= REST_NS:
             self._rested_ns = now_ns
