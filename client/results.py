@@ -151,11 +151,12 @@ class PointCovariances(CommandResult):
         """Convert to one covariance, for lengths and features."""
         from traverse.kinematics.uncertainty.joint_covariance import (  # noqa: PLC0415 - numpy's fits, for those who want them
             JointCovariance,
+            covariances_of,
         )
 
-        covariances = np.array([point.covariance_mm2 for point in self.points])
+        tensors = np.array([point.covariance_mm2 for point in self.points])
         return JointCovariance(
             np.array([point.xyz_mm for point in self.points]),
-            covariances[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]],
+            covariances_of(tensors),
             np.array([point.shared_mm for point in self.points]),
         )

@@ -187,7 +187,7 @@ async def _poll_periodically(service: Service) -> None:
     """Continue deferred work a few times a second, and publish health."""
     due_s = clock_due_s = 0.0
     certificates = CertificateWatch(
-        # Not as a lasting event: the points of a connection that stands are good.
+        # Not as a lasting event: points are good while the connection lasts.
         lambda warning: service.events.report(
             "warning",
             "broker.certificate",

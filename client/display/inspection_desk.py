@@ -1,11 +1,12 @@
 """The part that is being inspected: features chosen, touches assigned, results."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from traverse.arrays import Floats
 from traverse.client.display.arm_state import ArmSight, Change
+from traverse.client.display.stations import Stations
 from traverse.client.inspection.best_fit import BestFit
 from traverse.client.inspection.plan import (
     FeatureEntry,
@@ -18,9 +19,6 @@ from traverse.client.inspection.plan import (
 from traverse.client.inspection.results import alignment_of, inspected
 from traverse.client.inspection.scan_samples import Sample, ThinnedScan
 from traverse.client.inspection.systems import (
-    Station,
-    in_first_system,
-    station_of_fit,
     system_by_best_fit,
     system_by_leapfrog,
     system_of_datums,
@@ -79,9 +77,7 @@ class InspectionDesk:
         features, relations, tolerances: in the order in which they were made.
         active: name of the feature that new points belong to; None: to none.
         alignment: made of features of this part; None: as the points have it.
-        again: names of features as they are touched once more after the arm was moved,
-            and as before, until they are joined.
-        is_moved: whether it is not known where the arm stands.
+        stations: where the arm stood at this part.
         scanned: samples of the running scan for the active feature; None without. They
             belong to it when the scan ends, or when the feature is accepted.
         inspection: the latest results; None before the first.
@@ -97,11 +93,8 @@ class InspectionDesk:
         self.tolerances: dict[tuple[str, str], ToleranceEntry] = {}
         self.active: str | None = None
         self.alignment: Helmert | None = None
-        self.again: dict[str, str] = {}
-        self.is_moved = False
+        self.stations = Stations()
         self.scanned: ThinnedScan | None = None
-        self._stations: list[Station] = []
-        self._station_by_point: dict[str, int] = {}
         self.inspection: Inspection | None = None
         self.version = 0
         self._measured = 0
@@ -119,7 +112,7 @@ class InspectionDesk:
         Raises:
             ValueError: there are too many, or it is not known where the arm stands.
         """
-        self._refuse_while_moved()
+        self.stations.refuse_while_moved()
         if len(self.features) >= MOST_FEATURES:
             raise ValueError(f"a part has at most {MOST_FEATURES} features; begin anew")
         name = self._free_name(kind)
@@ -138,8 +131,8 @@ class InspectionDesk:
         Raises:
             ValueError: it was touched before the arm was moved.
         """
-        if name not in self.again:
-            self._refuse_while_moved()
+        if name not in self.stations.again:
+            self.stations.refuse_while_moved()
         self._end_scan()
         self.active = name
         self._begun_ns = self._sight.live.time_ns if self._sight.live else 0
@@ -152,7 +145,7 @@ class InspectionDesk:
         name = self.active
         if (
             name is not None
-            and name not in self.again
+            and name not in self.stations.again
             and not self.features[name].points
         ):
             self.remove(name)
@@ -163,7 +156,7 @@ class InspectionDesk:
         """Remove a feature or relation, and all relations made of it."""
         self.features.pop(name, None)
         self.relations.pop(name, None)
-        self.again.pop(name, None)
+        self.stations.again.pop(name, None)
         for draft in self.features.values():
             draft.plane = None if draft.plane == name else draft.plane
         for dependent in [n for n, entry in self.relations.items() if name in entry.of]:
@@ -188,7 +181,7 @@ class InspectionDesk:
         Raises:
             ValueError: it is not known where the arm stands.
         """
-        self._refuse_while_moved()
+        self.stations.refuse_while_moved()
         name = self._free_name(kind)
         self.relations[name] = RelationEntry(name=name, kind=kind, of=tuple(of))
         self.version += 1
@@ -200,8 +193,8 @@ class InspectionDesk:
         Raises:
             ValueError: they make none.
         """
-        self._refuse_while_moved()
-        points, _ = self._placed(self._points.values(), "not needed")
+        self.stations.refuse_while_moved()
+        points, _ = self.stations.placed(self._points.values(), "not needed")
         system = system_of_datums(self.plan, points, names)
         self.align_to(system)
         return system
@@ -212,9 +205,9 @@ class InspectionDesk:
         Raises:
             ValueError: they do not determine the part's system.
         """
-        self._refuse_while_moved()
+        self.stations.refuse_while_moved()
         shared_mm = self._refusal or self._shared
-        placed, shared = self._placed(self._points.values(), shared_mm)
+        placed, shared = self.stations.placed(self._points.values(), shared_mm)
         return system_by_best_fit(self.plan, placed, shared, nominals_mm)
 
     def align_to(self, system: Helmert) -> None:
@@ -228,7 +221,7 @@ class InspectionDesk:
         Raises:
             ValueError: too few have one, or it was moved before.
         """
-        self._refuse_while_moved()
+        self.stations.refuse_while_moved()
         common = [
             name for name in self.features if AGAIN not in name and self.has_place(name)
         ]
@@ -237,16 +230,17 @@ class InspectionDesk:
         if self.alignment is None:
             self.alignment = alignment_of([*self._points.values()])
         self.accept()
+        again: dict[str, str] = {}
         again_by_before: dict[str | None, str] = {}
         planes = {self.features[name].plane for name in common} - {None}
         for name in [n for n in self.features if n in planes] + common:
             draft = self.features[name]
-            again = self._free_name(f"{name}{AGAIN}")
+            name_again = self._free_name(f"{name}{AGAIN}")
             plane = again_by_before.get(draft.plane)
-            self.features[again] = Draft(draft.kind, draft.side, plane)
-            self.again[again] = name
-            again_by_before[name] = again
-        self.is_moved = True
+            self.features[name_again] = Draft(draft.kind, draft.side, plane)
+            again[name_again] = name
+            again_by_before[name] = name_again
+        self.stations.move(again)
         self.version += 1
 
     def fit_leapfrog(self) -> BestFit:
@@ -257,11 +251,11 @@ class InspectionDesk:
         """
         touched_again = {
             again: before
-            for again, before in self.again.items()
+            for again, before in self.stations.again.items()
             if self.features[again].points and self.has_place(before)
         }
         shared_mm = self._refusal or self._shared
-        placed, shared = self._placed(self._points.values(), shared_mm)
+        placed, shared = self.stations.placed(self._points.values(), shared_mm)
         return system_by_leapfrog(self.plan, placed, shared, touched_again)
 
     def end_leapfrog(self, fit: BestFit | None) -> Helmert | None:
@@ -274,21 +268,16 @@ class InspectionDesk:
         Returns:
             From the arm's system now to the part's, else to the first station's.
         """
-        system = None
-        names, self.again, self.is_moved = list(self.again), {}, False
-        if fit is not None:
-            self._stations.append(station_of_fit(fit))
-            for name in names:
-                of_station = dict.fromkeys(self.features[name].points, self._station)
-                self._station_by_point.update(of_station)
-            system = fit.system
-            if self.alignment is not None:
-                system = self.alignment.after(system)
+        names = list(self.stations.again)
+        touched_again = [i for name in names for i in self.features[name].points]
+        self.stations.join(fit, touched_again)
         for name in names:
             if fit is None or not self.features[name].points:
                 self.remove(name)
         self.accept()
-        return system
+        if fit is None or self.alignment is None:
+            return None if fit is None else fit.system
+        return self.alignment.after(fit.system)
 
     def set_tolerance(self, entry: ToleranceEntry | None, key: tuple[str, str]) -> None:
         """Set the tolerance of a figure, by its feature and name; None: none."""
@@ -315,8 +304,7 @@ class InspectionDesk:
         self.features, self.relations, self.tolerances = {}, {}, {}
         self._points, self._shared, self.active, self.scanned = {}, {}, None, None
         self.alignment = None
-        self.again, self.is_moved = {}, False
-        self._stations, self._station_by_point = [], {}
+        self.stations = Stations()
         self.part = self.serial = ""
         self.part_temperature = None
         self.version += 1
@@ -387,7 +375,7 @@ class InspectionDesk:
                 self._refusal = answer if isinstance(answer, str) else ""
                 if not isinstance(answer, str):
                     self._shared.update(answer)
-            points, shared = self._placed(
+            points, shared = self.stations.placed(
                 (point for i, point in self._points.items() if i in used),
                 self._refusal or dict(self._shared),
             )
@@ -395,44 +383,11 @@ class InspectionDesk:
             inspection = await asyncio.to_thread(
                 inspected, plan, points, shared, self.alignment
             )
-            self.inspection = self._without_places(inspection)
+            self.inspection = self.stations.without_places(inspection)
             self._measured = version
         finally:
             self._is_measuring = False
         return True
-
-    @property
-    def _station(self) -> int:
-        return len(self._stations) - 1
-
-    def _placed(
-        self, points: Iterable[Point], shared_mm: Mapping[str, Floats] | str
-    ) -> tuple[list[Point], Mapping[str, Floats] | str]:
-        return in_first_system(
-            list(points), shared_mm, self._stations, self._station_by_point
-        )
-
-    def _without_places(self, inspection: Inspection) -> Inspection:
-        """Drop places of features whose station is not known yet."""
-        features = [
-            replace(
-                feature,
-                problem="touched after the arm was moved, and not joined yet",
-                figures=tuple(f for f in feature.figures if f.name not in "xyz"),
-                place_mm=None,
-                direction=None,
-            )
-            if feature.name in self.again and not feature.problem
-            else feature
-            for feature in inspection.features
-        ]
-        return replace(inspection, features=tuple(features))
-
-    def _refuse_while_moved(self) -> None:
-        if self.is_moved:
-            raise ValueError(
-                "the arm was moved: touch features again, and join them first"
-            )
 
     def _free_name(self, kind: str) -> str:
         used_names = self.features.keys() | self.relations.keys()
@@ -480,6 +435,5 @@ class InspectionDesk:
             return
         for point in points:
             self._points[point.id] = point
-            if self._stations and name not in self.again:
-                self._station_by_point[point.id] = self._station
+            self.stations.take(point.id, name)
             self.assign(point.id, name)

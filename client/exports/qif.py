@@ -192,21 +192,24 @@ def _add_point(
             "flags": " ".join(point.quality.flags) or None,
             "artefact": label.artefact,
             "feature": label.feature,
-            "ijk": _numbers(point.ijk),
+            "ijk": numbers_text(point.ijk),
             "probe_radius_mm": repr(point.probe_radius_mm),
             "compensation": point.compensation,
-            f"covariance_mm2 ({' '.join(TENSOR)})": tensor and _numbers(tensor),
+            f"covariance_mm2 ({' '.join(TENSOR)})": tensor and numbers_text(tensor),
         },
     )
     named = filter(None, (label.artefact, label.feature, str(point.seq)))
     text_element(feature, "FeatureName", " ".join(named))
     text_element(feature, "TimeStamp", time_utc)
-    place = text_element(feature, "Location", _numbers(place_of(point, coordinates)))
+    place = text_element(
+        feature, "Location", numbers_text(place_of(point, coordinates))
+    )
     if tensor is not None:
         for axis, index in zip("xyz", DIAGONAL, strict=True):
             std_mm = sqrt(max(tensor[index], 0.0))
             place.set(f"{axis}CombinedUncertainty", decimal_text(std_mm))
 
 
-def _numbers(values: Iterable[float]) -> str:
+def numbers_text(values: Iterable[float]) -> str:
+    """Write xs:double numbers, with every digit."""
     return " ".join(repr(float(value)) for value in values)

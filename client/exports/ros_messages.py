@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from traverse.client.exports.point_table import Coordinates, PointTable, place_of
+from traverse.kinematics.uncertainty.joint_covariance import covariances_of
 from traverse.protocol.messages import Live, Point
 from traverse.recording.views import turn_of_x_onto
 
@@ -170,7 +171,6 @@ def _vector(xyz_mm: Sequence[float]) -> dict[str, float]:
 def _covariance(covariance_mm2: Sequence[float]) -> list[float]:
     """Return (6, 6) in rows [m^2]: the turn, which a ball does not have, is 0."""
     matrix = np.zeros((6, 6))
-    rows, columns = np.triu_indices(3)
-    matrix[rows, columns] = matrix[columns, rows] = covariance_mm2
+    matrix[:3, :3] = covariances_of(np.array(covariance_mm2))
     result: list[float] = (M_PER_MM**2 * matrix).ravel().tolist()
     return result

@@ -7,7 +7,7 @@ uncertainties are stated where U is known.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement
 
@@ -15,6 +15,7 @@ from traverse.client.exports.qif import (
     QifDocument,
     add_attributes,
     decimal_text,
+    numbers_text,
     text_element,
 )
 from traverse.client.exports.text import iso_times
@@ -192,7 +193,7 @@ def _add_feature(
     place = text_element(
         axis,
         "AxisPoint" if kind in _WITH_AXIS else "Location",
-        _numbers(feature.place_mm or ()),
+        numbers_text(feature.place_mm or ()),
     )
     for name in "xyz":
         expanded = figures[name].expanded if name in figures else None
@@ -201,7 +202,7 @@ def _add_feature(
             place.set(f"{name}CombinedUncertainty", uncertainty)
     if feature.direction is not None and kind not in ("point", "sphere"):
         tag = "Normal" if kind in ("plane", "circle") else "Direction"
-        text_element(axis, tag, _numbers(feature.direction))
+        text_element(axis, tag, numbers_text(feature.direction))
     for name, tag in (("diameter", "Diameter"), ("angle", "FullAngle")):
         if name in figures:
             _add_value(element, tag, figures[name])
@@ -239,7 +240,3 @@ def _add_value(parent: Element, tag: str, figure: FigureResult) -> None:
 
 def _value_text(figure: FigureResult, value: float) -> str:
     return decimal_text(math.radians(value) if figure.unit == "deg" else value)
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return " ".join(repr(float(value)) for value in values)

@@ -36,7 +36,10 @@ from traverse.kinematics.features.relations import related
 from traverse.kinematics.fits.elements import Element
 from traverse.kinematics.helmert.shape import shape_of, undetermined
 from traverse.kinematics.helmert.transformation import Helmert, closed_helmert
-from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
+from traverse.kinematics.uncertainty.joint_covariance import (
+    JointCovariance,
+    covariances_of,
+)
 from traverse.plurals import counted
 from traverse.protocol.messages import Point
 
@@ -181,7 +184,7 @@ def _errors(
 ) -> tuple[JointCovariance, Helmert | None, str]:
     """Return the joint covariance, the alignment, and why U is not known."""
     n, unknown = len(points), shared_mm if isinstance(shared_mm, str) else ""
-    covariances = np.zeros((n, 6))
+    tensors = np.zeros((n, 6))
     shared: list[Floats] = [np.zeros((3, 0))] * n
     if not unknown and not isinstance(shared_mm, str):
         lacking = [
@@ -197,13 +200,11 @@ def _errors(
             unknown = "the arm file has no covariance: what points share is not known"
         else:
             shared = [shared_mm[point.id] for point in points]
-            covariances = np.array([point.covariance_mm2 for point in points])
-            covariances = covariances.reshape(n, 6)
+            tensors = np.array([point.covariance_mm2 for point in points])
+            tensors = tensors.reshape(n, 6)
     places_mm = np.array([point.xyz_mm for point in points]).reshape(n, 3)
     factors = np.array(shared).reshape(n, 3, -1) if n else np.zeros((0, 3, 0))
-    errors = JointCovariance(
-        places_mm, covariances[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]], factors
-    )
+    errors = JointCovariance(places_mm, covariances_of(tensors), factors)
     alignment = alignment or alignment_of(points)
     if alignment is None:
         return errors, None, unknown

@@ -16,15 +16,16 @@ from traverse.client.inspection.plan import Plan
 from traverse.client.inspection.results import assigned_points, features_of_arm
 from traverse.kinematics.features.datum import datum_system
 from traverse.kinematics.helmert.transformation import N_RIGID, Helmert, motions
+from traverse.kinematics.uncertainty.joint_covariance import covariances_of
 from traverse.protocol.messages import Point
 from traverse.protocol.messages.fields import Vector
 
-_ROWS, _COLUMNS = np.triu_indices(3)  # as of `Point.covariance_mm2`
+_UPPER = np.triu_indices(3)  # as of `Point.covariance_mm2`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Station:
-    """Where the arm stands after it was moved.
+    """A position of the arm's base after a move.
 
     Attributes:
         system: from the arm's system there to that of the first station.
@@ -166,10 +167,8 @@ def _moved(
     if surface_mm is not None:
         surface_mm = tuple(system.places_mm(np.array([surface_mm]))[0].tolist())
     if tensor is not None:
-        covariance = np.zeros((3, 3))
-        covariance[_ROWS, _COLUMNS] = covariance[_COLUMNS, _ROWS] = tensor
-        covariance = rotation @ covariance @ rotation.T + by_station @ by_station.T
-        tensor = tuple(covariance[_ROWS, _COLUMNS].tolist())
+        covariance = rotation @ covariances_of(np.array(tensor)) @ rotation.T
+        tensor = tuple((covariance + by_station @ by_station.T)[_UPPER].tolist())
     values = {
         "xyz_mm": tuple(place_mm.tolist()),
         "ijk": tuple((rotation @ np.array(point.ijk)).tolist()),

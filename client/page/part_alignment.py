@@ -82,7 +82,7 @@ class PartAlignment:
             await self._send(fit.system)
 
     async def begin_leapfrog(self) -> None:
-        """Ask for the features once more: the arm stands elsewhere now."""
+        """Ask for the features once more, after the arm was moved."""
         answer, _ = await self._dialogs.ask(
             "Was the arm moved?",
             (MOVED,),

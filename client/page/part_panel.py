@@ -165,10 +165,10 @@ class PartPanel:
     def _show_active(self) -> None:
         desk, name = self._desk, self._desk.active
         self._touching.set_visibility(name is not None)
-        is_free = name is None and not desk.is_moved
+        is_free = name is None and not desk.stations.is_moved
         self._kinds.set_visibility(is_free)
         self._relations.set_visibility(is_free)
-        self._moved.set_visibility(name is None and desk.is_moved)
+        self._moved.set_visibility(name is None and desk.stations.is_moved)
         if name is None:
             return
         draft = desk.features[name]

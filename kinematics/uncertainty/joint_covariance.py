@@ -23,6 +23,13 @@ from traverse.arrays import Floats
 from traverse.kinematics.fits.shapes import Sphere
 
 COVERAGE_FACTOR = 2.0
+_PLACES = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+
+
+def covariances_of(tensors_mm2: Floats) -> Floats:
+    """Write xx, xy, xz, yy, yz, zz as matrices: (..., 6) gives (..., 3, 3)."""
+    matrices: Floats = tensors_mm2[..., _PLACES]
+    return matrices
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ import array
 import importlib
 import sys
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import rclpy
 from rclpy.node import Node
@@ -16,7 +16,17 @@ from traverse.__main__ import main as run_traverse
 from traverse.client.exports.ros_messages import BASE_FRAME, RosMessage
 from traverse_ros2.feed import feed
 
+if TYPE_CHECKING:
+    from rclpy.publisher import Publisher as RosPublisher
+
+M = TypeVar("M")
 DEPTH = 100  # messages that wait for a slow subscriber
+
+
+class HasFields(Protocol):
+    """What every message of ROS has."""
+
+    def get_fields_and_field_types(self) -> dict[str, str]: ...
 
 
 class Publisher(Node):
@@ -24,7 +34,7 @@ class Publisher(Node):
 
     def __init__(self) -> None:
         super().__init__("traverse")
-        self._publishers_of: dict[str, Any] = {}
+        self._publishers_of: dict[str, RosPublisher | None] = {}
 
     def publish(self, message: RosMessage) -> None:
         """Publish one; a kind that ROS does not have here is left out, and reported."""
@@ -34,7 +44,7 @@ class Publisher(Node):
         if publisher is not None:
             publisher.publish(filled(publisher.msg_type(), message.content))
 
-    def _publisher(self, message: RosMessage) -> Any:  # noqa: ANN401 - of rclpy
+    def _publisher(self, message: RosMessage) -> "RosPublisher | None":
         package, _, name = message.kind.split("/")
         try:
             kind = getattr(importlib.import_module(f"{package}.msg"), name)
@@ -45,7 +55,7 @@ class Publisher(Node):
         return self.create_publisher(kind, topic, DEPTH)
 
 
-def filled(message: Any, content: Mapping[str, Any]) -> Any:  # noqa: ANN401 - of ROS
+def filled(message: M, content: Mapping[str, Any]) -> M:
     """Fill the fields of a message, and of those within it."""
     for name, value in content.items():
         if isinstance(value, Mapping):
@@ -59,7 +69,7 @@ def filled(message: Any, content: Mapping[str, Any]) -> Any:  # noqa: ANN401 - o
     return message
 
 
-def _item(message: Any, name: str) -> Any:  # noqa: ANN401 - of ROS
+def _item(message: HasFields, name: str) -> HasFields:
     """Return a new item of a field that is a list of messages."""
     kind = message.get_fields_and_field_types()[name]  # sequence<package/Name>
     package, _, of_items = kind.removeprefix("sequence<").rstrip(">").partition("/")

@@ -278,8 +278,8 @@ class SearchState:
     def unexplained(self) -> ObservationEquations:
         """The rows of the fit, free also of what the stuck curves explain."""
         rows = self.stage.rows
-        found = [curve.choice.projected.directions for curve in self.stuck]
-        return replace(rows, basis=np.hstack([rows.basis, *found]))
+        explained = [curve.choice.projected.directions for curve in self.stuck]
+        return replace(rows, basis=np.hstack([rows.basis, *explained]))
 
     @property
     def is_finished(self) -> bool:

@@ -1,12 +1,11 @@
 import json
-import os
-from pathlib import Path
 
 import pytest
 from lxml import etree
 
 from tests.docs.pages import CHECKOUT
 from tests.protocol.message_examples import POINT
+from tests.qif_schemas import SCHEMAS, needs_schemas
 from tests.running import invoke
 from traverse.cli.common.qif_check import SCHEMA, check_schema
 from traverse.kinematics.arm_file.arm import arm_digest, read_arm
@@ -18,7 +17,6 @@ from traverse.simulator.campaigns.acceptance.poses import (
 )
 
 ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
-SCHEMAS = Path(os.environ.get("TRAVERSE_SCHEMAS", "/nonexistent"))
 Q = "{http://qifstandards.org/xsd/qif3}"
 NOT_CHECKED = "not checked against the schema (no schemas folder given)"
 DEVICE = [
@@ -170,9 +168,7 @@ def test_folder_of_schemas_is_used_or_refused(name, tmp_path):
         assert message in run(*command, *words, status=status).output
 
 
-@pytest.mark.skipif(
-    not (SCHEMAS / SCHEMA).exists(), reason="TRAVERSE_SCHEMAS has no QIFDocument.xsd"
-)
+@needs_schemas
 def test_official_schema_accepts_it(verified, tmp_path):
     for standard in ("iso10360-12", "asme-b89.4.22"):
         out, folder = tmp_path / f"{standard}.qif", verified / standard

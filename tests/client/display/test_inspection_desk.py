@@ -291,7 +291,7 @@ def test_after_the_arm_was_moved_results_go_on_in_the_first_system(desk):
     asyncio.run(desk.measure(refused))
     before = {name: desk.result(name).place_mm for name in desk.features}
     desk.begin_leapfrog()
-    assert [*desk.again.values()] == [*desk.features][:5]
+    assert [*desk.stations.again.values()] == [*desk.features][:5]
     with pytest.raises(ValueError, match="the arm was moved"):
         desk.begin("sphere")
     with pytest.raises(ValueError, match="the arm was moved"):
@@ -300,7 +300,9 @@ def test_after_the_arm_was_moved_results_go_on_in_the_first_system(desk):
     system = Helmert(turn, np.array([400.0, -100.0, 20.0]))
     edge = moved_touches("edge", system)
     again = [moved_touches(feature, system) for _, feature in touched]
-    for name, points in zip(desk.again, [*again, [edge[0]], [edge[3]]], strict=True):
+    for name, points in zip(
+        desk.stations.again, [*again, [edge[0]], [edge[3]]], strict=True
+    ):
         desk.touch(name)
         for point in points:
             desk._changed(Change("point", point=point))
@@ -335,7 +337,7 @@ def test_an_arm_that_was_not_moved_after_all_is_as_before(desk):
     desk.accept()
     asyncio.run(desk.measure(shares([])))
     desk.begin_leapfrog()
-    desk.touch(next(iter(desk.again)))
+    desk.touch(next(iter(desk.stations.again)))
     desk.accept()
     assert len(desk.features) == 6
     with pytest.raises(ValueError, match="no feature has a place"):

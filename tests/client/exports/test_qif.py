@@ -1,7 +1,6 @@
 """QIF against a file written by hand, read back, and held to the official schema."""
 
 import io
-import os
 import re
 from pathlib import Path
 
@@ -11,12 +10,12 @@ from lxml import etree
 
 from tests.client.display.values import point, retraction
 from tests.client.exports.test_formats import POINTS, SCAN
+from tests.qif_schemas import SCHEMAS, needs_schemas
 from traverse.cli.common.qif_check import SCHEMA, check_schema
 from traverse.client.exports.qif import Qif
 from traverse.strict_toml.problems import FileError
 
 GOLDEN = Path(__file__).parent / "golden_points.qif"
-SCHEMAS = Path(os.environ.get("TRAVERSE_SCHEMAS", "/nonexistent"))
 IN = {"q": "http://qifstandards.org/xsd/qif3"}
 SAME = {
     "session": "monday",
@@ -144,8 +143,6 @@ def test_schemas_in_two_folders_are_read_once_each(tmp_path):
     check_schema(written(TWO), tmp_path / "points.qif", inside)
 
 
-@pytest.mark.skipif(
-    not (SCHEMAS / SCHEMA).exists(), reason="TRAVERSE_SCHEMAS has no QIFDocument.xsd"
-)
+@needs_schemas
 def test_official_schema_accepts_it():
     check_schema(written([*TWO, *POINTS]), Path("points.qif"), SCHEMAS)

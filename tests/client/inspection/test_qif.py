@@ -1,6 +1,5 @@
 """Features as QIF, read by lxml, and held to the official schema where it is given."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,8 @@ import pytest
 from lxml import etree
 
 from tests.client.inspection.touched import ARM, PLAN, touched_points
-from traverse.cli.common.qif_check import SCHEMA, check_schema
+from tests.qif_schemas import SCHEMAS, needs_schemas
+from traverse.cli.common.qif_check import check_schema
 from traverse.client.inspection.plan import Plan
 from traverse.client.inspection.qif import qif_text
 from traverse.client.inspection.results import inspected
@@ -16,7 +16,6 @@ from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.measured_points.touch_errors import shared_by_points
 from traverse.strict_toml.reader import parse_strict
 
-SCHEMAS = Path(os.environ.get("TRAVERSE_SCHEMAS", "/nonexistent"))
 IN = {"q": "http://qifstandards.org/xsd/qif3"}
 
 
@@ -110,8 +109,6 @@ def test_what_is_not_judged_or_not_measured_is_no_pass(inspection):
     assert nothing.find(".//q:MeasuredFeatures", IN) is None
 
 
-@pytest.mark.skipif(
-    not (SCHEMAS / SCHEMA).is_file(), reason="TRAVERSE_SCHEMAS has no QIFDocument.xsd"
-)
+@needs_schemas
 def test_it_keeps_to_the_official_schema(inspection):
     check_schema(qif_text(inspection).encode(), Path("features.qif"), SCHEMAS)

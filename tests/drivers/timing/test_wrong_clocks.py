@@ -289,7 +289,7 @@ def test_a_smallest_delay_is_kept_in_the_bound_when_answers_are_forgotten():
 
 
 def test_a_smallest_delay_is_kept_in_the_bound_over_a_step():
-    """The counter gains 2 s; all delays are 25 ms, and no answer comes after it."""
+    """The counter gains 2 s; all delays are 25 ms; no answer arrives afterwards."""
     clock, delay_ns = DeviceClock(1_000_000, LATENCY_NS), 25_000_000
     for k in range(600):
         at_ns = k * 20_000_000

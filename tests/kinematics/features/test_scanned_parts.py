@@ -106,8 +106,8 @@ def test_figures_of_20_scanned_parts_lie_within_their_uncertainty(bench):
     assert inside.keys() == TRUTH.keys()
     assert min(inside.values()) >= 0.85, inside
     assert np.mean(list(inside.values())) >= 0.95, inside
-    alone = [np.mean(np.array(each) <= 2.0) for each in single_ratios.values()]
-    assert np.mean(alone) < np.mean(list(inside.values())), alone
+    as_independent = [np.mean(np.array(each) <= 2.0) for each in single_ratios.values()]
+    assert np.mean(as_independent) < np.mean(list(inside.values())), as_independent
     sizes = {name: np.sqrt(np.mean(np.square(each))) for name, each in ratios.items()}
     assert np.mean(list(sizes.values())) > 0.4, sizes
 
@@ -121,15 +121,17 @@ def test_samples_of_a_wave_count_as_often_as_it_turns():
     hole = [Definition("hole", "circle", tuple(range(120)), "inside")]
     times_ns = np.arange(120) * 1_000_000_000
     of_scan = replace(touches, scans=np.zeros(120, np.int64), times_ns=times_ns)
-    alone, together = (
+    of_touches, of_samples = (
         {figure.name: figure for figure in figures_of(f.elements["hole"], f.errors)}
         for f in (measured_features(hole, each) for each in (touches, of_scan))
     )
     wave_std_mm = 0.05 / np.sqrt(2.0)
     at_once = 2.0 * wave_std_mm / np.sqrt(120)
-    assert alone["diameter"].std == pytest.approx(at_once, rel=0.05)
+    assert of_touches["diameter"].std == pytest.approx(at_once, rel=0.05)
     pressed_mm = 2.0 * 0.001  # alike all along
     expected = np.hypot(pressed_mm, at_once * np.sqrt(12))
-    assert together["diameter"].std == pytest.approx(expected, rel=0.1)
-    assert together["x"].std == pytest.approx(alone["x"].std * np.sqrt(12), rel=0.3)
-    assert together["form"].std == pytest.approx(alone["form"].std, rel=1e-6)
+    assert of_samples["diameter"].std == pytest.approx(expected, rel=0.1)
+    assert of_samples["x"].std == pytest.approx(
+        of_touches["x"].std * np.sqrt(12), rel=0.3
+    )
+    assert of_samples["form"].std == pytest.approx(of_touches["form"].std, rel=1e-6)
