@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
+from traverse.cli.common.refusals import RefusalError
 from traverse.daemon.system.log_setup import LogFormat, LogLevel, start_log
+from traverse.daemon.system.open_files import ensure_open_files
 
 
 def run(
@@ -36,6 +38,10 @@ def run(
         log_level: Lowest level that is logged.
     """
     gc.disable()  # until `freeze_objects`; what a start makes stays
+    try:
+        ensure_open_files()
+    except ValueError as error:
+        raise RefusalError(str(error)) from error
     from traverse.daemon.app import run_service
 
     start_log(log_format, log_level)
