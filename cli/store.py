@@ -54,7 +54,8 @@ def store(
         list_s: Ask each arm so often what it has [s].
         keep_s: The broker keeps messages for an absent member [s].
     """
-    from traverse.fleet.member import Member, MemberSettings, NameTakenError
+    from traverse.fleet.member import Member, MemberSettings
+    from traverse.fleet.member_name import NameTakenError
     from traverse.fleet.scan_files import ScanFiles
     from traverse.fleet.store import Store
 
@@ -100,10 +101,10 @@ def store(
                 "--member of its own"
             )
         finally:
-            work.release_name()
+            work.name.release()
     counts = work.counts
     report(
         f"{counted(counts.stored, 'message')} stored, {work.n_refused} refused, "
-        f"{counts.dropped} dropped, {counted(counts.asked, 'gap')} asked for, "
-        f"{counted(counts.lost, 'number')} lost"
+        f"{counts.dropped} dropped, {counted(work.gaps.asked, 'gap')} asked for, "
+        f"{counted(work.gaps.lost, 'number')} lost"
     )

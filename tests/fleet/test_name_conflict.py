@@ -1,4 +1,4 @@
-from traverse.fleet.member import LOSSES, LOSSES_S, NameConflict
+from traverse.fleet.member_name import LOSSES, LOSSES_S, NameConflict
 
 
 def test_the_second_of_a_name_gives_way_and_the_first_stays():
