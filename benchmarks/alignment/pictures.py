@@ -14,10 +14,10 @@ from traverse.arrays import Floats
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.kinematics.helmert.volume import Box
 from traverse.lab.alignment.best_fit import best_fit_alignment
+from traverse.lab.alignment.files import alignment_values
 from traverse.lab.alignment.nominal import fixed_volume
 from traverse.lab.alignment.pictures import ellipsoids
 from traverse.lab.alignment.touches import CommonPoints, Place
-from traverse.lab.alignment.values import alignment_values
 from traverse.lab.report.figures import (
     BLUE,
     GREY,

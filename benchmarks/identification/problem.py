@@ -20,7 +20,7 @@ from traverse.lab.adjustment import ArmValues, Network
 from traverse.lab.adjustment import Problem as Posed
 from traverse.lab.adjustment.datum import with_datum
 from traverse.lab.adjustment.equations import Station
-from traverse.lab.adjustment.parameter_list import arm_parameters
+from traverse.lab.adjustment.prepare import arm_parameters
 from traverse.lab.adjustment.problem import State
 from traverse.lab.adjustment.system import linearise
 from traverse.lab.campaign.campaign import Campaign

@@ -12,7 +12,11 @@ from traverse.cli.export.sources import points_of
 from traverse.client.exports.point_table import standing
 from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.lab.alignment.best_fit import best_fit_alignment
-from traverse.lab.alignment.files import chained_values, read_alignment
+from traverse.lab.alignment.files import (
+    alignment_values,
+    chained_values,
+    read_alignment,
+)
 from traverse.lab.alignment.nominal import (
     Nominal,
     VolumeFunction,
@@ -33,7 +37,6 @@ from traverse.lab.alignment.touches import (
     read_touch_table,
     touches_of_points,
 )
-from traverse.lab.alignment.values import alignment_values
 from traverse.lab.measured_points.reading import files_read, read_measured
 from traverse.lab.measured_points.touch_errors import shared_by_points
 from traverse.lab.report.provenance import (

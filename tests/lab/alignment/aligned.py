@@ -6,9 +6,9 @@ from scipy.spatial.transform import Rotation
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.kinematics.helmert.volume import Box
 from traverse.lab.alignment.best_fit import best_fit_alignment
+from traverse.lab.alignment.files import alignment_values
 from traverse.lab.alignment.nominal import fixed_volume
 from traverse.lab.alignment.touches import CommonPoints, Place
-from traverse.lab.alignment.values import alignment_values
 
 BOX = Box(np.zeros(3), np.array([1000.0, 600, 400]))
 WIDE = np.array([[0.0, 0, 0], [1000, 0, 100], [1000, 600, 0], [0, 600, 300]])

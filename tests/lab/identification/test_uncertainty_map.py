@@ -26,7 +26,7 @@ from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.adjustment import Adjustment, ArmValues, Problem, adjust
 from traverse.lab.adjustment.datum import with_datum
-from traverse.lab.adjustment.parameter_list import arm_parameters
+from traverse.lab.adjustment.prepare import arm_parameters
 from traverse.lab.campaign.poses import Poses
 from traverse.lab.identification.results.arm_comparison import (
     ComparisonError,
