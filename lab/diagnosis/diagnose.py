@@ -158,6 +158,7 @@ def diagnose(
         n_visible=n_visible,
         terms=terms,
         arm=arm,
+        design=beginning.design,
         wrong_signs=beginning.wrong_signs,
         zero_offsets_rad=beginning.zero_offsets_rad,
         adapted=estimates.adapted.arm,

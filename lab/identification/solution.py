@@ -47,7 +47,11 @@ from traverse.lab.outcomes.identified import (
     ExcludedPose,
     ParameterEstimate,
 )
-from traverse.lab.statistics.distributions import global_test, variance_factor
+from traverse.lab.statistics.distributions import (
+    arm_variance_factor,
+    global_test,
+    variance_factor,
+)
 from traverse.lab.statistics.outlier_clusters import ExcludedCluster
 
 # Of a hypothesis: a wrong one creeps, a right one is there by then.
@@ -151,7 +155,14 @@ def collected(start: Start, solution: Solution, weighted: Weighted) -> Identific
     )
     factor = variance_factor(weighted.sigma0, test)
     of_design = adjustment.deviations_of_design(solution.design)
-    covariance = adjustment.covariance(factor, solution.design)
+    samples_per_mean = weighted.serial.samples_per_mean if weighted.serial else 1.0
+    of_arm = arm_variance_factor(
+        factor,
+        test,
+        weighted.redundancy / samples_per_mean,
+        adjustment.split.n_determined,
+    )
+    covariance = adjustment.covariance(of_arm, solution.design)
     estimates = parameter_estimates(adjustment, solution.design, covariance)
     artefacts = artefact_results(adjustment, run.statistics, factor, of_design)
     names = campaign.joint_names
@@ -166,7 +177,7 @@ def collected(start: Start, solution: Solution, weighted: Weighted) -> Identific
         sigma0=weighted.sigma0,
         redundancy=weighted.redundancy,
         global_test=test,
-        variance_factor=factor,
+        variance_factor=of_arm,
         noise=adjustment.network.noise,
         serial_noise=weighted.serial,
         rms_before_mm=start.rms_before_mm,

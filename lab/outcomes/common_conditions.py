@@ -16,6 +16,8 @@ from traverse.plurals import counted
 _MOST_REPEATED = 0.1
 # Part of the poses that may contradict the others.
 _MOST_EXCLUDED = 0.1
+# Plausible deviations from its design that a parameter of such an arm may have.
+_MOST_DEVIATION = 8.0
 # A bad reason of these codes: an arm file of the result might be measured with.
 _UNFIT = frozenset({"converged", "fit", "size", "redundancy", "scale"})
 # Offsets of zeros, found by a search, that are reported.
@@ -51,6 +53,30 @@ def few_excluded(n_excluded: int, n_poses: int) -> Finding:
         return Established(values)
     text = f"{n_excluded} of {n_poses} poses contradict the others and took no part."
     return doubt(text, "Find out why before the arm is used.", values)
+
+
+def like_design(changes: Mapping[str, float]) -> Finding:
+    """Look at axes and links: zeros and tools are not the design's, nor are effects.
+
+    Takes the changes of the free parameters, in plausible deviations, by name.
+    """
+    deviations = {
+        name: abs(change)
+        for name, change in changes.items()
+        if ".axis." in name or ".link." in name
+    }
+    name = max(deviations, key=lambda name: deviations[name], default="")
+    farthest = deviations.get(name, 0.0)
+    values = {"parameter": name, "deviations": farthest}
+    if farthest <= _MOST_DEVIATION:
+        return Established(values)
+    return doubt(
+        f"The identified arm is not like its design: {name} is off by {farthest:.0f} "
+        "times what is plausible. The arm file may be another arm's, or the arm was "
+        "rebuilt.",
+        "Compare the identified links with the arm.",
+        values,
+    )
 
 
 def like_family(

@@ -124,3 +124,20 @@ def variance_factor(sigma0: float, test: GlobalTest) -> float:
     if is_plausible and not test.noise_estimated:
         return 1.0
     return sigma0**2
+
+
+def arm_variance_factor(
+    factor: float, test: GlobalTest, redundancy: float, n_parameters: int
+) -> float:
+    """Return the factor of what is determined of an arm; never below the one given.
+
+    Strategy: sigma0 squared is right where the noise is larger than stated. Where the
+    model lacks something, residuals show only what the parameters did not take up, and
+    it does not average out: a new posture is off by as much as a measured one, at
+    least. So the arm gets all that noise does not explain. With cofactors as they are
+    it takes n_parameters of the squares, of which there are (sigma0^2 - 1) redundancy
+    in excess.
+    """
+    if test.noise_estimated or n_parameters == 0:
+        return factor
+    return max(factor, 1.0 + (factor - 1.0) * redundancy / n_parameters)

@@ -12,6 +12,7 @@ from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.correction import Correction
 from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.mechanics.deformations import Compliance
+from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.adjustment import (
     IteratedAdjustment,
     Network,
@@ -101,12 +102,14 @@ class Beginning:
     Attributes:
         campaign: With tools that fit to the arm as given.
         arm: With the signs and zeros that fit.
+        design: The geometry as given, with the signs that fit.
         wrong_signs: Joints that turn the other way than the arm file says.
         zero_offsets_rad: Of zeros that fit much better than the file's, by joint.
     """
 
     campaign: Campaign
     arm: Arm
+    design: Geometry
     wrong_signs: tuple[str, ...]
     zero_offsets_rad: dict[str, float]
 
@@ -136,6 +139,7 @@ def begin(campaign: Campaign, arm: Arm) -> Beginning:
     return Beginning(
         campaign,
         arm.model_copy(update={"joints": tuple(joints)}),
+        start.design.geometry,
         tuple(arm.joints[k].name for k in start.reversed_joints),
         {arm.joints[k].name: float(offsets_rad[k]) for k in moved},
     )

@@ -7,6 +7,7 @@ import numpy as np
 
 from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.adjustment import Adjustment, IteratedAdjustment
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.outcomes.diagnosis import (
@@ -79,6 +80,7 @@ class Diagnosis:
         n_visible: How many of them the poses could have shown in some size.
         terms: What was found, in the order of finding.
         arm: As given.
+        design: Its geometry, with the signs that fit.
         wrong_signs: Joints that turn the other way than it says.
         zero_offsets_rad: Of zeros that fit much better than its own, by joint.
         adapted: With the accepted terms, everything estimated together.
@@ -107,6 +109,7 @@ class Diagnosis:
     n_visible: int
     terms: tuple[Term, ...]
     arm: Arm
+    design: Geometry
     wrong_signs: tuple[str, ...]
     zero_offsets_rad: Mapping[str, float]
     adapted: Arm

@@ -1,5 +1,7 @@
 """What must be established before a diagnosis is good."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from traverse.lab.adjustment import Adjustment
@@ -15,6 +17,7 @@ from traverse.lab.outcomes.base import (
 )
 from traverse.lab.outcomes.common_conditions import (
     few_excluded,
+    like_design,
     like_family,
     no_repeats,
     signs_and_zeros,
@@ -47,6 +50,14 @@ def _belongs(diagnosis: Diagnosis) -> Finding:
 
 def _file_fits(diagnosis: Diagnosis) -> Finding:
     return signs_and_zeros(diagnosis.wrong_signs, diagnosis.zero_offsets_rad)
+
+
+def _like_design(diagnosis: Diagnosis) -> Finding:
+    adjustment = diagnosis.final.adjustment
+    estimated = adjustment.state.arm
+    changes = adjustment.changes(replace(estimated, geometry=diagnosis.design))
+    names = adjustment.network.parameters.free_names
+    return like_design(dict(zip(names, changes.tolist(), strict=True)))
 
 
 def _visible(diagnosis: Diagnosis) -> Finding:
@@ -262,6 +273,7 @@ CONDITIONS: tuple[Condition[Diagnosis], ...] = (
     Condition("converged", "the adjustment converged", _converged),
     Condition("fit", "arm file and campaign belong together", _belongs),
     Condition("arm_file", "signs and zeros of the arm file fit", _file_fits),
+    Condition("design", "no parameter is far from the design", _like_design),
     Condition("visible", "the poses could show effects", _visible),
     Condition("named", "whatever is missing has one name", _named),
     Condition("within_noise", "noise explains what is left", _within_noise),

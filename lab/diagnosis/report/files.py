@@ -31,7 +31,11 @@ from traverse.lab.outcomes.adjustment import (
 )
 from traverse.lab.outcomes.common_conditions import may_be_measured_with
 from traverse.lab.report.provenance import ReportProvenance
-from traverse.lab.statistics.distributions import global_test, variance_factor
+from traverse.lab.statistics.distributions import (
+    arm_variance_factor,
+    global_test,
+    variance_factor,
+)
 from traverse.strict_toml.files import bytes_of, text_of
 from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.rewriting import rewritten_text
@@ -100,7 +104,10 @@ def covariance_of(final: IteratedAdjustment) -> CartesianCovariance:
         noise_estimated=final.noise_estimated,
     )
     factor = variance_factor(adjustment.sigma0, test)
-    covariance = adjustment.covariance(factor, final.design)
+    of_arm = arm_variance_factor(
+        factor, test, adjustment.redundancy, adjustment.split.n_determined
+    )
+    covariance = adjustment.covariance(of_arm, final.design)
     return adjustment.cartesian_covariance(covariance)
 
 

@@ -112,6 +112,7 @@ def diagnose_stream(
     diagnosis = replace(
         diagnosis,
         arm=given,
+        design=beginning.design,
         wrong_signs=beginning.wrong_signs,
         zero_offsets_rad=beginning.zero_offsets_rad,
     )

@@ -25,7 +25,7 @@ from traverse.lab.outcomes.base import (
     doubt,
     judge,
 )
-from traverse.lab.outcomes.common_conditions import may_be_measured_with
+from traverse.lab.outcomes.common_conditions import like_design, may_be_measured_with
 from traverse.lab.report.quantities import length_mm, probability
 from traverse.plurals import counted
 
@@ -33,8 +33,6 @@ from traverse.plurals import counted
 _MOST_MISCLOSURE = 0.005
 # Factors between the design's length and the identified one that no arm is off by.
 _LEAST_SIZE, _MOST_SIZE = 0.8, 1.25
-# Plausible deviations from its design that a parameter of such an arm may have.
-_MOST_DEVIATION = 8.0
 # sigma0 beyond which stated noise is exceeded several times, instead of by a part.
 _MOST_SIGMA0 = 2.0
 # Probability by chance below which residuals that are too large are a finding.
@@ -132,24 +130,10 @@ def _same_size(result: Identification) -> Finding:
 
 
 def _like_design(result: Identification) -> Finding:
-    """Look at axes and links: zeros and tools are not the design's, nor are effects."""
-    tolerances = result.adjustment.network.parameters.free_tolerances.tolist()
-    changes = {
-        entry.name: abs(entry.value) / tolerance
-        for entry, tolerance in zip(result.parameters, tolerances, strict=True)
-        if ".axis." in entry.name or ".link." in entry.name
-    }
-    name = max(changes, key=lambda name: changes[name], default="")
-    deviations = changes.get(name, 0.0)
-    values = {"parameter": name, "deviations": deviations}
-    if deviations <= _MOST_DEVIATION:
-        return Established(values)
-    text = (
-        f"The identified arm is not like its design: {name} is off by {deviations:.0f} "
-        "times what is plausible. The arm file may be another arm's, or the arm was "
-        "rebuilt."
-    )
-    return doubt(text, "Compare the identified links with the arm.", values)
+    tolerances = result.adjustment.network.parameters.free_tolerances
+    changes = np.array([entry.value for entry in result.parameters]) / tolerances
+    names = [entry.name for entry in result.parameters]
+    return like_design(dict(zip(names, changes.tolist(), strict=True)))
 
 
 def _redundant(result: Identification) -> Finding:
@@ -205,8 +189,9 @@ def _noise_explains(result: Identification) -> Finding:
     text = (
         f"The residuals are {sigma0:.3g} times as large as the stated noise explains "
         f"(p = {probability(test.p_value)}): either the noise is stated too small, or "
-        "the arm does something that axes and links do not describe. All standard "
-        "deviations are scaled by sigma0."
+        "the arm does something that axes and links do not describe. All that noise "
+        "does not explain counts as an error of the arm, whose standard deviations are "
+        f"{result.variance_factor**0.5:.3g} times those of the stated noise."
     )
     if test.p_value > _BY_CHANCE:
         text += f" By chance {100.0 * test.p_value:.1g} % of campaigns are as far off."

@@ -84,9 +84,9 @@ class Identification:
         sigma0: A-posteriori standard deviation of unit weight.
         redundancy: Equations and certificates less determined unknowns, which take
             more than one each from the samples of a stream.
-        variance_factor: By what cofactors were multiplied to give covariances: 1
-            where the noise is known and sigma0 does not contradict it upwards, else
-            sigma0 squared.
+        variance_factor: By what cofactors of the arm were multiplied to give its
+            covariance: 1 where the noise is known and sigma0 does not contradict it
+            upwards, else all that noise does not explain counts.
         serial_noise: What neighbouring samples of a stream share; None: single poses.
         rms_before_mm: Of scalar misclosures with the design.
         rms_after_mm: Of those of the poses that took part, with the estimates.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.tools.handover import campaign_from_simulation
-from tests.lab.diagnosis.diagnosed import DECISION, ECCENTRIC
+from tests.lab.diagnosis.diagnosed import DECISION, ECCENTRIC, clean
 from tests.lab.diagnosis.engine_campaigns import poses
 from tests.lab.diagnosis.fitted_rows import Measurement, measured
 from tests.lab.simulated import Noise, arm_value, disturbed, seven_joints, simulate
@@ -125,6 +125,16 @@ def test_an_arm_of_cones_alone_has_no_scale_and_no_file(tmp_path, cones):
     assert outcome_of(known).codes == ("scale",)
     assert outcome_of(known).state is State.DOUBT
     assert write_diagnosis(tmp_path, known, source) is not None
+
+
+def test_an_arm_that_is_far_from_its_design_is_in_doubt():
+    """As of an identification: all fits, but a link of the file is 60 mm off."""
+    links_mm = clean().design.links_mm.copy()
+    links_mm[3] += [0.0, 0.0, 60.0]
+    design = replace(clean().design, links_mm=links_mm)
+    (reason,) = outcome_of(replace(clean(), design=design)).reasons
+    assert (reason.code, reason.state) == ("design", State.DOUBT)
+    assert reason.values["parameter"].startswith("J4.link")
 
 
 def test_a_joint_that_turns_the_other_way_is_found_before_effects_are():

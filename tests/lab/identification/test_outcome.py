@@ -172,6 +172,22 @@ def test_an_arm_that_shrank_is_refused():
     assert "certificates" not in outcome_of(result).outcome.codes
 
 
+def off_in_std(result, true, readings_rad, angles_rad):
+    """Compare lengths from each posture to the next with the truth, and their std."""
+    arm = result.adjustment.state.arm
+    derivatives = probe_derivatives(arm.geometry, readings_rad)
+    apart_mm = np.diff(derivatives.centres_mm, axis=0)
+    lengths_mm = np.linalg.norm(apart_mm, axis=1)
+    columns = result.adjustment.network.parameters.columns(
+        arm, derivatives, result.campaign.poses.part(slice(0))
+    )
+    ways = apart_mm / lengths_mm[:, np.newaxis]
+    gradients = np.einsum("ni,nip->np", ways, np.diff(columns, axis=0))
+    stds_mm = np.sqrt(np.sum((gradients @ result.covariance) * gradients, axis=1))
+    true_mm = np.linalg.norm(np.diff(true.centres(angles_rad), axis=0), axis=1)
+    return (lengths_mm - true_mm) / stds_mm, stds_mm / lengths_mm
+
+
 def test_lengths_say_how_little_an_undetermined_scale_tells():
     """Without a length the scale is the design's, and so is its error."""
     offs = []
@@ -181,20 +197,31 @@ def test_lengths_say_how_little_an_undetermined_scale_tells():
         true = replace(nominal, links_mm=scale * nominal.links_mm)
         result = identify(simulate(true, cones(3), 40, seed), DESIGN_ARM, QUICK)
         pair_rad = result.campaign.poses.angles_rad[[0, 50]]
-        arm = result.adjustment.state.arm
-        derivatives = probe_derivatives(arm.geometry, pair_rad)
-        apart_mm = derivatives.centres_mm[0] - derivatives.centres_mm[1]
-        columns = result.adjustment.network.parameters.columns(
-            arm, derivatives, result.campaign.poses.part(slice(0))
-        )
-        length_mm = np.linalg.norm(apart_mm)
-        gradient = (apart_mm / length_mm) @ (columns[0] - columns[1])
-        std_mm = np.sqrt(gradient @ result.covariance @ gradient)
-        true_mm = np.linalg.norm(np.subtract(*true.centres(pair_rad)))
-        offs.append((length_mm - true_mm) / std_mm)
+        (off,), (relative_std,) = off_in_std(result, true, pair_rad, pair_rad)
+        offs.append(off)
         # It was stated to some micrometres.
-        assert std_mm > 1e-4 * length_mm
+        assert relative_std > 1e-4
     assert np.max(np.abs(offs)) < 2.0
+
+
+def test_new_postures_lie_within_what_is_stated_though_an_effect_is_missing():
+    """A ring whose readings swing three times a turn."""
+    true = built(3)
+
+    def read(angles_rad):
+        wrong_rad = np.zeros_like(angles_rad)
+        wrong_rad[:, 1] = 1e-4 * np.cos(3.0 * angles_rad[:, 1])
+        return angles_rad + wrong_rad
+
+    campaign = simulate(true, TABLES, 40, 7)
+    poses = replace(campaign.poses, angles_rad=read(campaign.poses.angles_rad))
+    result = identify(replace(campaign, poses=poses), DESIGN_ARM, NO_SEARCH)
+    new_rad = np.random.default_rng(5).uniform(-2.5, 2.5, (200, 7)) + true.zeros_rad
+    off = np.abs(off_in_std(result, true, read(new_rad), new_rad)[0])
+    assert np.mean(off < 2.0) > 0.95
+    # By what residuals alone say, of which the parameters took a part up.
+    scaled_only = off * np.sqrt(result.variance_factor) / result.sigma0
+    assert np.mean(scaled_only < 2.0) < 0.9
 
 
 def test_an_arm_that_is_far_from_its_design_is_in_doubt():
