@@ -82,7 +82,7 @@ def verify(
             `traverse certify`.
         out: Folder for the certificate.
         plan: Write what to touch for a standard into --out instead.
-        bidirectional: With --plan iso10360-12: E_BI too.
+        bidirectional: With --plan iso10360-12 or iso10360-8: E_BI too.
         check: Check a certificate, or its folder.
         trust: With --check: X.509 certificate of a signer, or of who vouches for it,
             PEM. Repeatable; else the signer is shown, not judged.

@@ -221,7 +221,7 @@ def _procedure(
 
 
 def _e_uni(measured: Measurement, limits: Limits) -> tuple[Verdict, list[LengthError]]:
-    parts = list(length_test(measured, "e_uni", "uni", limits))
+    parts = list(length_test(measured, "e_uni", limits))
     (figure,) = [part for part in parts if isinstance(part, Figure)]
     if figure.decision is None:
         raise ValueError("E_UNI without a limit")

@@ -1,22 +1,31 @@
 """Statements of a certificate besides figures: who, where, when, with what."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import date
 
 import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.limits import Limits, Mpe
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.artefact import ExpandingArtefact
+from traverse.lab.artefacts.materials import MaterialName
 from traverse.lab.artefacts.plane import Plane
-from traverse.lab.measured_points.measurement import Measurement
+from traverse.lab.artefacts.sphere import Sphere
+from traverse.lab.measured_points.measurement import (
+    IncompleteError,
+    Measurement,
+    certified_length,
+)
 from traverse.lab.report.provenance import utc_text
 from traverse.lab.report.quantities import OMITTED
 
 # Part of the touches that may be second presses in one posture.
 _MOST_COPIED = 0.02
+# Of the arm's reach: a larger permissible error is a number of micrometres.
+LARGEST_MPE = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +48,7 @@ class StandardUsed:
     certificate_number: str | None
     calibrated_by: str | None
     valid_until: str | None
-    material: str | None
+    material: MaterialName | None
     expansion_per_c: float | None
     expansion_std_per_c: float | None
 
@@ -79,6 +88,8 @@ class Administration:
         measuring_range_mm: Diameter of the volume that shares of a length refer to.
         reach_mm: From the shoulder, which shares of zones refer to.
         next_date: Of the next test, where it was agreed on.
+        longest_mm: Certified length of the longest standard.
+        too_large_limits: Their keys, and values at the length of the reach.
         agreement: Where both parties agreed on a standard that is not of arms.
         copied_touches: How many are where another was, to the last digit, if many.
         is_of_identification: Whether the arm was identified from these very touches.
@@ -106,6 +117,8 @@ class Administration:
     next_date: str | None
     standards: tuple[StandardUsed, ...]
     tools: tuple[ToolUsed, ...] | None = field(default=None, metadata=OMITTED)
+    longest_mm: float | None = field(default=None, metadata=OMITTED)
+    too_large_limits: tuple[str, ...] | None = field(default=None, metadata=OMITTED)
     agreement: str | None = field(default=None, metadata=OMITTED)
     copied_touches: int | None = field(default=None, metadata=OMITTED)
     is_of_identification: bool | None = field(default=None, metadata=OMITTED)
@@ -159,10 +172,25 @@ def administration_of(
         next_date=_day(limits.next_date),
         standards=standards_used(touched),
         tools=tools or None,
+        longest_mm=max(_lengths_mm(touched.values()), default=None),
+        too_large_limits=tuple(_too_large(limits, measured[0].reach_mm)) or None,
         agreement=limits.agreement,
         copied_touches=_copied(measured),
         is_of_identification=_is_of_identification(arm, occasion.campaign_digest),
     )
+
+
+def _lengths_mm(artefacts: Iterable[Artefact]) -> Iterator[float]:
+    for artefact in artefacts:
+        with suppress(IncompleteError):  # a sphere, a cone
+            yield certified_length(artefact)[0]
+
+
+def _too_large(limits: Limits, reach_mm: float) -> Iterator[str]:
+    for name in Mpe.model_fields:
+        limit = limits.mpe.of(name.removesuffix("_mm"))
+        if limit is not None and limit.at(reach_mm) > LARGEST_MPE * reach_mm:
+            yield f"{name} = {limit.at(reach_mm):g}"
 
 
 def _tip_mm(measured: Sequence[Measurement], arm: Arm) -> float:
@@ -192,8 +220,8 @@ def _is_of_identification(arm: Arm, digest: str | None) -> bool | None:
 
 
 def standards_used(artefacts: Mapping[str, Artefact]) -> tuple[StandardUsed, ...]:
-    """Name each calibrated standard once."""
-    standards: dict[StandardUsed, list[str]] = {}
+    """Name each calibrated standard once; twice where its certificates differ."""
+    standards: dict[tuple[StandardUsed, float | None], list[str]] = {}
     for name, artefact in artefacts.items():
         material = None
         if isinstance(artefact, ExpandingArtefact):
@@ -213,9 +241,10 @@ def standards_used(artefacts: Mapping[str, Artefact]) -> tuple[StandardUsed, ...
             expansion.per_c,
             expansion.std_per_c,
         )
-        standards.setdefault(used, []).append(name)
+        radius_mm = artefact.radius_mm if isinstance(artefact, Sphere) else None
+        standards.setdefault((used, radius_mm), []).append(name)
     return tuple(
-        replace(used, artefacts=tuple(names)) for used, names in standards.items()
+        replace(used, artefacts=tuple(names)) for (used, _), names in standards.items()
     )
 
 

@@ -32,6 +32,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.lab.acceptance.limits import Standards
 from traverse.lab.artefacts.materials import Expansion
+from traverse.lab.artefacts.plane import Plane
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +184,21 @@ def correlation(budgets: Sequence[Budget]) -> Floats:
     return coefficients
 
 
+# The half sphere that is touched of a ball that is smoothly out of round, oval above
+# all, has another diameter and centre than the whole. Standard deviations as parts of
+# the form error, the largest of simulated balls with deviations of degrees 2 to 8.
+SMOOTH_FORM = 0.31  # of a diameter of 25 points, and between centres of two scans
+SMOOTH_FORM_OF_ALL = 0.40  # of a diameter where the half sphere is covered densely
+
+
+def form_factor(of_touch: float, smooth_form: float = SMOOTH_FORM) -> float:
+    """Say how far the form of balls moves a value, as part of an even deviation.
+
+    As if touches deviated each by itself, or all together smoothly, whichever is more.
+    """
+    return max(of_touch, smooth_form * sqrt(12.0))
+
+
 @dataclass(frozen=True, slots=True)
 class CertifiedValue:
     """A certified length or diameter of a standard.
@@ -232,7 +248,7 @@ def _expansion_lines(
         standards.temperature_std_c,
     )
     name, source = "expansion coefficient", f"expansion of {value.identity}"
-    if per_c is None or std_per_c is None:
+    if per_c is None or not std_per_c:
         where = "give material, or expansion_per_c and expansion_std_per_c, in "
         coefficient = Contribution(name, f"{where}campaign.toml", None, source)
     else:
@@ -279,21 +295,13 @@ def fixture_line(standards: Standards) -> Contribution:
     )
 
 
-def form_budget(standards: Standards) -> Budget:
-    """Draw up the budget of what the form of a test sphere disturbs."""
-    form = standards.form_mm, standards.form_std_mm
-    return _form_budget("form of the ball", *form, f"form_mm {IN_LIMITS}", standards)
-
-
-def flat_budget(form_mm: float, form_std_mm: float, standards: Standards) -> Budget:
-    """Draw up the budget of what the form of a flat disturbs, by its certificate."""
-    where = "form_mm of the plane in campaign.toml"
-    return _form_budget("form of the flat", form_mm, form_std_mm, where, standards)
-
-
-def _form_budget(
-    name: str, form_mm: float, form_std_mm: float, where: str, standards: Standards
-) -> Budget:
+def form_budget(standards: Standards, flat: Plane | None = None) -> Budget:
+    """Draw up the budget of what the form of a test sphere, or of a flat, disturbs."""
+    name, where = "form of the ball", f"form_mm {IN_LIMITS}"
+    form_mm, form_std_mm = standards.form_mm, standards.form_std_mm
+    if flat is not None:
+        name, where = "form of the flat", "form_mm of the plane in campaign.toml"
+        form_mm, form_std_mm = flat.form_mm or 0.0, flat.form_std_mm
     form = Contribution(name, f"{form_mm:g} mm / 2", form_mm / 2.0)
     uncertain = Contribution("its uncertainty", "as stated", form_std_mm)
     return Budget((required(form, where), uncertain, fixture_line(standards)))

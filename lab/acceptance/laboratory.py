@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.reader import StrictModel
 
 Text = Annotated[str, Field(pattern=r"^\S+(\s+\S+)*$", max_length=500)]
@@ -71,3 +72,14 @@ class Laboratory(StrictModel):
     def plain_values(self) -> dict[str, Any]:
         """What is stated, for JSON."""
         return self.model_dump(mode="json", exclude_none=True, exclude={"schema_"})
+
+
+def refuse_early_issue(issued: date | None, measured_to_utc: str | None) -> None:
+    """Refuse a date of issue before the last touch.
+
+    Raises:
+        FileError: It is.
+    """
+    if issued is not None and issued.isoformat() < (measured_to_utc or "")[:10]:
+        message = f"is {issued}, before the last touch on {measured_to_utc}"
+        raise FileError("laboratory.toml", f"issued {message}; give the day of issue")

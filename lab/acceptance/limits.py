@@ -62,6 +62,8 @@ class Mpe(StrictModel):
     scan_size_all_mm: Limit = None
     scan_l_dia_mm: Limit = None
     scan_flat_95_mm: Limit = None
+    scan_e_uni_mm: Length = None
+    scan_e_bi_mm: Length = None
 
     def of(self, key: str) -> LengthLimit | None:
         value = getattr(self, f"{key}_mm")
@@ -106,8 +108,8 @@ class Limits(StrictModel):
 
     schema_: Literal["traverse/acceptance-limits/1"] = Field(alias="schema")
     decision: Literal["iso14253-1", "simple"] = "iso14253-1"
-    guard_factor: float = Field(default=GUARD_FACTOR, gt=0.0)
-    coverage_probability: float = Field(default=COVERAGE_PROBABILITY, ge=0.5, le=0.9999)
+    guard_factor: float = Field(default=GUARD_FACTOR, ge=1.64)
+    coverage_probability: float = Field(default=COVERAGE_PROBABILITY, ge=0.9, le=0.9999)
     measuring_range_mm: float | None = Field(default=None, gt=0.0)
     next_date: date | None = None
     agreement: str | None = None

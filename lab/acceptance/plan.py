@@ -13,18 +13,16 @@ import tomlkit
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.acceptance.procedures.b89 import N_BARS, ZONES
-from traverse.lab.acceptance.procedures.length_tests import LENGTHS, POSITIONS
+from traverse.lab.acceptance.procedures.length_tests import (
+    LENGTH_TESTS,
+    LENGTHS,
+    POSITIONS,
+)
 from traverse.lab.acceptance.procedures.lengths import SET
 from traverse.lab.acceptance.procedures.scanning import FLAT
 from traverse.lab.acceptance.procedures.scanning import LOCATION as SCANNED_LOCATION
 from traverse.lab.acceptance.procedures.scanning import SPHERE as SCANNED_SPHERE
-from traverse.lab.acceptance.standards import (
-    BIDIRECTIONAL,
-    DIAMETER,
-    LOCATION,
-    PROBING,
-    UNIDIRECTIONAL,
-)
+from traverse.lab.acceptance.standards import DIAMETER, LOCATION, PROBING
 from traverse.lab.artefacts.materials import MATERIALS
 from traverse.lab.campaign.campaign_file import EXAMPLE, read_campaign_file
 from traverse.lab.collection.plan import PLAN, PlanFile
@@ -82,8 +80,7 @@ class Plan:
 def plan_of(standard: str, arm: Arm, *, bidirectional: bool = False) -> Plan:
     """Return what to touch.
 
-    The reach of the arm says how long the lengths are. E_BI of ISO 10360-12 is
-    optional.
+    The reach of the arm says how long the lengths are. E_BI is optional.
     """
     shoulder_mm, reach_mm = reach_of(arm)
     artefacts: dict[str, Mapping[str, Any]] = {}
@@ -100,13 +97,15 @@ _Test = tuple[str, Mapping[str, Any], list[Step]]
 def _tests(standard: str, reach_mm: float, bidirectional: bool) -> Iterator[_Test]:
     if standard == "iso10360-12":
         yield from _spheres(reach_mm)
-        yield from _lengths(reach_mm, UNIDIRECTIONAL)
+        yield from _lengths(reach_mm, "e_uni")
         if bidirectional:
-            yield from _lengths(reach_mm, BIDIRECTIONAL)
+            yield from _lengths(reach_mm, "e_bi")
     elif standard == "asme-b89.4.22":
         yield from _b89(reach_mm)
     elif standard == "iso10360-8":
         yield from _scans(reach_mm)
+        if bidirectional:
+            yield from _lengths(reach_mm, "scan_e_bi")
     else:
         yield from _checks(reach_mm)
 
@@ -132,7 +131,9 @@ def _spheres(reach_mm: float) -> Iterator[_Test]:
     )
 
 
-def _lengths(reach_mm: float, prefix: str) -> Iterator[_Test]:
+def _lengths(reach_mm: float, key: str) -> Iterator[_Test]:
+    prefix = LENGTH_TESTS[key][1]
+    per_face = PER_SCANNED_GROUP if prefix.startswith(SCANNED) else PER_FACE
     longest_mm = LONGEST_SHARE * 2.0 * reach_mm
     lengths_mm = [
         float(np.ceil(longest_mm * number / LENGTHS / 10.0) * 10.0)
@@ -142,7 +143,7 @@ def _lengths(reach_mm: float, prefix: str) -> Iterator[_Test]:
         for number, length_mm in enumerate(lengths_mm, 1):
             name = f"{prefix}-{position}-{number}"
             way = _WAYS[position - 1]
-            if prefix == UNIDIRECTIONAL:
+            if key == "e_uni":
                 ends = {"a": [0.0, 0.0, 0.0], "b": [length_mm, 0.0, 0.0]}
                 table = {
                     "kind": "points",
@@ -158,8 +159,8 @@ def _lengths(reach_mm: float, prefix: str) -> Iterator[_Test]:
                     "distance_mm": length_mm,
                     "distance_std_mm": 0.0005,
                 }
-                say = f"block of {length_mm:.0f} mm {way}: {PER_FACE} points on face"
-                features, touches = ("1", "2"), PER_FACE
+                say = f"block of {length_mm:.0f} mm {way}: {per_face} points on face"
+                features, touches = ("1", "2"), per_face
             yield name, table, _repeated(name, features, touches, say, SET)
 
 

@@ -33,7 +33,6 @@ Tests = Callable[[Measurement, Limits], Iterator[Part]]
 PROBING = ("probing-1", "probing-2")
 LOCATION = "articulated"
 DIAMETER = "diameter"
-UNIDIRECTIONAL, BIDIRECTIONAL = "uni", "bi"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +51,8 @@ class Standard:
 def _iso10360(measured: Measurement, limits: Limits) -> Iterator[Part]:
     yield from size_and_form(measured, PROBING, limits)
     yield from location(measured, LOCATION, limits)
-    yield from length_test(measured, "e_uni", UNIDIRECTIONAL, limits)
-    named = any(name.startswith(f"{BIDIRECTIONAL}-") for name in measured.artefacts)
-    if named or limits.mpe.e_bi_mm is not None:
-        yield from length_test(measured, "e_bi", BIDIRECTIONAL, limits)
+    yield from length_test(measured, "e_uni", limits)
+    yield from length_test(measured, "e_bi", limits)
 
 
 def _b89(measured: Measurement, limits: Limits) -> Iterator[Part]:

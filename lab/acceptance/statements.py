@@ -5,20 +5,26 @@ One table for all standards. What a certificate states is ISO/IEC 17025:2017, 7.
 reported with is general knowledge.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.acceptance.administration import (
+    LARGEST_MPE,
     Administration,
     StandardUsed,
     administration_of,
 )
 from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.procedures.length_tests import LEAST_SHARE
+from traverse.lab.artefacts.materials import MATERIALS, TABLE_HOLDS_C, Expansion
 from traverse.lab.campaign.campaign_file import CampaignFile
 from traverse.lab.measured_points.measurement import Measurement, reach_of
 from traverse.lab.measured_points.reading import occasion_of
 from traverse.lab.outcomes.acceptance import AbsentStatement
+from traverse.lab.report.provenance import utc_text
 
 # Standards whose test is an interim check, which certifies nothing.
 INTERIM = ("vdi2617-9",)
@@ -46,166 +52,173 @@ class Statement:
     without: tuple[str, ...] = ()
 
 
-def _absent(key: str) -> Lacking:
+# What says that somebody has not said it yet.
+_NOTHING = frozenset(("n/a", "none", "not stated", "tbd", "todo", "unknown"))
+
+
+def _is_absent(value: object) -> bool:
+    if not isinstance(value, str):
+        return value is None
+    return not any(map(str.isalnum, value)) or value.strip().casefold() in _NOTHING
+
+
+# Where a value is not called as its statement is.
+_KEYS = {
+    "dates": "measured_from_utc",
+    "temperature": "temperature_mean_c",
+    "humidity": "humidity_percent",
+    "warm_up": "warm_up_min",
+    "measuring_range": "measuring_range_mm",
+    "standard_serial_number": "serial_number",
+}
+
+
+def _of_measurement(
+    code: str, text: str, where: str, without: tuple[str, ...] = ()
+) -> Statement:
+    key = _KEYS.get(code, code)
+
     def lacking(stated: Administration) -> Iterator[str]:
-        if getattr(stated, key) in (None, ""):
+        if _is_absent(getattr(stated, key)):
             yield ""
 
-    return lacking
+    return Statement(code, text, where, lacking, without)
 
 
-def _of_standards(key: str) -> Lacking:
-    def lacking(stated: Administration) -> Iterator[str]:
-        for standard in stated.standards:
-            if getattr(standard, key) in (None, ""):
-                yield standard.name
-
-    return lacking
+def _standards(is_lacking: Callable[[StandardUsed], bool]) -> Lacking:
+    """Name the standards that lack something."""
+    return lambda stated: (each.name for each in stated.standards if is_lacking(each))
 
 
-def _expanding(key: str) -> Lacking:
-    """As `_of_standards`, without flats: their form does not depend on the warmth."""
-
-    def lacking(stated: Administration) -> Iterator[str]:
-        standards = tuple(each for each in stated.standards if each.kind != "plane")
-        yield from _of_standards(key)(replace(stated, standards=standards))
-
-    return lacking
+def _of_standards(code: str, text: str) -> Statement:
+    key = _KEYS.get(code, code)
+    lacking = _standards(lambda each: _is_absent(getattr(each, key)))
+    return Statement(code, text, f"{key} {_STANDARDS}", lacking)
 
 
-def _invalid(stated: Administration) -> Iterator[str]:
+def _invalid(stated: Administration) -> Iterable[str]:
     """Name standards whose certificate did not hold on a day of the measurement."""
     first, last = stated.measured_from_utc, stated.measured_to_utc
     if first is None or last is None:
+        return ()
+    first, last = first[:10], last[:10]
+    return _standards(
+        lambda each: (
+            (each.calibration_date or first) > first
+            or (each.valid_until or last) < last
+        )
+    )(stated)
+
+
+def _contradicted(stated: Administration) -> Iterator[str]:
+    """Name standards of one serial number that different certificates are stated of."""
+    named = Counter(each.name for each in stated.standards if each.serial_number)
+    yield from (name for name, times in named.items() if times > 1)
+
+
+def _beyond_the_table(stated: Administration) -> Iterable[str]:
+    """Name standards whose coefficient is that of the table, and does not hold."""
+    least_c, most_c = stated.temperature_least_c, stated.temperature_largest_c
+    if least_c is None or most_c is None:
+        return ()
+    if TABLE_HOLDS_C[0] <= least_c and most_c <= TABLE_HOLDS_C[1]:
+        return ()
+    return _standards(
+        lambda each: (
+            each.material is not None
+            and MATERIALS[each.material]
+            == Expansion(each.expansion_per_c, each.expansion_std_per_c)
+        )
+    )(stated)
+
+
+def _out_of_range(stated: Administration) -> Iterator[str]:
+    longest_mm, range_mm = stated.longest_mm, stated.measuring_range_mm
+    if longest_mm is None or range_mm is None:
         return
-    days = first[:10], last[:10]
-    yield from (each.name for each in stated.standards if not _holds(each, *days))
+    if not LEAST_SHARE * range_mm <= longest_mm <= range_mm:
+        yield f"{longest_mm:.0f} mm of {range_mm:g} mm"
 
 
-def _holds(standard: StandardUsed, first: str, last: str) -> bool:
-    begun = standard.calibration_date is None or standard.calibration_date <= first
-    return begun and (standard.valid_until is None or last <= standard.valid_until)
-
-
-def _coefficient_alone(stated: Administration) -> Iterator[str]:
-    for standard in stated.standards:
-        if (
-            standard.expansion_per_c is not None
-            and standard.expansion_std_per_c is None
-        ):
-            yield standard.name
-
-
-def _copied(stated: Administration) -> Iterator[str]:
-    if stated.copied_touches is not None:
-        yield f"{stated.copied_touches} touches"
-
-
-def _identified(stated: Administration) -> Iterator[str]:
-    if stated.is_of_identification:
-        yield ""
+def _passed(stated: Administration) -> Iterator[str]:
+    """Say so where the next test is not after this one."""
+    next_date, last = stated.next_date, stated.measured_to_utc
+    if next_date is not None and last is not None and next_date <= last[:10]:
+        yield next_date
 
 
 _CAMPAIGN = "of campaign.toml"
 _STANDARDS = f"in [[artefacts]] {_CAMPAIGN}"
 _CIRCUMSTANCES = f"in [circumstances] {_CAMPAIGN}"
+_TIMES = f"start_utc {_CAMPAIGN}, or time_ns of exported points"
+_BEYOND_ISO_12 = ("asme-b89.4.22", *INTERIM, *SCANNING)
 STATEMENTS = (
-    Statement(
-        "arm_serial_number",
-        "serial number of the arm",
-        "serial_number of arm.toml",
-        _absent("arm_serial_number"),
+    _of_measurement(
+        "arm_serial_number", "serial number of the arm", "serial_number of arm.toml"
     ),
-    Statement(
-        "probe",
-        "type and serial number of the probe",
-        f"probe {_CIRCUMSTANCES}",
-        _absent("probe"),
+    _of_measurement(
+        "probe", "type and serial number of the probe", f"probe {_CIRCUMSTANCES}"
     ),
-    Statement("operator", "operator", f"operator {_CAMPAIGN}", _absent("operator")),
-    Statement("place", "place", f"place {_CAMPAIGN}", _absent("place")),
-    Statement(
-        "dates",
-        "date of the measurement",
-        f"start_utc {_CAMPAIGN}, or time_ns of exported points",
-        _absent("measured_from_utc"),
-    ),
+    _of_measurement("operator", "operator", f"operator {_CAMPAIGN}"),
+    _of_measurement("place", "place", f"place {_CAMPAIGN}"),
+    _of_measurement("dates", "date of the measurement, not in the future", _TIMES),
     Statement(
         "touches",
         "place of their own, which copies have not,",
         "leave the place before each touch, delete copies",
-        _copied,
+        lambda stated: (
+            [f"{stated.copied_touches} touches"] if stated.copied_touches else ()
+        ),
     ),
     Statement(
         "independence",
         "measurement that the arm was not identified from",
         "touch again; [identification] of arm.toml names this campaign",
-        _identified,
+        lambda stated: [""] if stated.is_of_identification else (),
     ),
-    Statement(
-        "temperature",
-        "temperature",
-        "column temperature_c of the poses",
-        _absent("temperature_mean_c"),
+    _of_measurement("temperature", "temperature", "column temperature_c of the poses"),
+    _of_measurement(
+        "humidity", "humidity", f"humidity_percent {_CIRCUMSTANCES}", INTERIM
     ),
-    Statement(
-        "humidity",
-        "humidity of the air",
-        f"humidity_percent {_CIRCUMSTANCES}",
-        _absent("humidity_percent"),
-        without=INTERIM,
+    _of_measurement(
+        "warm_up", "time of warming up", f"warm_up_min {_CIRCUMSTANCES}", INTERIM
     ),
-    Statement(
-        "warm_up",
-        "time of warming up",
-        f"warm_up_min {_CIRCUMSTANCES}",
-        _absent("warm_up_min"),
-        without=INTERIM,
-    ),
-    Statement(
+    _of_measurement(
         "measuring_range",
         "measuring range",
         "measuring_range_mm of limits.toml",
-        _absent("measuring_range_mm"),
-        without=(*INTERIM, *SCANNING),
+        (*INTERIM, *SCANNING),
     ),
     Statement(
+        "longest_length",
+        f"longest length of {LEAST_SHARE:.0%} to 100% of the measuring range instead",
+        "measuring_range_mm of limits.toml, or measure longer lengths",
+        _out_of_range,
+        ("asme-b89.4.22", *INTERIM, *SCANNING),
+    ),
+    _of_measurement(
         "agreement",
         "agreement to apply the standard to an arm",
         "agreement of limits.toml",
-        _absent("agreement"),
-        without=("iso10360-12", "asme-b89.4.22", *INTERIM),
+        ("iso10360-12", "asme-b89.4.22", *INTERIM),
     ),
     Statement(
-        "standard_serial_number",
-        "serial number",
-        f"serial_number {_STANDARDS}",
-        _of_standards("serial_number"),
+        "limits",
+        f"permissible error in mm, below {LARGEST_MPE:.1%} of the reach, instead",
+        "[mpe] of limits.toml",
+        lambda stated: stated.too_large_limits or (),
     ),
     Statement(
-        "certificate_number",
-        "number of the certificate",
-        f"certificate_number {_STANDARDS}",
-        _of_standards("certificate_number"),
+        "next_date",
+        "next test that is after this one instead",
+        "next_date of limits.toml",
+        _passed,
     ),
-    Statement(
-        "calibration_date",
-        "date of calibration",
-        f"calibration_date {_STANDARDS}",
-        _of_standards("calibration_date"),
-    ),
-    Statement(
-        "calibrated_by",
-        "laboratory of the calibration",
-        f"calibrated_by {_STANDARDS}",
-        _of_standards("calibrated_by"),
-    ),
-    Statement(
-        "valid_until",
-        "last day of validity",
-        f"valid_until {_STANDARDS}",
-        _of_standards("valid_until"),
-    ),
+    _of_standards("standard_serial_number", "serial number"),
+    _of_standards("certificate_number", "number of the certificate"),
+    _of_standards("calibration_date", "date of calibration"),
+    _of_standards("calibrated_by", "laboratory of the calibration"),
+    _of_standards("valid_until", "last day of validity"),
     Statement(
         "certificate_holds",
         "certificate that holds on the day of the measurement",
@@ -213,16 +226,33 @@ STATEMENTS = (
         _invalid,
     ),
     Statement(
+        "one_certificate",
+        "one and the same certificate",
+        f"serial_number, or what its certificate states, {_STANDARDS}",
+        _contradicted,
+    ),
+    Statement(
         "expansion",
         "coefficient of expansion",
         f"material, or expansion_per_c, {_STANDARDS}",
-        _expanding("expansion_per_c"),
+        # The form of a flat does not depend on the warmth.
+        _standards(lambda each: each.kind != "plane" and each.expansion_per_c is None),
     ),
     Statement(
         "expansion_std",
         "uncertainty of the coefficient of expansion",
         f"expansion_std_per_c, or material alone, {_STANDARDS}",
-        _coefficient_alone,
+        _standards(
+            lambda each: (
+                each.expansion_per_c is not None and not each.expansion_std_per_c
+            )
+        ),
+    ),
+    Statement(
+        "expansion_holds",
+        "coefficient that holds beyond {:g} to {:g} °C".format(*TABLE_HOLDS_C),
+        f"expansion_per_c and expansion_std_per_c of its certificate {_STANDARDS}",
+        _beyond_the_table,
     ),
 )
 
@@ -235,9 +265,14 @@ def required_statements(standard: str) -> tuple[Statement, ...]:
 
 
 def absent_statements(
-    standard: str, stated: Administration
+    standard: str, stated: Administration, computed_utc: str
 ) -> tuple[AbsentStatement, ...]:
-    """List what is missing for a verdict by a standard, each with where to state it."""
+    """List what is missing for a verdict by a standard, each with where to state it.
+
+    Times are ISO 8601 with Z.
+    """
+    if (stated.measured_to_utc or "")[:10] > computed_utc[:10]:
+        stated = replace(stated, measured_from_utc=None)
     return tuple(
         AbsentStatement(statement.code, statement.text, statement.where, names)
         for statement in required_statements(standard)
@@ -262,5 +297,6 @@ def absent_before(
         reach_mm,
         occasion=replace(occasion, first_utc=file.start_utc, last_utc=file.start_utc),
     )
-    absent = absent_statements(standard, administration_of([nothing], arm, limits))
+    stated = administration_of([nothing], arm, limits)
+    absent = absent_statements(standard, stated, utc_text(datetime.now(UTC)))
     return tuple(entry for entry in absent if entry.code != "temperature")

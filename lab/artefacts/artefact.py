@@ -321,11 +321,12 @@ class ExpandingArtefact(Artefact):
 
     Attributes:
         material: Says how much it expands where `expansion_per_c` does not.
+        expansion_per_c: From what shrinks slightly, as carbon fibre, to plastics.
         expansion_std_per_c: Standard uncertainty of `expansion_per_c`.
     """
 
     material: MaterialName | None = None
-    expansion_per_c: float | None = None
+    expansion_per_c: float | None = Field(default=None, ge=-5e-6, le=3e-4)
     expansion_std_per_c: float | None = Field(default=None, ge=0.0)
     reference_temperature_c: float = REFERENCE_TEMPERATURE_C
 

@@ -3,6 +3,8 @@
 Steel is that of gauge blocks, (11.5 +- 1.0) 1e-6/C by ISO 3650; the others are general
 knowledge. Where the standard's certificate states a coefficient, that is better. The
 standard uncertainties are of an even distribution within the limits of the table.
+ISO 3650 states its coefficient from 10 to 30 C (general knowledge): there the table
+holds.
 """
 
 from collections.abc import Mapping
@@ -24,6 +26,9 @@ MaterialName = Literal[
     "fused-silica",
     "granite",
 ]
+
+
+TABLE_HOLDS_C = (10.0, 30.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ from traverse.lab.acceptance.certificate.check import (
     PAGES,
     certificate_problems,
 )
-from traverse.lab.acceptance.laboratory import Laboratory
+from traverse.lab.acceptance.laboratory import Laboratory, refuse_early_issue
 from traverse.lab.acceptance.limits import NO_LIMITS
 from traverse.lab.adjustment import IdentificationError
 from traverse.lab.campaign.campaign import Campaign, read_campaign
@@ -169,7 +169,7 @@ def evidence_text(folder: Path, laboratory: Laboratory, issued: date) -> str:
     """Write the certificate of a folder of results, as XML.
 
     Raises:
-        FileError: It is none, or states too little to be certified.
+        FileError: It is none, or states too little or too early to be certified.
     """
     stated: dict[str, Any] = {
         "laboratory": laboratory.model_dump(),
@@ -180,12 +180,14 @@ def evidence_text(folder: Path, laboratory: Laboratory, issued: date) -> str:
         if (folder / CERTIFICATE).is_file():
             values = _values(folder / CERTIFICATE)
             about = values["administration"], values["arm"]["digest"]
+            refuse_early_issue(issued, about[0]["measured_to_utc"])
             return certificate_text("verification", values, *about, **stated)
         values = _values(folder / IDENTIFICATION)
         arm = read_arm(folder / _ARM)
         campaign = _campaign(folder, arm)
         measured = measured_campaign(campaign, arm, campaign.artefacts)
         administration = administration_of([measured], arm, NO_LIMITS)
+        refuse_early_issue(issued, administration.measured_to_utc)
         about = plain_values(administration), arm_digest(arm)
         return certificate_text("identification", values, *about, **stated)
     except FileError:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, parse_arm, read_arm
+from traverse.lab.acceptance.administration import standards_used
 from traverse.lab.acceptance.certificate.check import CERTIFICATE, DATA, PAGES
 from traverse.lab.campaign.campaign import campaign_digest
 from traverse.lab.campaign.campaign_file import CampaignFile, read_campaign_file
@@ -208,8 +209,10 @@ class Tracer:
         digests = _campaign_digests(folder / "campaign.toml", file)
         link = Link("campaign", folder, digests[0])
         self._seen.update(digests)
-        for name in _standards(file):
-            link.remarks.append(f"{name}, outside of this chain")
+        for used in standards_used({each.id: each for each in file.artefacts}):
+            number = used.certificate_number or "not stated"
+            remark = f"{used.name}: certificate {number}, outside of this chain"
+            link.remarks.append(remark)
         link.links.append(self._named("arm file", file.arm_digest))
         return link
 
@@ -322,15 +325,3 @@ def _table(path: Path) -> Mapping[str, Any]:
 def _campaign_digests(path: Path, file: CampaignFile) -> tuple[str, str]:
     """The digests by which arm files and reports name a campaign."""
     return campaign_digest(path, file), digest_of_files(files_read(path.parent))
-
-
-def _standards(file: CampaignFile) -> list[str]:
-    """Name the calibrated standards, which have certificates of their own."""
-    named: dict[str, None] = {}
-    for artefact in file.artefacts:
-        if artefact.serial_number or artefact.certificate_number:
-            kind = artefact.kind.replace("_", " ")
-            serial = artefact.serial_number or "without a number"
-            number = artefact.certificate_number or "not stated"
-            named[f"{kind} {serial}: certificate {number}"] = None
-    return list(named)

@@ -247,7 +247,8 @@ def _sentences(evidence: AcceptanceEvidence) -> Iterator[str]:
         yield "Complete; no limits given, so nothing is decided."
     elif not evidence.missing and set(by_verdict) == {"accept"}:
         part = " as far as there are limits" if without else ""
-        yield f"Complete: accepted{part}."
+        reserved = any(figure.remarks for figure in evidence.figures)
+        yield f"Complete: accepted{part}{', with reservations' if reserved else ''}."
     elif not evidence.missing:
         yield "Complete."
     if set(by_verdict) != {"accept"}:

@@ -206,7 +206,7 @@ def test_as_found_as_left_and_the_previous_certificate(campaigns, tmp_path):
         assert message in ran.output
     arm_as_found.write_text(arm_as_found.read_text().replace("demo-7", "demo-8"))
     ran = run(*words, left, "--as-found", arm_as_found, status=2)
-    assert "is of the arm 'demo-8', expected 'demo-7'" in ran.output
+    assert "is of another arm: demo-8 D7-0042" in ran.output
 
 
 def test_a_limit_exceeded_is_reported_by_the_exit_status(campaigns, tmp_path):

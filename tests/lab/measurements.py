@@ -16,7 +16,7 @@ OCTAHEDRON = np.vstack([np.eye(3), -np.eye(3)])
 def artefact(name, kind, **keys):
     """A table of a campaign file; standards do not expand unless they say so."""
     if kind in ("ball_bar", "points", "seats", "sphere", "parallel_planes"):
-        keys = {"expansion_per_c": 0.0, "expansion_std_per_c": 0.0, **keys}
+        keys = {"expansion_per_c": 0.0, "expansion_std_per_c": 1e-12, **keys}
     return artefact_from_table({"id": name, "kind": kind, **keys})
 
 

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +103,10 @@ def _figure_problems(values: Mapping[str, Any], folder: Path) -> Iterator[str]:
         limits,
         {},
         administration_of(measured, arm, limits),
-        report_provenance(ReportSource(data.name, digest_of_files(files_read(data)))),
+        report_provenance(
+            ReportSource(data.name, digest_of_files(files_read(data))),
+            when=datetime.fromisoformat(values["date_utc"]),
+        ),
         read_before(
             data,
             standard,

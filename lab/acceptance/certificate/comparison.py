@@ -68,9 +68,10 @@ def read_before(
     found_arm = verification = None
     if as_found is not None:
         found_arm = read_arm(as_found)
-        if found_arm.name != arm.name:
-            message = f"is of the arm {found_arm.name!r}, expected {arm.name!r}"
-            raise FileError(as_found, message)
+        known = (None, arm.serial_number)
+        if found_arm.name != arm.name or found_arm.serial_number not in known:
+            names = f"{found_arm.name} {found_arm.serial_number}"
+            raise FileError(as_found, f"is of another arm: {names}")
         verification = verified(read_by_tool(data, found_arm), standard, limits)
     values = None
     if previous is not None:

@@ -138,7 +138,7 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
         *_laboratory_rows(values),
         ("Arm", _described_arm(values)),
         ("Serial number of the arm", administration["arm_serial_number"] or NOT_STATED),
-        *_known("Arm calibrated", _date(administration["arm_calibration_date"])),
+        *_known("Arm adjusted", _adjusted(values)),
         ("Probe", _joined(administration, "{probe:s}", *_tip(administration))),
         ("Range", _joined(administration, *_RANGE)),
         ("Measured", f"{times}{_repeats(values)}"),
@@ -283,8 +283,16 @@ def _time(text: str | None) -> str:
     return (text or NOT_STATED).replace("T", " ").replace("Z", " UTC")
 
 
-def _date(text: str | None) -> str | None:
-    return None if text is None else _time(text)
+def _adjusted(values: Mapping[str, Any]) -> str | None:
+    """Say when the arm was adjusted, and that it is not stated how it was found."""
+    day: str | None = values["administration"]["arm_calibration_date"]
+    if day is None or values["as_found"]:
+        return day
+    return f"{day}; as found before: {NOT_STATED}"
+
+
+def missing_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
+    return [(of["name"], what) for of in values["missing"] for what in of["what"]]
 
 
 def certificate_page(certificate: SealedCertificate) -> str:
@@ -304,11 +312,7 @@ def certificate_page(certificate: SealedCertificate) -> str:
         correlations=correlation_table(values),
         comparison_columns=COMPARISON_COLUMNS,
         comparison=comparison_cells(values),
-        missing=[
-            (lacking["name"], what)
-            for lacking in values["missing"]
-            for what in lacking["what"]
-        ],
+        missing=missing_rows(values),
         files=certificate.files,
         pictures=painted(paintings(values), WIDTH_MM),
     )

@@ -21,6 +21,7 @@ from traverse.lab.acceptance.certificate.page import (
     comparison_cells,
     correlation_table,
     figure_cells,
+    missing_rows,
     standard_cells,
 )
 from traverse.lab.acceptance.certificate.pictures import paintings
@@ -197,11 +198,7 @@ def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
         document.text_block(f"{remark[0].upper()}{remark[1:]}.", note=True)
     if values["missing"]:
         document.heading("Missing")
-        rows = [
-            (entry["name"], what)
-            for entry in values["missing"]
-            for what in entry["what"]
-        ]
+        rows = missing_rows(values)
         document.rows(("not computed", "because"), rows, (45, 125), texts=2)
     if comparison := comparison_cells(values):
         document.heading("As found, as left, and before")

@@ -21,7 +21,7 @@ from traverse.lab.acceptance.conformity import (
     PredictedLengths,
     Verification,
 )
-from traverse.lab.acceptance.laboratory import Laboratory
+from traverse.lab.acceptance.laboratory import Laboratory, refuse_early_issue
 from traverse.lab.acceptance.limits import Limits
 from traverse.lab.acceptance.monte_carlo import propagated
 from traverse.lab.acceptance.statements import absent_statements, required_statements
@@ -72,7 +72,7 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
     """Put everything but the digest into plain values."""
     verification, limits = certificate.verification, certificate.limits
     stated, standard = certificate.administration, verification.standard
-    absent = absent_statements(standard, stated)
+    absent = absent_statements(standard, stated, certificate.provenance.date_utc)
     judged = acceptance_outcome(
         AcceptanceEvidence(
             [_decided(figure) for figure in verification.figures],
@@ -95,7 +95,7 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         "date_utc": certificate.provenance.date_utc,
         "provenance": certificate.provenance.values,
         "administration": plain_values(stated),
-        **_stated_by(certificate.laboratory),
+        **_stated_by(certificate.laboratory, stated.measured_to_utc),
         "statements": {
             "required": [entry.code for entry in required_statements(standard)],
             "absent": plain_values(absent),
@@ -120,8 +120,13 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
     }
 
 
-def _stated_by(laboratory: Laboratory | None) -> dict[str, Any]:
-    return {} if laboratory is None else {"laboratory": laboratory.plain_values}
+def _stated_by(
+    laboratory: Laboratory | None, measured_to_utc: str | None
+) -> dict[str, Any]:
+    if laboratory is None:
+        return {}
+    refuse_early_issue(laboratory.issued, measured_to_utc)
+    return {"laboratory": laboratory.plain_values}
 
 
 def _decided(figure: Figure) -> DecidedFigure:

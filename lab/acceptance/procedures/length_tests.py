@@ -30,7 +30,7 @@ from traverse.lab.acceptance.procedures.lengths import (
     repeatability_of,
 )
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
-from traverse.lab.measured_points.measurement import Measurement
+from traverse.lab.measured_points.measurement import SCANNED, Measurement
 
 POSITIONS, LENGTHS = 7, 5
 AGAIN = 10
@@ -42,9 +42,22 @@ DEFINITION = (
     "longest length at least 66 % of the measuring range. Repeats: in at most 5 of the "
     "35 sets of three one error may be outside; it is measured 10 times again, all in"
 )
-_WAYS = {
-    "e_uni": "Lengths from centre to centre, probed alike at both ends: unidirectional",
-    "e_bi": "Lengths between opposite faces: bidirectional",
+
+
+# Title, prefix of the artefacts' ids, and what the lengths lie between.
+LENGTH_TESTS = {
+    "e_uni": ("E_UNI", "uni", "from centre to centre, probed alike: unidirectional"),
+    "e_bi": ("E_BI", "bi", "between opposite faces: bidirectional"),
+    "scan_e_uni": (
+        "E_Uni, scanned",
+        f"{SCANNED}uni",
+        "between centres of scanned balls: unidirectional",
+    ),
+    "scan_e_bi": (
+        "E_Bi, scanned",
+        f"{SCANNED}bi",
+        "between opposite faces, scanned: bidirectional",
+    ),
 }
 
 
@@ -57,13 +70,15 @@ def length_names(prefix: str) -> list[str]:
     ]
 
 
-def length_test(
-    measured: Measurement, key: str, prefix: str, limits: Limits
-) -> Iterator[Part]:
-    """E_UNI or E_BI of ISO 10360-12."""
+def length_test(measured: Measurement, key: str, limits: Limits) -> Iterator[Part]:
+    """One of `LENGTH_TESTS`; all but E_UNI if an artefact or a limit asks for it."""
+    title, prefix, _ = LENGTH_TESTS[key]
+    named = any(name.startswith(f"{prefix}-") for name in measured.artefacts)
+    if key != "e_uni" and not named and limits.mpe.of(key) is None:
+        return
     times = {SET: str(SET), SET + AGAIN: f"{SET + AGAIN} with ten again"}
     sets, parts = length_sets(
-        measured, length_names(prefix), key, limits, times, title=key.upper()
+        measured, length_names(prefix), key, limits, times, title=title
     )
     yield from parts
     if sets:
@@ -83,8 +98,8 @@ def _figure(
     values = np.array([error.error_mm for error in counted])
     return Figure(
         key,
-        key.upper(),
-        f"{DEFINITION}. {_WAYS[key]}",
+        LENGTH_TESTS[key][0],
+        f"{DEFINITION}. Lengths {LENGTH_TESTS[key][2]}",
         "general knowledge",
         largest.error_mm,
         largest.budget.with_lines(repeatability_of([errors[:SET] for errors in sets])),
@@ -98,7 +113,7 @@ def _figure(
         ),
         (
             *remarks,
-            *_range_remarks(measured, counted, limits),
+            *_count_remarks(counted),
             *direction_remarks(measured, [errors[0].artefact for errors in sets]),
         ),
     )
@@ -145,17 +160,7 @@ def _judged(
     return worst([verdict for _, verdict, _ in outside]), remarks
 
 
-def _range_remarks(
-    measured: Measurement, counted: Sequence[LengthError], limits: Limits
-) -> Iterator[str]:
-    range_mm = limits.measuring_range_mm or 2.0 * measured.reach_mm
-    longest_mm = max(error.length_mm for error in counted)
-    if longest_mm < LEAST_SHARE * range_mm:
-        yield (
-            f"the longest length is {longest_mm:.0f} mm, "
-            f"{longest_mm / range_mm:.0%} of the measuring range of {range_mm:.0f} mm; "
-            f"expected at least {LEAST_SHARE:.0%}"
-        )
+def _count_remarks(counted: Sequence[LengthError]) -> Iterator[str]:
     lengths = {round(error.length_mm, 1) for error in counted}
     if len(lengths) < LENGTHS:
         yield f"{len(lengths)} different lengths, expected {LENGTHS}"

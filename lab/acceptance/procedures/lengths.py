@@ -22,6 +22,7 @@ from traverse.lab.acceptance.budget import (
     Budget,
     CertifiedValue,
     Contribution,
+    form_factor,
     length_budget,
     repeatability,
 )
@@ -32,6 +33,7 @@ from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.parallel_planes import ParallelPlanes
 from traverse.lab.measured_points.measurement import (
+    SCANNED,
     ArtefactTouches,
     IncompleteError,
     Measurement,
@@ -44,7 +46,20 @@ from traverse.lab.measured_points.measurement import (
 from traverse.plurals import counted
 
 _LEAST_PER_PLANE = 3
+LEAST_OF_SCAN = 25  # of a ball or a face
 SET = 3
+
+
+def refuse_few(touched: ArtefactTouches, what: str, least: int) -> None:
+    """Refuse fewer touches.
+
+    Raises:
+        IncompleteError: There are fewer.
+    """
+    if len(touched) < least:
+        raise IncompleteError(
+            f"{what}: {counted(len(touched), 'point')}, expected at least {least}"
+        )
 
 
 def errors_of(
@@ -67,6 +82,9 @@ def errors_of(
         repeats_of(artefact, measured.of(name)), 1
     ):
         where = f"{name} repeat {number}"
+        if name.startswith(SCANNED):
+            for end in (first, second):
+                refuse_few(end, f"{where} on {end.features[0]}", LEAST_OF_SCAN)
         both = joined(first, second)
         measured_mm, form_factor = _measured_mm(artefact, first, second, where)
         error_mm = measured_mm - length_mm * growth(artefact, both)
@@ -161,7 +179,8 @@ def _between_balls_mm(
     between_mm = centres_mm[1] - centres_mm[0]
     length_mm = float(np.linalg.norm(between_mm))
     way = between_mm / length_mm
-    return length_mm, float(np.sqrt(sum(way @ spread @ way for spread in spreads)))
+    of_touch = float(np.sqrt(sum(way @ spread @ way for spread in spreads)))
+    return length_mm, form_factor(of_touch)
 
 
 def _between_planes_mm(
@@ -171,11 +190,7 @@ def _between_planes_mm(
     where: str,
 ) -> float:
     for part in (first, second):
-        if len(part) < _LEAST_PER_PLANE:
-            raise IncompleteError(
-                f"{where}: {counted(len(part), 'point')} on face {part.features[0]}, "
-                f"expected at least {_LEAST_PER_PLANE}"
-            )
+        refuse_few(part, f"{where} on face {part.features[0]}", _LEAST_PER_PLANE)
     try:
         normal = face_normal(first, second)
     except ValueError as error:

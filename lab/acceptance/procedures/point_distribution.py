@@ -5,12 +5,28 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.kinematics.model.geometry import across
 from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
 
 _LEAST_FROM_POLE = 75.0  # degrees; the pattern extends to 90
-_LARGEST_HOLE = 50.0  # degrees from a spot on the half sphere to the nearest touch
+_LARGEST_HOLE = 50.0  # degrees from a direction of the pattern to the nearest touch
 _LEAST_SPREAD = 0.10  # least mean square of cosines; 1/3 where directions are even
-_N_SPOTS = 200
+# So many points at such an angle from the pole, in degrees.
+_RINGS = ((1, 0.0), (4, 22.5), (8, 45.0), (4, 67.5), (8, 90.0))
+
+
+def pattern_25(pole: Floats) -> Floats:
+    """Return the 25 directions of a test sphere about a unit pole, (25, 3)."""
+    frame = np.vstack([*across(pole), pole])
+    directions = []
+    for index, (number, angle_deg) in enumerate(_RINGS):
+        # Every other ring is turned by half a step.
+        turns = 2.0 * np.pi * (np.arange(number) + 0.5 * (index % 2)) / number
+        off = np.radians(angle_deg)
+        aside = np.sin(off) * np.column_stack([np.cos(turns), np.sin(turns)])
+        directions.append(np.column_stack([aside, np.full(number, np.cos(off))]))
+    pattern: Floats = np.concatenate(directions) @ frame
+    return pattern
 
 
 def half_sphere_remarks(
@@ -30,17 +46,7 @@ def half_sphere_remarks(
             "about 90"
         )
         return
-    numbers = np.arange(_N_SPOTS)
-    heights = (numbers + 0.5) / _N_SPOTS
-    turns = numbers * np.pi * (3.0 - np.sqrt(5.0))
-    radii = np.sqrt(1.0 - heights**2)
-    spots = np.column_stack([radii * np.cos(turns), radii * np.sin(turns), heights])
-    # About the pole: reflect the third axis onto it.
-    across = pole - np.array([0.0, 0.0, 1.0])
-    if np.linalg.norm(across) > 1e-9:
-        across = across / np.linalg.norm(across)
-        spots = spots - 2.0 * np.outer(spots @ across, across)
-    nearest = np.max(spots @ outwards.T, axis=1)
+    nearest = np.max(pattern_25(pole) @ outwards.T, axis=1)
     hole = float(np.degrees(np.arccos(np.clip(nearest.min(), -1.0, 1.0))))
     if hole > _LARGEST_HOLE:
         yield (

@@ -11,9 +11,11 @@ import numpy as np
 
 from traverse.kinematics.fits import enclosing_sphere
 from traverse.lab.acceptance.budget import (
+    SMOOTH_FORM,
     Budget,
     CertifiedValue,
     form_budget,
+    form_factor,
     length_budget,
     repeatability,
 )
@@ -77,13 +79,6 @@ def refuse_another_count(touched: ArtefactTouches, n_expected: int, place: str) 
         )
 
 
-# The diameter of a ball that is smoothly out of round, oval above all, is another on
-# the half sphere that is touched than on the whole. Standard deviations as parts of the
-# form error, the largest of simulated balls with deviations of degrees 2 to 8.
-SMOOTH_FORM = 0.31  # of 25 points; of 9 0.28
-SMOOTH_FORM_OF_ALL = 0.40  # where the half sphere is covered densely
-
-
 def diameter_budget(
     sphere: Sphere,
     touched: ArtefactTouches,
@@ -91,11 +86,7 @@ def diameter_budget(
     limits: Limits,
     smooth_form: float = SMOOTH_FORM,
 ) -> Budget:
-    """Draw up the budget of a diameter, of the arm's scatter about the sphere too.
-
-    The form of the ball counts as if touches deviated each by itself, or all together
-    smoothly, whichever is more.
-    """
+    """Draw up the budget of a diameter, of the arm's scatter about the sphere too."""
     normals = touched.places_mm - fit.centre_mm
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     design = np.column_stack([normals, np.ones(len(normals))])
@@ -106,7 +97,7 @@ def diameter_budget(
         2.0 * (sphere.radius_std_mm or 0.0),
         sphere.stated_expansion,
         warmer_c(sphere, touched),
-        max(factor, smooth_form * float(np.sqrt(12.0))),
+        form_factor(factor, smooth_form),
     )
     degrees = len(touched) - 4
     scatter_mm = float(np.sqrt(np.sum(fit.off_mm**2) / degrees))

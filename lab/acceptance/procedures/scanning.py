@@ -13,12 +13,13 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.fits import fit_plane
-from traverse.kinematics.model.geometry import across
-from traverse.lab.acceptance.budget import flat_budget, form_budget
+from traverse.lab.acceptance.budget import SMOOTH_FORM_OF_ALL, form_budget
 from traverse.lab.acceptance.conformity import Missing, Part, Scatter, judged_figure
 from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.procedures.length_tests import length_test
+from traverse.lab.acceptance.procedures.lengths import LEAST_OF_SCAN, refuse_few
+from traverse.lab.acceptance.procedures.point_distribution import pattern_25
 from traverse.lab.acceptance.procedures.probing import (
-    SMOOTH_FORM_OF_ALL,
     LocationTest,
     diameter_budget,
     diameter_remarks,
@@ -27,22 +28,17 @@ from traverse.lab.acceptance.procedures.probing import (
 from traverse.lab.artefacts.plane import Plane
 from traverse.lab.measured_points.measurement import (
     SCANNED,
-    ArtefactTouches,
     IncompleteError,
     Measurement,
     certified_sphere,
     fitted_sphere,
 )
-from traverse.plurals import counted
 
 SPHERE, FLAT = f"{SCANNED}sphere", f"{SCANNED}flat"
 LOCATION = f"{SCANNED}articulated"
 # Ten of so many points may lie outside of the 95 %; Traverse's own choice.
 LEAST_POINTS = 200
-LEAST_OF_GROUP = 25
 _HELD = 0.95
-# So many points at such an angle from the pole, in degrees.
-_RINGS = ((1, 0.0), (4, 22.5), (8, 45.0), (4, 67.5), (8, 90.0))
 _FARTHEST_DEG = 15.0
 _CELL = 0.2  # edge of a cell, in radii
 _MOST_SHOWN = 500
@@ -75,35 +71,30 @@ _BY_KEY = {
 }
 
 
-def _refuse_few(scanned: ArtefactTouches, what: str, least: int) -> None:
-    if len(scanned) < least:
-        raise IncompleteError(
-            f"{what}: {counted(len(scanned), 'point')}, expected at least {least}"
-        )
-
-
 SCANNED_LOCATION = LocationTest(
     "scan_l_dia",
     "L_Dia.5x5",
     "5 scans of one sphere, the probe pointing another way in each; a least-squares "
     "sphere of each; L_Dia is the diameter of the smallest sphere that encloses the "
     "five centres",
-    lambda group, what: _refuse_few(group, what, LEAST_OF_GROUP),
+    lambda group, what: refuse_few(group, what, LEAST_OF_SCAN),
 )
 
 
 def scanning(measured: Measurement, limits: Limits) -> Iterator[Part]:
-    """The figures of `scan-sphere`, `scan-articulated` and `scan-flat`."""
+    """The figures of `scan-sphere`, `scan-articulated` and `scan-flat`, and lengths."""
     yield from _of_sphere(measured, limits)
     yield from location(measured, LOCATION, limits, SCANNED_LOCATION)
     yield from _of_flat(measured, limits)
+    yield from length_test(measured, "scan_e_uni", limits)
+    yield from length_test(measured, "scan_e_bi", limits)
 
 
 def _of_sphere(measured: Measurement, limits: Limits) -> Iterator[Part]:
     scanned = measured.of(SPHERE)
     try:
         sphere = certified_sphere(measured.artefacts.get(SPHERE), SPHERE)
-        _refuse_few(scanned, SPHERE, LEAST_POINTS)
+        refuse_few(scanned, SPHERE, LEAST_POINTS)
         every = fitted_sphere(sphere, scanned, SPHERE)
         outwards = scanned.places_mm - every.centre_mm
         chosen = scanned.part(representatives(outwards, SPHERE))
@@ -139,20 +130,19 @@ def _of_flat(measured: Measurement, limits: Limits) -> Iterator[Part]:
         if not isinstance(artefact, Plane):
             kind = "not among the artefacts" if artefact is None else artefact.kind
             raise IncompleteError(f"{FLAT}: is {kind}, expected a plane")
-        _refuse_few(scanned, FLAT, LEAST_POINTS)
+        refuse_few(scanned, FLAT, LEAST_POINTS)
         plane = fit_plane(scanned.places_mm)
     except ValueError as error:
         yield Missing(title, (str(error),))
         return
     heights_mm = (scanned.places_mm - plane.point_mm) @ plane.normal
-    form = artefact.form_mm or 0.0, artefact.form_std_mm
     yield judged_figure(
         limits,
         "scan_flat_95",
         title,
         definition,
         narrowest_mm(heights_mm),
-        budget=flat_budget(*form, limits.standards),
+        budget=form_budget(limits.standards, artefact),
         parts=(("all points", float(np.ptp(heights_mm))),),
     )
     yield _shown(FLAT, heights_mm)
@@ -187,7 +177,7 @@ def representatives(outwards: Floats, name: str) -> list[int]:
     # Points all around have no middle, and any pole is as good as another.
     length = float(np.linalg.norm(middle))
     pole = middle / length if length > 0.1 else np.array([0.0, 0.0, 1.0])
-    likeness = _pattern(pole) @ units.T
+    likeness = pattern_25(pole) @ units.T
     rows = np.argmax(likeness, axis=1)
     near = likeness.max(axis=1) >= np.cos(np.radians(_FARTHEST_DEG))
     n_near = len(np.unique(rows[near]))
@@ -197,20 +187,6 @@ def representatives(outwards: Floats, name: str) -> list[int]:
             f"{n_near} of 25 directions; scan the whole half sphere"
         )
     return [int(row) for row in rows]
-
-
-def _pattern(pole: Floats) -> Floats:
-    """Return the 25 directions about a pole, (25, 3)."""
-    frame = np.vstack([*across(pole), pole])
-    directions = []
-    for index, (number, angle_deg) in enumerate(_RINGS):
-        # Every other ring is turned by half a step.
-        turns = 2.0 * np.pi * (np.arange(number) + 0.5 * (index % 2)) / number
-        off = np.radians(angle_deg)
-        aside = np.sin(off) * np.column_stack([np.cos(turns), np.sin(turns)])
-        directions.append(np.column_stack([aside, np.full(number, np.cos(off))]))
-    pattern: Floats = np.concatenate(directions) @ frame
-    return pattern
 
 
 def _shown(name: str, off_mm: Floats) -> Scatter:

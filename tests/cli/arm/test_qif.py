@@ -4,8 +4,8 @@ import pytest
 from lxml import etree
 
 from tests.docs.pages import CHECKOUT
+from tests.official_schemas import SCHEMAS, needs_schemas
 from tests.protocol.message_examples import POINT
-from tests.qif_schemas import SCHEMAS, needs_schemas
 from tests.running import invoke
 from traverse.cli.common.qif_check import SCHEMA, check_schema
 from traverse.kinematics.arm_file.arm import arm_digest, read_arm

@@ -10,7 +10,7 @@ from lxml import etree
 
 from tests.client.display.values import point, retraction
 from tests.client.exports.test_formats import POINTS, SCAN
-from tests.qif_schemas import SCHEMAS, needs_schemas
+from tests.official_schemas import SCHEMAS, needs_schemas
 from traverse.cli.common.qif_check import SCHEMA, check_schema
 from traverse.client.exports.qif import Qif
 from traverse.strict_toml.problems import FileError

@@ -7,7 +7,7 @@ import pytest
 from lxml import etree
 
 from tests.client.inspection.touched import ARM, PLAN, touched_points
-from tests.qif_schemas import SCHEMAS, needs_schemas
+from tests.official_schemas import SCHEMAS, needs_schemas
 from traverse.cli.common.qif_check import check_schema
 from traverse.client.inspection.plan import Plan
 from traverse.client.inspection.qif import qif_text

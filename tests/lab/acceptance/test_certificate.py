@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -19,7 +20,7 @@ from traverse.lab.acceptance.certificate.files import write_certificate
 from traverse.lab.acceptance.certificate.page import WORDS
 from traverse.lab.acceptance.certificate.pdf import certificate_pdf
 from traverse.lab.acceptance.certificate.values import SealedCertificate
-from traverse.lab.acceptance.limits import NO_LIMITS, Limits
+from traverse.lab.acceptance.limits import NO_LIMITS, Limits, Mpe
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.acceptance.statements import absent_statements
 from traverse.lab.measured_points.reading import files_read, read_measured
@@ -41,6 +42,7 @@ from traverse.strict_toml.reader import read_strict
 
 ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
 LIMITS = limits_text(interim_length_mm=0.05)
+TODAY = "2026-11-21"
 
 
 @pytest.fixture(scope="module")
@@ -88,6 +90,55 @@ def written(original, tmp_path):
     return shutil.copytree(original, tmp_path, dirs_exist_ok=True)
 
 
+@pytest.mark.parametrize(
+    ("code", "stated"),
+    [
+        ("operator", {"operator": "  "}),
+        ("place", {"place": "n/a"}),
+        ("probe", {"probe": "-"}),
+        ("arm_serial_number", {"arm_serial_number": "TBD"}),
+        ("dates", {"measured_to_utc": "2026-11-22T08:00:00Z"}),
+        ("next_date", {"next_date": "2026-11-20"}),
+        ("longest_length", {"measuring_range_mm": 2400.0}),
+        ("longest_length", {"measuring_range_mm": 24.0}),
+        ("expansion_holds", {"temperature_largest_c": 30.5}),
+    ],
+)
+def test_a_careless_laboratory_gets_no_verdict(made, code, stated):
+    complete = replace(made.administration, measuring_range_mm=1000.0)
+    assert absent_statements("iso10360-12", complete, TODAY) == ()
+    careless = replace(complete, **stated)
+    (absent,) = absent_statements("iso10360-12", careless, TODAY)
+    assert absent.code == code
+
+
+@pytest.mark.parametrize(
+    ("code", "stated"),
+    [
+        ("certificate_holds", {"valid_until": "2026-11-19"}),
+        ("certificate_holds", {"calibration_date": "2026-11-21"}),
+        ("standard_serial_number", {"serial_number": "?"}),
+        ("expansion_std", {"expansion_std_per_c": 0.0}),
+        ("one_certificate", {"certificate_number": "D-K-9999"}),
+    ],
+)
+def test_a_careless_standard_gives_no_verdict(made, code, stated):
+    (bar,) = made.administration.standards
+    careless = replace(bar, **stated)
+    both = (bar, careless) if code == "one_certificate" else (careless,)
+    administration = replace(made.administration, standards=both)
+    (absent,) = absent_statements("vdi2617-9", administration, TODAY)
+    assert (absent.code, absent.names) == (code, (careless.name,))
+
+
+def test_permissible_errors_are_not_in_micrometres(made, original):
+    measured = read_measured(original / "data", made.arm)
+    limits = made.limits.model_copy(update={"mpe": Mpe(interim_length_mm=40)})
+    stated = administration_of([measured], made.arm, limits)
+    (absent,) = absent_statements("vdi2617-9", stated, TODAY)
+    assert absent.subject.endswith("instead of interim_length_mm = 40")
+
+
 def test_copied_touches_are_no_basis_of_a_verdict(made, original, tmp_path):
     shutil.copytree(original / "data", tmp_path, dirs_exist_ok=True)
     table = tmp_path / "poses.csv"
@@ -97,7 +148,7 @@ def test_copied_touches_are_no_basis_of_a_verdict(made, original, tmp_path):
     measured = read_measured(tmp_path, made.arm)
     stated = administration_of([measured], made.arm, made.limits)
     assert stated.copied_touches == len(rows)
-    absent = absent_statements("vdi2617-9", stated)
+    absent = absent_statements("vdi2617-9", stated, TODAY)
     assert [statement.code for statement in absent] == ["touches"]
 
 
@@ -114,7 +165,7 @@ def test_an_arm_is_not_verified_by_what_it_was_identified_from(made, original):
     )
     arm = made.arm.model_copy(update={"identification": known})
     stated = administration_of([measured], arm, made.limits)
-    absent = absent_statements("vdi2617-9", stated)
+    absent = absent_statements("vdi2617-9", stated, TODAY)
     assert [statement.code for statement in absent] == ["independence"]
 
 

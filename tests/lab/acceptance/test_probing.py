@@ -14,10 +14,9 @@ from tests.lab.measurements import (
     on_a_ball,
     touches,
 )
+from traverse.lab.acceptance.budget import SMOOTH_FORM, SMOOTH_FORM_OF_ALL
 from traverse.lab.acceptance.conformity import Figure, Missing, Scatter
 from traverse.lab.acceptance.procedures.probing import (
-    SMOOTH_FORM,
-    SMOOTH_FORM_OF_ALL,
     effective_diameter,
     location,
     size_and_form,

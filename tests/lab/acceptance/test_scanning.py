@@ -195,7 +195,10 @@ def test_a_verdict_on_scanning_rests_on_an_agreement_and_on_the_flat():
     for permitted, is_agreed in ((limits(), False), (agreed, True)):
         stated = administration_of([data], arm, permitted)
         absent = {
-            standard: {each.code: each for each in absent_statements(standard, stated)}
+            standard: {
+                each.code: each
+                for each in absent_statements(standard, stated, "2026-11-21")
+            }
             for standard in STANDARDS
         }
         assert ("agreement" in absent["iso10360-8"]) is not is_agreed
@@ -228,3 +231,40 @@ def test_a_flat_without_a_certified_form_decides_nothing():
     cone = measured((artefact("scan-flat", "cone"), touches([], [])))
     missing = of_kind(scanning(cone, limits()), Missing)[-1]
     assert missing.what == ("scan-flat: is cone, expected a plane",)
+
+
+def test_lengths_between_scanned_balls_by_hand():
+    # Seven positions of five bars, three times: the third repeat of one is 6 um long.
+    pairs = []
+    for position in range(1, 8):
+        for number in range(1, 6):
+            name, length_mm = f"scan-uni-{position}-{number}", 200.0 * number
+            bar = artefact(
+                name,
+                "ball_bar",
+                radius_mm=10.0,
+                distance_mm=length_mm,
+                distance_std_mm=SURE_MM,
+            )
+            places, features = [], []
+            for repeat in range(3):
+                off = 0.006 if (name, repeat) == ("scan-uni-4-2", 2) else 0.0
+                for end, along_mm in (("1", 0.0), ("2", length_mm + off)):
+                    places.append(scan(n=30) + np.array([0.0, along_mm, 0.0]))
+                    features += [end] * 30
+            pairs.append((bar, touches(np.concatenate(places), features)))
+    permitted = limits(scan_e_uni_mm=0.004, standards={"form_mm": 0.0006})
+    parts = list(scanning(measured(*pairs), permitted))
+    figure = of_kind(parts, Figure, "scan_e_uni")
+    assert figure.value_mm == pytest.approx(0.006, abs=1e-7)
+    assert figure.decision.verdict == "neither"
+    assert "measure each ten times again" in figure.remarks[0]
+    # However many points, the ball is out of round by as much.
+    assert figure.budget.standard_mm == pytest.approx(0.31 * 0.0006, rel=1e-3)
+    assert not [part for part in parts if getattr(part, "key", "") == "scan_e_bi"]
+    bar, touched = pairs[0]
+    short = (bar, touched.part(range(10, 180)))
+    missing = of_kind(scanning(measured(short, *pairs[1:]), permitted), Missing)[-1]
+    assert missing.what == (
+        "scan-uni-1-1 repeat 1 on 1: 20 points, expected at least 25",
+    )

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import pytest
 
 from tests.lab.certificates.made import LABORATORY, Issued
+from tests.official_schemas import SCHEMAS, needs_dcc_schema
 from tests.results import ARM
 from tests.running import invoke
 from tests.simulator.effects.examples import spec_of
@@ -353,6 +354,20 @@ def test_schema_of_a_folder_wherever_its_imports_come_from(
     core.text = ""
     (problem,) = list(schema_problems(root, None))
     assert "uniqueIdentifier" in problem
+
+
+@needs_dcc_schema
+def test_valid_by_the_standards_own_schema(signed_verification):
+    root = read_xml((signed_verification / "dcc.xml").read_bytes(), "dcc.xml")
+    assert list(schema_problems(root, SCHEMAS)) == []
+
+
+def test_no_issue_before_the_last_touch(verified, tmp_path):
+    folder = shutil.copytree(verified, tmp_path / "copy")
+    early = tmp_path / "laboratory.toml"
+    early.write_text(LABORATORY.replace("2026-11-23", "2020-01-01"), "utf-8")
+    with pytest.raises(FileError, match="issued is 2020-01-01, before the last touch"):
+        certify(folder, early, None)
 
 
 def test_every_field_of_a_laboratory_is_stated(verified, laboratory, tmp_path):
