@@ -113,6 +113,19 @@ def built(seed: int, link_mm=1.0, axis_rad=0.005) -> TrueArm:
     return disturbed(DESIGN, seed, link_mm, axis_rad)
 
 
+def in_another_posture(arm: TrueArm, turns_rad) -> TrueArm:
+    """Write the same arm in the posture that these turns lead to."""
+    turned = np.eye(3)
+    axes, links = [], []
+    for k, turn in enumerate(turns_rad):
+        axes.append(turned @ arm.axes[k])
+        turned = turned @ rotations(arm.axes[k], np.array([turn]))[0]
+        links.append(turned @ arm.links_mm[k])
+    return TrueArm(
+        np.array(axes), np.array(links), arm.zeros_rad + turns_rad, arm.origin_mm
+    )
+
+
 def postures(arm: TrueArm, targets_mm, rng, travel_rad):
     """Find random postures that bring the ball to each target, (n, n_joints)."""
     n_joints = len(arm.axes)

@@ -44,20 +44,14 @@ def balls(first, second, **keys):
 
 
 def test_size_and_form_by_hand():
-    # All points of the first location 4 um too far out: the diameter is 8 um too large.
-    data = balls(even([10.004, 10.004], [0, 0, 0]), even([9.997, 9.997], FAR))
+    # All points of the first location 4 um too far in: the diameter is 8 um too small.
+    data = balls(even([9.996, 9.996], [0, 0, 0]), even([10.003, 10.003], FAR))
     parts = list(size_and_form(data, NAMES, limits()))
     size, form = (of_kind(parts, Figure, key) for key in ("p_size", "p_form"))
-    assert size.value_mm == pytest.approx(0.008, abs=1e-12)
-    assert dict(size.parts) == pytest.approx({"probing-1": 0.008, "probing-2": -0.006})
+    assert size.value_mm == pytest.approx(-0.008, abs=1e-12)
+    assert dict(size.parts) == pytest.approx({"probing-1": -0.008, "probing-2": 0.006})
     assert form.value_mm == pytest.approx(0.0, abs=1e-12)
     assert size.decision is None
-
-
-def test_the_larger_size_counts_with_its_sign():
-    data = balls(even([10.001, 10.001], [0, 0, 0]), even([9.997, 9.997], FAR))
-    size = of_kind(size_and_form(data, NAMES, limits()), Figure, "p_size")
-    assert size.value_mm == pytest.approx(-0.006, abs=1e-12)
 
 
 def test_form_is_the_thickness_of_the_shell():

@@ -176,18 +176,12 @@ def test_blunders_alone_are_no_effect():
 
 
 @pytest.mark.slow
-def test_slow_noise_is_no_drift():
-    diagnosis = decided(measured_with(seed=2, serial_share=0.4))
+@pytest.mark.parametrize(("seed", "share"), [(2, 0.4), (3, 0.5)])
+def test_slow_noise_is_no_drift_jump_or_curve(seed, share):
+    diagnosis = decided(measured_with(seed=seed, serial_share=share))
     assert diagnosis.verdict == "clean"
     assert diagnosis.noise.serial_share > 0.1
     assert diagnosis.noise.serial_phi > 0.6
-
-
-@pytest.mark.slow
-def test_slow_noise_that_a_jump_and_a_curve_imitate_is_noise():
-    diagnosis = decided(measured_with(seed=3, serial_share=0.5))
-    assert diagnosis.verdict == "clean"
-    assert diagnosis.noise.serial_share > 0.1
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks.proofs.conditions import demo_arm, mix_poses
+from benchmarks.proofs.conditions import mix_poses
 from benchmarks.proofs.trials import PlantedNoise, distance_errors
 from benchmarks.tools.handover import campaign_from_simulation
 from traverse.lab.identification.identify import Options, identify
@@ -97,36 +97,3 @@ def test_what_a_mix_determines_is_what_theory_says(mix, result):
         assert "no length" in scale.why
     else:
         assert result.undetermined == ()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "share"),
-    [("cones+bar", 0.05), ("sphere-known", 0.01), ("planes+length", 0.05)],
-)
-def test_blunders_are_removed_and_leave_no_trace(name, share):
-    spoilt_poses = mix_poses(name, 300, seed=6)
-    simulated = draw_noise(spoilt_poses, 21, NoiseTable(blunder_share=share))
-    result = identify(
-        campaign_from_simulation(simulated.campaign), spoilt_poses.arm, QUICK
-    )
-    lines = {blunder.line for blunder in simulated.truth.blunders}
-    excluded = {pose.line for pose in result.excluded}
-    assert len(lines) == round(share * 300)
-    assert lines <= excluded
-    assert len(excluded - lines) <= 1
-    assert result.global_test.p_value > RARE
-    errors = distance_errors(result, spoilt_poses, 2)
-    assert errors.chi_square < chi2.ppf(1 - RARE, errors.degrees)
-
-
-def test_identified_distances_are_hundreds_of_times_better_than_the_designs():
-    poses = mix_poses("cones+bar", 300, seed=7)
-    campaign = campaign_from_simulation(draw_noise(poses, 31).campaign)
-    result = identify(campaign, demo_arm(), QUICK)
-    after = distance_errors(result, poses, 3)
-    held = Options(hold=("J*",), n_suggestions=0, snooping=False)
-    design = identify(campaign, demo_arm(), held)
-    before = distance_errors(design, poses, 3)
-    assert np.abs(after.errors_mm).max() < 0.02
-    assert np.abs(before.errors_mm).max() > 1.0

@@ -9,7 +9,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -253,87 +252,6 @@ def test_an_effect_that_is_held_undoes_what_the_simulator_plays(kind):
         largest.append(result.orientations.rms_all_rad)
     assert largest[0] < 1e-7
     assert largest[1] > 3e-6
-
-
-def scipy_fit(campaign, arm, result):
-    """Adjust by scipy, whose rotations are no code of ours; the datum is the result's.
-
-    Misclosures are weighed by the dispersion that the noise of readings, contacts and
-    orientations gives them, by differences of readings.
-    """
-    adjustment = result.adjustment
-    state, network = adjustment.state.arm, adjustment.network
-    (station,) = network.stations
-    at, n = station.poses, 7
-    known = np.array(list(campaign.artefacts[0].points_mm.values()))
-    points_mm = known[campaign.poses.features[at]]
-    seen = Rotation.from_quat(campaign.poses.orientations[at], scalar_first=True)
-    free = network.parameters.free_names
-    geometry = geometry_from_arm(arm)
-    basis = network.parameters.basis(geometry)
-    frame = adjustment.state.unknowns[0]
-    mounted = Rotation.from_quat(state.mountings[0], scalar_first=True)
-    placed = Rotation.from_quat(frame[:4], scalar_first=True)
-
-    def misclosures(x, readings_rad):
-        values = dict(zip(free, x, strict=False))
-        turn, shift_mm = Rotation.from_rotvec(x[-6:-3]) * placed, x[-3:] + frame[4:7]
-        mounting = [values[f"probe.mounting.{axis}"] for axis in "xyz"]
-        body = Rotation.identity(len(at))
-        centres_mm = np.tile(geometry.origin_mm, (len(at), 1))
-        for k in range(n):
-            axis, link_mm = geometry.axes[k], geometry.links_mm[k]
-            for part, direction in zip("vw", basis[k], strict=True):
-                axis = axis + values.get(f"J{k + 1}.axis.{part}", 0.0) * direction
-                link_mm = link_mm + values.get(f"J{k + 1}.link.{part}", 0) * direction
-            angles_rad = readings_rad[:, k] - geometry.zeros_rad[k]
-            unit = axis / np.linalg.norm(axis)
-            body = body * Rotation.from_rotvec(angles_rad[:, None] * unit)
-            beyond_mm = geometry.probe_vector_mm if k == n - 1 else 0.0
-            centres_mm = centres_mm + body.apply(link_mm + beyond_mm)
-        off_mm = centres_mm - shift_mm - turn.apply(points_mm)
-        probe = body * Rotation.from_rotvec(mounting) * mounted
-        return np.hstack([off_mm, (probe * (turn * seen).inv()).as_rotvec()])
-
-    values = {entry.name: entry.value for entry in result.parameters}
-    start = [0.0 if "mounting" in name else 0.99 * values[name] for name in free]
-    start = np.array([*start, *np.zeros(6)])
-    readings_rad, step = campaign.poses.angles_rad[at], 1e-6
-    slopes = [
-        misclosures(start, readings_rad + step * np.eye(n)[k])
-        - misclosures(start, readings_rad - step * np.eye(n)[k])
-        for k in range(n)
-    ]
-    slopes = np.stack(slopes, axis=2) * (campaign.encoder_rad / (2.0 * step))
-    stds = np.repeat([campaign.contact_mm, campaign.orientation_rad], 3)
-    dispersion = slopes @ slopes.swapaxes(1, 2) + np.diag(stds**2)
-    white = np.linalg.inv(np.linalg.cholesky(dispersion))
-    fit = least_squares(
-        lambda x: (white @ misclosures(x, readings_rad)[:, :, None]).ravel(),
-        start,
-        jac="3-point",
-        x_scale="jac",
-        xtol=1e-15,
-        ftol=1e-15,
-        gtol=1e-15,
-    )
-    return dict(zip(free, fit.x, strict=False)), fit.x[-6:], 2.0 * fit.cost
-
-
-def test_an_independent_adjustment_agrees():
-    campaign, truth = measured(4)
-    # From the true arm: parameters are small, and their basis that of the result.
-    arm = true_arm_file(ARM, truth.arm)
-    result = identify(campaign, arm, replace(QUICK, snooping=False))
-    fitted, of_frame, squares = scipy_fit(campaign, arm, result)
-    for entry in result.parameters:
-        expected = 0.0 if "mounting" in entry.name else entry.value
-        tolerance = 1e-6 if entry.unit == "mm" else 1e-8
-        assert fitted[entry.name] == pytest.approx(expected, abs=tolerance), entry.name
-    assert np.abs(of_frame[:3]).max() < 1e-8
-    assert np.abs(of_frame[3:]).max() < 1e-6
-    expected = result.sigma0**2 * result.redundancy
-    assert squares == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.slow

@@ -74,6 +74,14 @@ def test_the_covariance_is_the_inverse_normal_matrix(result, dense):
     assert np.allclose(cofactors / scale, inverse / scale, rtol=0, atol=1e-5)
 
 
+def test_the_condition_number_is_that_of_the_arms_columns_scaled_to_one(result, dense):
+    matrix, _, _, n_unknowns = dense
+    unknowns, columns = matrix[:, :n_unknowns], matrix[:, n_unknowns:]
+    left = columns - unknowns @ np.linalg.lstsq(unknowns, columns)[0]
+    expected = np.linalg.cond(left / np.linalg.norm(left, axis=0))
+    assert result.condition_number == pytest.approx(expected, rel=1e-6)
+
+
 def test_the_estimates_are_stationary(dense):
     matrix, right, *_ = dense
     sizes = np.linalg.norm(matrix, axis=0)

@@ -16,6 +16,7 @@ from tests.lab.simulated import (
     bar,
     cones,
     disturbed,
+    in_another_posture,
     rotations,
     seven_joints,
     simulate,
@@ -230,18 +231,6 @@ def placed_elsewhere(arm: TrueArm) -> TrueArm:
         axes=arm.axes @ turn.T,
         links_mm=arm.links_mm @ turn.T,
         origin_mm=arm.origin_mm + np.array([400.0, -30.0, 20.0]),
-    )
-
-
-def in_another_posture(arm: TrueArm, turns_rad: np.ndarray) -> TrueArm:
-    """The same arm, its vectors written in another posture."""
-    turned, axes, links = np.eye(3), [], []
-    for axis, link, turn in zip(arm.axes, arm.links_mm, turns_rad, strict=True):
-        axes.append(turned @ axis)
-        turned = turned @ rotations(axis, np.array([turn]))[0]
-        links.append(turned @ link)
-    return TrueArm(
-        np.array(axes), np.array(links), arm.zeros_rad + turns_rad, arm.origin_mm
     )
 
 

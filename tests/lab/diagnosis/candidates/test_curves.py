@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from tests.lab.diagnosis.candidates.test_library import chosen
-from tests.lab.diagnosis.fitted_rows import measured, measured_rows, serial_rows
+from tests.lab.diagnosis.fitted_rows import measured, measured_rows
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.effects.readings.spline import spline_amounts
@@ -277,11 +277,3 @@ def test_few_different_values_have_a_knot_each():
     assert spline_knots(values) == (20.0, 20.5, 21.0, 23.0)
     evenly = np.linspace(0.0, 9.0, 1001)
     np.testing.assert_allclose(spline_knots(evenly), np.arange(10.0))
-
-
-def test_serial_correlation_is_taken_out_of_curves():
-    rows, serial = measured_rows(), serial_rows()
-    plain, whitened = generic_bank(rows).columns, generic_bank(serial).columns
-    np.testing.assert_allclose(
-        serial.root @ whitened, plain, atol=1e-9 * np.abs(plain).max()
-    )

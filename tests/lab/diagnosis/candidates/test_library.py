@@ -1,4 +1,4 @@
-"""The library against the whole non-linear model, and against simulated truth."""
+"""The library against the whole model and simulated truth; harmonics by formula."""
 
 from dataclasses import replace
 
@@ -12,8 +12,10 @@ from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.pose import corrected_pose
+from traverse.lab.diagnosis.candidates.curves import generic_bank
 from traverse.lab.diagnosis.candidates.library import absent_candidates, library_bank
 from traverse.lab.diagnosis.candidates.scoring import project
+from traverse.lab.diagnosis.candidates.waves import HIGHEST_HARMONIC, harmonic_bank
 from traverse.lab.diagnosis.model.candidate import Bank, effect_of_candidate
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.first_moments import first_moments
@@ -146,10 +148,14 @@ def assert_recovered(measurement, keys, truth):
     assert noise @ noise < stats.chi2.isf(1e-4, len(noise))
 
 
-def test_serial_correlation_is_taken_out_of_the_columns():
+@pytest.mark.parametrize(
+    "bank_of",
+    [lambda rows: library_bank(rows, measured().arm), harmonic_bank, generic_bank],
+    ids=["library", "harmonics", "curves"],
+)
+def test_serial_correlation_is_taken_out_of_the_columns(bank_of):
     rows, serial = measured_rows(), serial_rows()
-    plain = library_bank(rows, measured().arm).columns
-    whitened = library_bank(serial, measured().arm).columns
+    plain, whitened = bank_of(rows).columns, bank_of(serial).columns
     np.testing.assert_allclose(
         serial.root @ whitened, plain, atol=1e-9 * np.abs(plain).max()
     )
@@ -222,23 +228,6 @@ def test_effects_are_written_in_the_form_of_the_arm_file():
     assert drift.epoch_utc == measured().campaign.start
 
 
-def test_preferences_are_those_of_the_method():
-    assert EFFECT_KINDS["encoder_eccentricity"].preference("J1", None) == 0.0
-    harmonics = [
-        EFFECT_KINDS["encoder_harmonic"].preference("J1", order)
-        for order in (2, 3, 4, 17)
-    ]
-    assert harmonics == [-1.0, -2.0, -3.0, -3.0]
-    assert EFFECT_KINDS["axis_wobble"].preference("J1", 2) == -1.0
-    assert EFFECT_KINDS["axis_runout"].preference("J1", 1) == -1.0
-    assert EFFECT_KINDS["axis_runout"].preference("J1", 4) == -2.0
-    assert EFFECT_KINDS["thermal_expansion"].preference("J1", None) == -0.7
-    assert EFFECT_KINDS["thermal_expansion"].preference(None, None) == 0.0
-    assert EFFECT_KINDS["encoder_latency"].preference("J1", None) == -0.7
-    assert EFFECT_KINDS["bearing_compliance"].preference("J1", None) == -0.5
-    assert EFFECT_KINDS["encoder_temperature"].preference("J1", None) == -0.5
-
-
 def test_without_any_mass_other_moments_than_assumed_are_columns_beside():
     """Each is the change of what the compliance does by a standard deviation of one."""
     arm = arm_value(seven_joints())
@@ -269,3 +258,42 @@ def test_without_any_mass_other_moments_than_assumed_are_columns_beside():
         expected = rows.moved(moves_mm[:, :, np.newaxis])[:, 0]
         scale = np.abs(expected).max() + 1e-6
         np.testing.assert_allclose(columns[:, 1 + index], expected, atol=1e-3 * scale)
+
+
+def test_harmonics_are_waves_of_the_reading():
+    rows = measured_rows()
+    bank = harmonic_bank(rows)
+    assert len(bank.candidates) == 7 * HIGHEST_HARMONIC
+    scales = {1: 3e-5, 2: 2e-5, 3: 1e-5, 4: 1e-5, 5: 5e-6, 60: 5e-6}
+    for order, scale in scales.items():
+        for joint in (0, 4):
+            at = joint * HIGHEST_HARMONIC + order - 1
+            candidate = bank.candidates[at]
+            assert candidate.joint == f"J{joint + 1}"
+            assert candidate.scales == (scale, scale)
+            kind = "encoder_eccentricity" if order == 1 else "encoder_harmonic"
+            assert (candidate.kind, candidate.order or 1) == (kind, order)
+            phases_rad = order * rows.block.angles_rad[rows.poses, joint]
+            waves = np.stack([np.cos(phases_rad), np.sin(phases_rad)], axis=1)
+            expected = scale * rows.by_readings[:, [joint]] * waves
+            np.testing.assert_allclose(bank.columns[:, bank.slices[at]], expected)
+
+
+def test_low_harmonics_are_those_of_the_library():
+    rows = measured_rows()
+    library, harmonics = library_bank(rows, measured().arm), harmonic_bank(rows)
+    identities = {candidate.identity for candidate in library.candidates}
+    shared = [c for c in harmonics.candidates if c.identity in identities]
+    assert len(shared) == 7 * 4
+    for harmonic in shared:
+        of_library = {
+            "kind": harmonic.kind,
+            "joint": harmonic.joint,
+            "order": harmonic.order,
+        }
+        same, expected = chosen(library, **of_library)
+        assert (same.scales, same.log_prior) == (harmonic.scales, harmonic.log_prior)
+        columns = harmonics.slices[harmonics.candidates.index(harmonic)]
+        np.testing.assert_allclose(
+            harmonics.columns[:, columns], expected, atol=1e-6 * np.abs(expected).max()
+        )
