@@ -10,6 +10,7 @@ from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm, Probe
 from traverse.kinematics.uncertainty.arm_covariance import parameter_names
 from traverse.lab.adjustment.arm_values import ArmValues
+from traverse.lab.adjustment.datum import stretch
 from traverse.lab.adjustment.equations import Station
 from traverse.lab.adjustment.noise import Noise
 from traverse.lab.adjustment.pose_statistics import (
@@ -105,10 +106,13 @@ class Adjustment:
         centres_mm = self.network.centres_mm(station, self.state.arm)
         return station.artefact.start(centres_mm, station.touches)
 
-    def deviations_of_design(self, design: ArmValues) -> Floats:
+    def deviations_of_design(
+        self, design: ArmValues, other_scale: float = 0.0
+    ) -> Floats:
         """Return G with G G^T the covariance that undetermined directions have.
 
-        Of the free parameters, (n_free, n_undetermined).
+        Of the free parameters, (n_free, n_undetermined), or one column more: the arm
+        may be larger or smaller by the part `other_scale` of itself.
 
         Strategy: undetermined directions are held at the design's values, so that their
         errors are the design's. They count with its plausible deviation, or with more
@@ -117,7 +121,12 @@ class Adjustment:
         """
         split, parameters = self.split, self.network.parameters
         to_design = parameters.coordinates(design, self.state.arm)[parameters.free]
-        return design_spread(split, to_design) * split.design_deviations
+        held = design_spread(split, to_design) * split.design_deviations
+        if other_scale == 0.0:
+            return held
+        arm = self.state.arm
+        stretched = other_scale * stretch(parameters, arm.geometry, arm.tools_mm)
+        return np.hstack([held, stretched.T])
 
     def arm_as_estimated(self, arm: Arm) -> Arm:
         """Put the estimated geometry into an arm; provenance is added on writing."""
@@ -154,13 +163,12 @@ class Adjustment:
             update["probe"] = probe
         return arm.model_copy(update=update)
 
-    def covariance(self, factor: float, design: ArmValues) -> Floats:
+    def covariance(self, factor: float, of_design: Floats) -> Floats:
         """Compute the covariance of the free parameters, (n_free, n_free).
 
-        Cofactors times a factor; of undetermined directions as the design is uncertain.
+        Cofactors times a factor, and what undetermined directions have.
         """
         inverse = self.split.inverse
-        of_design = self.deviations_of_design(design)
         covariance: Floats = factor * inverse @ inverse.T + of_design @ of_design.T
         return covariance
 

@@ -130,30 +130,39 @@ def with_datum(
 def scale_direction(
     parameters: Parameters, geometry: Geometry, tools_mm: Floats = NO_TOOLS
 ) -> Floats:
-    """Write a stretch of the whole arm in the free parameters.
+    """Return the direction of a stretch of the whole arm.
 
-    Links grow by themselves; held components are kept by turning the arm back. The
-    direction is in units of the tolerances, of unit length, (1, n_free); none, (0,
-    n_free), where held parameters keep the arm from stretching.
+    In units of the tolerances, of unit length, (1, n_free), or (0, n_free).
+    """
+    scaled = stretch(parameters, geometry, tools_mm) / parameters.free_tolerances
+    size = float(np.linalg.norm(scaled))
+    return scaled / size if size > 0.0 else scaled[:0]
+
+
+def stretch(
+    parameters: Parameters, geometry: Geometry, tools_mm: Floats = NO_TOOLS
+) -> Floats:
+    """Write a stretch of the whole arm to twice its size in the free parameters.
+
+    Links grow by themselves; held components are kept by turning the arm back. (1,
+    n_free); none, (0, n_free), where held parameters keep the arm from stretching.
     """
     n = geometry.n_joints
     basis = parameters.basis(geometry)
     links_mm = geometry.links_mm.copy()
     links_mm[-1] += geometry.probe_vector_mm
-    stretch = np.zeros(len(parameters.names))
+    step = np.zeros(len(parameters.names))
     # A shift of x_0 along the first axis moves the arm as a whole.
-    links_mm, stretch[4 * n : 4 * n + 3] = _handed_inwards(geometry, links_mm)
-    stretch[: 4 * n].reshape(n, 4)[:, 2:] = np.einsum("kbi,ki->kb", basis, links_mm)
+    links_mm, step[4 * n : 4 * n + 3] = _handed_inwards(geometry, links_mm)
+    step[: 4 * n].reshape(n, 4)[:, 2:] = np.einsum("kbi,ki->kb", basis, links_mm)
     beyond_mm = tools_mm - geometry.probe_vector_mm
-    stretch[parameters.of_tools] = beyond_mm.ravel()
+    step[parameters.of_tools] = beyond_mm.ravel()
     motions = rigid_motions(parameters, geometry, tools_mm)
     held = ~parameters.free
-    turned = np.linalg.lstsq(motions[held], stretch[held], rcond=1e-9)[0]
-    without_motions = stretch - motions @ turned
+    turned = np.linalg.lstsq(motions[held], step[held], rcond=1e-9)[0]
+    without_motions = step - motions @ turned
     if np.max(np.abs(without_motions[held])) > 1e-6 * max(
-        float(np.max(np.abs(stretch))), 1e-9
+        float(np.max(np.abs(step))), 1e-9
     ):
         return np.empty((0, parameters.n_free))
-    scaled: Floats = without_motions[parameters.free] / parameters.free_tolerances
-    size = float(np.linalg.norm(scaled))
-    return scaled[np.newaxis] / size if size > 0.0 else scaled[np.newaxis][:0]
+    return without_motions[np.newaxis, parameters.free]

@@ -10,7 +10,7 @@ from traverse.kinematics.arm_file.arm import Effect
 from traverse.lab.adjustment import IteratedAdjustment
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.holdout.comparison import is_better
-from traverse.lab.diagnosis.model.fit import Fit, fitted, has_epoch
+from traverse.lab.diagnosis.model.fit import Fit, fitted, has_epoch, with_effects
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
@@ -227,6 +227,38 @@ def final_estimates(
         kept = kept_effects(search, accepted)
         adapted = as_identified(refitted(search.fit, kept, everyone), everyone)
     return FinalEstimates(adapted, with_all_poses, rows)
+
+
+def other_scale_of(decision: Decision, accepted: Collection[int], final: Fit) -> float:
+    """Return by which part the arm is larger or smaller if rivals of terms are true.
+
+    Of rivals that are lengths which the arm takes up as its scale. Without their
+    certificates, and without the term, the other lengths say how large the arm is.
+    """
+    everyone = np.ones_like(final.included)
+    parts = [0.0]
+    for naming in decision.names:
+        for rival in naming.alternatives:
+            if not rival.changes_scale:
+                continue
+            names = str(rival.candidate.artefact).split(", ")
+            campaign = _without_distances(final.adjustment.network.campaign, names)
+            kept = kept_effects(decision.search, set(accepted) - {naming.added.index})
+            other = fitted(campaign, with_effects(final.arm, kept), everyone, final)
+            if other.adjustment.network.has_length() and other.adjustment.converged:
+                parts.append(abs(other.size - 1.0))
+    return max(parts)
+
+
+def _without_distances(campaign: Campaign, names: Collection[str]) -> Campaign:
+    """Leave out what some artefacts certify: distances, or a radius alone."""
+    artefacts = {artefact.id: artefact for artefact in campaign.artefacts}
+    for name in names:
+        certified = set(artefacts[name].certified_lengths)
+        distances = certified - set(artefacts[name].certified_radii)
+        for length in distances or certified:
+            artefacts[name] = artefacts[name].without_certificate(length)
+    return replace(campaign, artefacts=tuple(artefacts.values()))
 
 
 def kept_effects(search: SearchState, accepted: Collection[int]) -> tuple[Effect, ...]:

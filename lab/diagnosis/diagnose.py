@@ -9,7 +9,11 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.adjustment import IdentificationError
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.holdout import SPLITS, at_most
-from traverse.lab.diagnosis.adaptation import adaptation, final_estimates
+from traverse.lab.diagnosis.adaptation import (
+    adaptation,
+    final_estimates,
+    other_scale_of,
+)
 from traverse.lab.diagnosis.advice.minimal_detectable import detectable
 from traverse.lab.diagnosis.candidates.library import absent_candidates
 from traverse.lab.diagnosis.holdout.comparison import (
@@ -171,6 +175,7 @@ def diagnose(
         excluded=excluded,
         left_out=left_out,
         final=estimates.adapted,
+        other_scale=other_scale_of(decision, adapted.accepted, estimates.adapted),
         exceeded=exceeded,
         is_identified_anew=adapted.is_identified_anew,
         blunders=blunders,

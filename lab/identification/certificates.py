@@ -67,12 +67,14 @@ class ContactShift:
         shift_mm: As if the radius of the probe were larger by as much.
         evidence: Standard deviations by which the campaign fits better with it.
         or_else: Artefacts whose distances, all wrong by one factor, explain as much.
+        other_scale: By which part of itself the arm is larger then.
     """
 
     artefacts: tuple[str, ...]
     shift_mm: float
     evidence: float
     or_else: tuple[str, ...] = ()
+    other_scale: float = 0.0
 
 
 class CertifiedLength(NamedTuple):
@@ -151,21 +153,17 @@ def without_wrong_certificates(
         if shifted is not None:
             loss = _loss(shifted[2], variance, design)
             if losses[0] - loss > _EVIDENCE and loss < best + _SAME:
-                as_good = [
-                    tuple(length.artefact for length in lengths)
-                    for (lengths, _, _), other in zip(
-                        hypotheses, losses[1:], strict=True
-                    )
-                    if len(lengths) > 1 and other < loss + 2.0 * _SAME
-                ]
-                shift, campaign, run = (
-                    replace(
-                        shifted[0],
-                        evidence=float(np.sqrt(losses[0] - loss)),
-                        or_else=next(iter(as_good), ()),
-                    ),
-                    *shifted[1:],
-                )
+                shift, campaign, run = shifted
+                shift = replace(shift, evidence=float(np.sqrt(losses[0] - loss)))
+                for (lengths, _, trial), other in zip(
+                    hypotheses, losses[1:], strict=True
+                ):
+                    if len(lengths) > 1 and other < loss + 2.0 * _SAME:
+                        shift = replace(
+                            shift,
+                            or_else=tuple(length.artefact for length in lengths),
+                            other_scale=trial.size / run.size - 1.0,
+                        )
                 if estimated or not run.adjustment.converged:
                     run = adjusted(campaign, None)
                 shifted = None
@@ -215,6 +213,9 @@ OF_CONTACTS = "the probe's radius, its pretravel or the bending of the stylus"
 OF_RADII = "the probe's radius together with certified radii"
 # A shift by which a radius is compared with that of its artefact [mm].
 _UNIT_MM = 1e-3
+# Until a secant changes the shift by less than this part of it.
+_MOST_SECANTS = 6
+_SMALL_STEP = 0.02
 
 
 def _with_contacts_shifted(
@@ -224,23 +225,28 @@ def _with_contacts_shifted(
 
     Strategy: with a shift d the certificates are R + d. The sum of squares S(d), all
     else adjusted, has its minimum where dS/dd = 2 sum v (dv/dd) / s^2 over the
-    certificates is zero. That is nearly linear, so that its values at 0 and at the
-    shift which a single linear step proposes give d by a secant.
+    certificates is zero. That is nearly linear while the same poses take part, so that
+    secants from 0 and the shift which a single linear step proposes give d.
     """
     names = tuple(entry.id for entry in campaign.artefacts if entry.certified_radii)
     if len(names) < 2:
         return None
     noise = run.adjustment.network.noise
-    first, guess_mm = _slope(campaign, run)
-    if guess_mm == 0.0:
+    last_mm = 0.0
+    last_slope, shift_mm = _slope(campaign, run)
+    if shift_mm == 0.0:
         return None
-    trial = _shifted(campaign, guess_mm)
-    second = _slope(trial, adjusted(trial, noise))[0]
-    if second == first:
-        return None
-    shift_mm = guess_mm * first / (first - second)
-    other = _shifted(campaign, shift_mm)
-    return ContactShift(names, shift_mm, 0.0), other, adjusted(other, noise)
+    for _ in range(_MOST_SECANTS):
+        trial = _shifted(campaign, shift_mm)
+        trial_run = adjusted(trial, noise)
+        slope = _slope(trial, trial_run)[0]
+        if slope == last_slope:
+            return None
+        step_mm = slope * (shift_mm - last_mm) / (last_slope - slope)
+        if abs(step_mm) < _SMALL_STEP * abs(shift_mm):
+            break
+        last_mm, last_slope, shift_mm = shift_mm, slope, shift_mm + step_mm
+    return ContactShift(names, shift_mm, 0.0), trial, trial_run
 
 
 def _slope(campaign: Campaign, run: IteratedAdjustment) -> tuple[float, float]:

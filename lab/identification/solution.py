@@ -154,7 +154,10 @@ def collected(start: Start, solution: Solution, weighted: Weighted) -> Identific
         noise_estimated=run.noise_estimated,
     )
     factor = variance_factor(weighted.sigma0, test)
-    of_design = adjustment.deviations_of_design(solution.design)
+    shift = solution.contact_shift
+    of_design = adjustment.deviations_of_design(
+        solution.design, shift.other_scale if shift else 0.0
+    )
     samples_per_mean = weighted.serial.samples_per_mean if weighted.serial else 1.0
     of_arm = arm_variance_factor(
         factor,
@@ -162,7 +165,7 @@ def collected(start: Start, solution: Solution, weighted: Weighted) -> Identific
         weighted.redundancy / samples_per_mean,
         adjustment.split.n_determined,
     )
-    covariance = adjustment.covariance(of_arm, solution.design)
+    covariance = adjustment.covariance(of_arm, of_design)
     estimates = parameter_estimates(adjustment, solution.design, covariance)
     artefacts = artefact_results(adjustment, run.statistics, factor, of_design)
     names = campaign.joint_names

@@ -40,6 +40,12 @@ class Alternative:
     correlation: float
     alias: bool
 
+    @property
+    def changes_scale(self) -> bool:
+        """Whether it is a wrong length that the arm takes up as its scale."""
+        is_shared = self.alias or self.candidate.is_of_several
+        return self.candidate.is_length and is_shared
+
 
 @dataclass(frozen=True, slots=True)
 class HoldoutResult:

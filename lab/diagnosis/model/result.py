@@ -92,6 +92,8 @@ class Diagnosis:
         excluded: Poses that contradict all others and did not choose, (n_poses,).
         left_out: Poses that the estimates of the written arm leave out, (n_poses,).
         final: Fit to all poses, whose estimates are written.
+        other_scale: By which part of itself the arm is larger or smaller if rivals of
+            what was found are true.
         exceeded: How many times the stated noise the poses kept aside are from the
             model with all terms, as a mean square; None: not so many that it counts.
         is_identified_anew: The arm without terms, as identified, predicts poses kept
@@ -122,6 +124,7 @@ class Diagnosis:
     excluded: Booleans
     left_out: Booleans
     final: IteratedAdjustment
+    other_scale: float
     exceeded: float | None
     is_identified_anew: bool
     blunders: Booleans

@@ -197,14 +197,16 @@ def _scaled(diagnosis: Diagnosis) -> Finding:
         str(rival.candidate.artefact)
         for term in diagnosis.terms
         for rival in term.alternatives
-        if rival.candidate.is_length and (rival.alias or rival.candidate.is_of_several)
+        if rival.changes_scale
     }
     if lengths:
         names = " or ".join(sorted(lengths))
         return doubt(
             f"What was found may as well be the wrong length of {names}, and then the "
-            "arm has another scale.",
+            f"arm is {1e6 * diagnosis.other_scale:.0f} ppm larger or smaller; its "
+            "covariance counts that.",
             "Measure another certified length, or have these standards checked.",
+            {"other_scale_ppm": 1e6 * diagnosis.other_scale},
         )
     if diagnosis.after.network.has_length():
         return Established()

@@ -61,7 +61,7 @@ def write_diagnosis(
     target.mkdir(parents=True, exist_ok=True)
     arm: Arm | None = None
     if may_be_measured_with(outcome_of(diagnosis)):
-        cartesian = covariance_of(diagnosis.final)
+        cartesian = covariance_of(diagnosis.final, diagnosis.other_scale)
         digest = write_covariance(cartesian, target / COVARIANCE_FILE)
         arm = arm_with_provenance(diagnosis, when, digest)
         write_adapted(target / "arm.toml", arm, Path(source))
@@ -95,8 +95,13 @@ def pose_parts(diagnosis: Diagnosis) -> tuple[str, ...]:
     return tuple(parts.tolist())
 
 
-def covariance_of(final: IteratedAdjustment) -> CartesianCovariance:
-    """Compute the covariance of what is estimated, as `traverse identify` does."""
+def covariance_of(
+    final: IteratedAdjustment, other_scale: float = 0.0
+) -> CartesianCovariance:
+    """Compute the covariance of what is estimated, as `traverse identify` does.
+
+    The arm may be larger or smaller by the part `other_scale` of itself.
+    """
     adjustment = final.adjustment
     test = global_test(
         adjustment.sigma0,
@@ -107,7 +112,9 @@ def covariance_of(final: IteratedAdjustment) -> CartesianCovariance:
     of_arm = arm_variance_factor(
         factor, test, adjustment.redundancy, adjustment.split.n_determined
     )
-    covariance = adjustment.covariance(of_arm, final.design)
+    covariance = adjustment.covariance(
+        of_arm, adjustment.deviations_of_design(final.design, other_scale)
+    )
     return adjustment.cartesian_covariance(covariance)
 
 

@@ -77,8 +77,9 @@ def _radii_agree(result: Identification) -> Finding:
     if shift.or_else:
         text += (
             f" Or the certified distances of {', '.join(shift.or_else)} are all wrong "
-            "by one factor, and so is the scale of this arm: the measurements cannot "
-            "tell."
+            f"by one factor, and the arm is {1e6 * abs(shift.other_scale):.0f} ppm "
+            f"{'larger' if shift.other_scale > 0.0 else 'smaller'}: the measurements "
+            "cannot tell, and its covariance counts both."
         )
     remedy = (
         "Calibrate the probe's radius on a sphere, with the force of measuring; look "
@@ -90,6 +91,7 @@ def _radii_agree(result: Identification) -> Finding:
         "probe_radius_mm": radius_mm + shift.shift_mm,
         "sigmas": shift.evidence,
         "rivals": list(shift.or_else),
+        "other_scale_ppm": 1e6 * shift.other_scale,
     }
     return doubt(text, remedy, values)
 

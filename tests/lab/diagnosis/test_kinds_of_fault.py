@@ -18,7 +18,7 @@ from traverse.kinematics.arm_file.arm import (
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.adjustment import IdentificationError
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.lab.diagnosis.report.files import write_diagnosis
+from traverse.lab.diagnosis.report.files import covariance_of, write_diagnosis
 from traverse.lab.diagnosis.report.outcome import outcome_of
 from traverse.lab.diagnosis.report.page import summary_lines
 from traverse.lab.diagnosis.search.decision import decide
@@ -293,6 +293,14 @@ def test_distances_wrong_by_one_factor_are_rivals_of_the_probes_radius():
     ]
     assert "bar, short" in rivals
     assert "scale" in outcome_of(diagnosis).codes
+    # The arm is wrong by as much, and its covariance knows it.
+    assert diagnosis.other_scale == pytest.approx(8e-4, rel=0.2)
+    longest_mm = np.linalg.norm(diagnosis.adapted.joints[2].link_mm)
+    spread_mm = [
+        np.sqrt(np.trace(covariance_of(diagnosis.final, part).covariance[21:42, 21:42]))
+        for part in (diagnosis.other_scale, 0.0)
+    ]
+    assert spread_mm[0] > 0.9 * diagnosis.other_scale * longest_mm > spread_mm[1]
 
 
 @pytest.mark.slow
