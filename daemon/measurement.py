@@ -39,6 +39,7 @@ from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import ArmReadings, PoseBlock
 from traverse.daemon.pose.probe_library import LibraryProbe
+from traverse.daemon.pose.published import PublishedNumbers
 from traverse.daemon.pose.quality_monitor import QualityMonitor
 from traverse.daemon.pose.reference_memory import ReferenceMemory
 from traverse.daemon.pose.references import ReferenceMonitor
@@ -141,11 +142,10 @@ class Measurement(MeasurementContext):
         changed = sinks.status_changed
         self.conditions = ConditionMonitor(clock, events)
         self.utc = UtcCondition(clock, self.conditions)
-        self.frozen_joints = FrozenJointMonitor(
-            self.conditions,
-            lambda since_ns: self.capture.session.since(clock.to_utc_ns(since_ns)),
-            clock.to_utc_ns,
-        )
+        self.alignment = ActiveAlignment()
+        self.capture = Capture(clock, sinks.write_point, self.alignment, session)
+        published = PublishedNumbers(clock.to_utc_ns, self.capture.points_since)
+        self.frozen_joints = FrozenJointMonitor(self.conditions, published)
         self._use_conditions()
         self.conditions.changed = changed
         self.states = DeviceStateTracker(
@@ -162,14 +162,13 @@ class Measurement(MeasurementContext):
             clock,
             self.conditions,
             sinks.references,
+            published,
             reset_turns=self.pipeline.reset_turns,
             use_offsets=self.pipeline.use_offsets,
         )
         self.quality = QualityMonitor(
             configuration.quality, model, clock, events, references
         )
-        self.alignment = ActiveAlignment()
-        self.capture = Capture(clock, sinks.write_point, self.alignment, session)
         self.uncertainty = CovarianceEvaluator(configuration.uncertainty)
         self.point_wait_ns = int(settings.point_wait_s * 1e9)
         self.points = PointController(

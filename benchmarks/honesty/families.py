@@ -45,6 +45,8 @@ class Family:
         can_count: Its encoders may be incremental ones.
         quick_rad_s: Of a joint that is seen to stop between two readings.
         scans_hz: Rates of its scans.
+        is_checked: A check sum protects its readings; else one off the motion is left
+            out until the next.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Family:
     can_count: bool = True
     quick_rad_s: float = 0.5
     scans_hz: tuple[float, ...] = (50.0, 100.0)
+    is_checked: bool = True
 
     @property
     def n_devices(self) -> int:
@@ -239,8 +242,10 @@ _MAKERS: tuple[Callable[[], Family], ...] = (
     ),
     lambda: Family("text", (_text(N_JOINTS),), "text/0", latches=True),
     lambda: Family("text+handle", (_text(N_JOINTS), _handle()), "handle/0"),
-    lambda: Family("amt21", (_amt21(), _handle()), "handle/0"),
-    lambda: Family("rls", (_rls(), _handle()), "handle/0", can_swap=True),
+    lambda: Family("amt21", (_amt21(), _handle()), "handle/0", is_checked=False),
+    lambda: Family(
+        "rls", (_rls(), _handle()), "handle/0", can_swap=True, is_checked=False
+    ),
     lambda: Family(
         "modbus",
         (_modbus(), _handle()),
@@ -249,7 +254,13 @@ _MAKERS: tuple[Callable[[], Family], ...] = (
         scans_hz=(10.0, 20.0),
     ),
     lambda: Family("canopen", (_canopen(), _handle()), "handle/0"),
-    lambda: Family("microscribe", (_microscribe(),), "scribe/0", latches=True),
+    lambda: Family(
+        "microscribe",
+        (_microscribe(),),
+        "scribe/0",
+        latches=True,
+        is_checked=False,
+    ),
 )
 FAMILIES: dict[str, Family] = {
     family.name: family for make in _MAKERS for family in (make(),)

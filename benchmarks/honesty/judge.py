@@ -79,6 +79,8 @@ class Tally:
     Attributes:
         doubts: marked numbers after `SETTLED_S`, by their flags.
         worst: of unmarked numbers, the largest share of the permitted error.
+        unseen: numbers that a jump of a count made wrong that is too small to be seen.
+        jump_rad: that jump, and the least one that can be seen.
     """
 
     ok: Counter[str] = field(default_factory=Counter)
@@ -88,6 +90,8 @@ class Tally:
     doubts: Counter[str] = field(default_factory=Counter)
     examples: list[Lie] = field(default_factory=list)
     worst: float = 0.0
+    unseen: Counter[str] = field(default_factory=Counter)
+    jump_rad: tuple[float, float] = 0.0, 0.0
 
 
 class Judge:
@@ -114,6 +118,7 @@ class Judge:
         self._offsets_ns: list[int] = []
         self._pardoned_s = np.inf, np.inf
         self._is_named = True
+        self._unseen_from_s = np.inf
         self._unnamed: dict[str, Lie] = {}
         self._unnamed_samples: list[Lie] = []
         self._named_s: list[tuple[float, float]] = []
@@ -125,6 +130,11 @@ class Judge:
         once it shows; else nobody measures then.
         """
         self._pardoned_s, self._is_named = (from_s, until_s), is_named
+
+    def note_unseen(self, from_s: float, by_rad: float, least_rad: float) -> None:
+        """Count by themselves what a jump makes wrong that nothing can show."""
+        self._unseen_from_s = from_s
+        self.tally.jump_rad = by_rad, least_rad
 
     def take_doubt(self, data: Mapping[str, Any]) -> None:
         """Note what an event puts in doubt that was published before it."""
@@ -232,6 +242,9 @@ class Judge:
         return [lie_of(row) for row in np.flatnonzero(ok & pardoned).tolist()]
 
     def _add_lie(self, lie: Lie) -> None:
+        if lie.at_s >= self._unseen_from_s:
+            self.tally.unseen[lie.kind] += 1
+            return
         self.tally.lies[lie.kind] += 1
         if len(self.tally.examples) < MOST_EXAMPLES:
             self.tally.examples.append(lie)

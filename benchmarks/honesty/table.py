@@ -49,6 +49,13 @@ def verdict(lines: Sequence[Line]) -> Verdict:
             f"    python -m benchmarks.honesty --seed {line['world']} -v"
         )
     parts += [f"world {line['world']}: nothing was measured" for line in silent]
+    unseen = [line for line in sound if line.get("unseen")]
+    for line in unseen:
+        by_rad, least_rad = line["jump_rad"]
+        parts.append(
+            f"world {line['world']}, {line['family']}: {_sum([line], 'unseen')} numbers "
+            f"after a jump of {by_rad:.4f} rad, of which {least_rad:.4f} can be seen"
+        )
     left = len(liars) + len(doubters) - MOST_LIARS
     if left > 0:
         parts.append(f"and {left} more worlds")
@@ -57,7 +64,9 @@ def verdict(lines: Sequence[Line]) -> Verdict:
         f"{n_lies} lies in {len(liars)} worlds; in {len(faultless)} worlds without a "
         f"fault {sum(map(_unexplained, faultless))} in doubt after the first 5 s, and "
         f"{sum(map(_by_motion, quick))} in {len(quick)} worlds where the arm moved "
-        "faster than skew_limit_mm allows joints at different instants"
+        "faster than skew_limit_mm allows joints at different instants; "
+        f"{_sum(unseen, 'unseen')} numbers in {len(unseen)} worlds are wrong by a jump "
+        "that is too small to be seen"
     )
     return Verdict("\n\n".join(parts), not (liars or doubters or silent))
 

@@ -51,6 +51,7 @@ from traverse.daemon.config.schema import (
 )
 from traverse.daemon.errors import CaptureRefusedError, RequestRefusedError
 from traverse.daemon.monitoring.events import Occurrence
+from traverse.daemon.pose.jumps import least_jump_rad
 from traverse.daemon.state_dir import PROBE
 from traverse.protocol.messages import (
     HomeArgs,
@@ -70,6 +71,7 @@ DAY_S = 86_400.0
 SYNCHRONISED_S, ALONE_S = (1.0, 1.0), (60.0 + DAY_S + 60.0, 400.0 * DAY_S)
 STEP_S, QUICK_STEPS = 0.01, 15  # of joints that are seen to freeze
 SEEN_SLACK_S = 0.25  # of blocks and checks
+READINGS_THAT_TELL, NEARLY_RAD = 4.0, 1e-3  # of a jump
 CHANGE_S, RETRY_S = 0.1, 0.5  # of a probe that is changed; of a start that is refused
 
 
@@ -305,9 +307,25 @@ class World:
         def set_anew() -> None:
             source.offsets = source.offsets.copy()
             source.offsets[channel] += round(fault.size * per_turn[channel])
+            self._judge_jump(fault, 2.0 * np.pi / float(per_turn[channel]))
 
         self.hub.at(fault.at_s, lambda: housed.live(self.hub.now_s))
         self.hub.at(fault.at_s, set_anew)
+
+    def _judge_jump(self, fault: PlannedFault, count_rad: float) -> None:
+        """Judge numbers until a jump shows, if it can at the present rate."""
+        rate_hz = self._daemon.measurement.rate_hz if self._daemon else 0.0
+        if not rate_hz:
+            return
+        period_s = (1.0 if self._family.is_checked else 2.0) / rate_hz
+        by_rad, least_rad = 2.0 * np.pi * abs(fault.size), NEARLY_RAD
+        least_rad += least_jump_rad(period_s, count_rad)
+        if by_rad < least_rad:
+            self.judge.note_unseen(fault.at_s, by_rad, least_rad)
+        else:
+            shown_s = fault.at_s + READINGS_THAT_TELL * period_s + SEEN_SLACK_S
+            self.judge.pardon(fault.at_s, shown_s)
+        self._note(f"          jump of {by_rad:.4f} rad, {least_rad:.4f} can be seen")
 
     def _look_at_power(self, fault: PlannedFault) -> None:
         mounted, housed = self._mounted[fault.device], self.hub.devices[fault.device]
@@ -458,6 +476,7 @@ class World:
             take_event=take_event,
             is_synchronised=self._is_synchronised,
         )
+        self._daemon = daemon
         try:
             starting = asyncio.ensure_future(daemon.start())
             operating = asyncio.ensure_future(
@@ -472,6 +491,7 @@ class World:
                     raise result
             daemon.check()
         finally:
+            self._daemon = None
             await daemon.end()
 
     async def _until(self, true_s: float) -> None:
@@ -595,6 +615,8 @@ def world_line(seed: int) -> Line:
         "doubt": dict(tally.doubt),
         "settled_doubt": dict(tally.settled),
         "lies": dict(tally.lies),
+        "unseen": dict(tally.unseen),
+        "jump_rad": list(tally.jump_rad),
         "flags": dict(tally.doubts),
         "examples": [str(lie) for lie in tally.examples[:3]],
         "refused": dict(outcome.refused),

@@ -176,6 +176,9 @@ class Capture:
     def session(self) -> Session:
         return self._active.session
 
+    def points_since(self, utc_ns: int) -> list[Point]:
+        return self.session.since(utc_ns)
+
     def take(self, measured: PointMeasurement, trigger: Trigger) -> PendingPoint:
         """Capture a point; it counts as soon as it is on the disk.
 

@@ -9,7 +9,7 @@ Nothing in a repeated count says that it is old. Two observations do:
 """
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,9 +19,9 @@ from traverse.arrays import Booleans, Floats, Integers
 from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import ArmReadings
+from traverse.daemon.pose.published import PublishedNumbers
 from traverse.daemon.pose.trajectory import INVALID_FLAGS
-from traverse.protocol.messages import Point, QualityFlag
-from traverse.protocol.messages.quality import flag_names
+from traverse.protocol.messages import QualityFlag
 
 CONDITION = "channels"  # that this feeds
 CHECK_NS = 50_000_000  # interval of checks
@@ -42,7 +42,6 @@ REVERSAL_SHARE = 0.125  # of the steps of noise
 NOISY_RESTS = 20
 LED_RAD = 0.05  # of another joint in REST_S
 LEFT_OUT = INVALID_FLAGS | QualityFlag.STALE.value  # readings that are marked
-MOST_NAMED = 20  # points in one event
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,10 +66,6 @@ class _Window:
 class FrozenJointMonitor:
     """Feeds the condition `channels`.
 
-    Args:
-        points_since: Points of the session since a host monotonic time.
-        to_utc_ns: Converts host monotonic times.
-
     Attributes:
         counts: of frozen joints, by joint from 0.
     """
@@ -78,11 +73,9 @@ class FrozenJointMonitor:
     def __init__(
         self,
         conditions: ConditionMonitor,
-        points_since: Callable[[int], Sequence[Point]],
-        to_utc_ns: Callable[[int], int],
+        published: PublishedNumbers,
     ) -> None:
-        self._conditions, self._points_since = conditions, points_since
-        self._to_utc_ns = to_utc_ns
+        self._conditions, self._published = conditions, published
         self.counts: dict[int, float] = {}
         self._noisy_rests: Integers = np.zeros(0, np.int64)
         self._may_rest: Booleans = np.zeros(0, np.bool_)
@@ -172,17 +165,11 @@ class FrozenJointMonitor:
         if joint in self.counts:
             return
         self.counts[joint] = float(count)
-        data: dict[str, float | str] = {
-            "constant_s": round((self._checked_ns - since_ns) * 1e-9, 3),
-            "from_ns": str(self._to_utc_ns(since_ns)),
-            "until_ns": str(self._to_utc_ns(self._checked_ns)),
-            "flags": " ".join(flag_names(QualityFlag.STALE.value)),
-        }
-        points = self._points_since(since_ns)[-MOST_NAMED:]
-        if points:
-            numbers = ", ".join(str(point.seq) for point in points)
-            why += f"; points that may rest on it already, by seq: {numbers}"
-            data["points"] = " ".join(point.id for point in points)
+        named, data = self._published.between(
+            since_ns, self._checked_ns, QualityFlag.STALE
+        )
+        data["constant_s"] = round((self._checked_ns - since_ns) * 1e-9, 3)
+        why += named
         self._doubt(model, why, data)
 
     def _doubt(

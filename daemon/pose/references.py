@@ -20,8 +20,10 @@ from traverse.daemon.conditions.table import CONFIRM, HOME
 from traverse.daemon.config.schema import QualitySection
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.joint_turns import one_turn_joints, turn_dependent_joints
+from traverse.daemon.pose.jumps import Jump, JumpMonitor
 from traverse.daemon.pose.known_devices import KnownDevices
-from traverse.daemon.pose.outages import OutageMonitor
+from traverse.daemon.pose.outages import Outage, OutageMonitor
+from traverse.daemon.pose.published import PublishedNumbers
 from traverse.daemon.pose.reference_memory import (
     ConfirmedDevice,
     ReferenceMemory,
@@ -32,6 +34,7 @@ from traverse.drivers.base.values import (
     DeviceUp,
     Identity,
 )
+from traverse.protocol.messages import QualityFlag
 
 IDENTITY, REFERENCE = "identity", "reference"  # conditions that this feeds
 PLACE, TURN = "place", "turn"
@@ -55,6 +58,7 @@ class ReferenceMonitor:
     clock: HostClock
     conditions: ConditionMonitor
     memory: InitVar[ReferenceMemory]
+    published: PublishedNumbers
     _: KW_ONLY
     reset_turns: Callable[[Sequence[int], int], None] = lambda joints, ns: None
     use_offsets: Callable[[Mapping[str, float]], None] = lambda offsets_rad: None
@@ -62,7 +66,7 @@ class ReferenceMonitor:
     def __post_init__(
         self, section: QualitySection, model: ArmModel, memory: ReferenceMemory
     ) -> None:
-        self._outages: dict[str, OutageMonitor] = {}
+        self._monitors: dict[str, tuple[OutageMonitor, JumpMonitor]] = {}
         self.devices = KnownDevices(section, model, memory)
         self._doubts: dict[str, str] = {}
         self._unhomed: dict[str, set[int]] = {}  # joints whose place is in doubt
@@ -104,7 +108,7 @@ class ReferenceMonitor:
         )
         if is_other:
             before = ()
-            self._outages.clear()
+            self._monitors.clear()
         self.devices.use(section, model)
         self._follow(section, model)
         for device, identity in self.devices.identities.items():
@@ -124,7 +128,7 @@ class ReferenceMonitor:
         before = self.devices.identities.get(device)
         moduli = None if before is None else before.moduli_counts
         if up.restarted or moduli != up.identity.moduli_counts:
-            self._outages.pop(device, None)
+            self._monitors.pop(device, None)
         self._take_up(up, is_back=before is not None)
         joints = self.devices.joints_of(device)
         if (before is None or up.restarted) and any(j in self._turning for j in joints):
@@ -164,13 +168,18 @@ class ReferenceMonitor:
     # -- joints ---------------------------------------------------------------
 
     def add(self, samples: CountSamples, max_speed_rad_s: float | None = None) -> None:
-        """Check a device's readings for outages."""
+        """Check a device's readings for outages and jumps."""
         device = samples.device
-        known = self._outages.get(device)
-        if known is None:
-            known = self._outages[device] = self._monitor(device, max_speed_rad_s)
-        if not (outages := known.add(samples)):
-            return
+        monitors = self._monitors.get(device)
+        if monitors is None:
+            speed_rad_s = max_speed_rad_s or MAX_SPEED_RAD_S
+            monitors = self._monitors[device] = self._new_monitors(device, speed_rad_s)
+        outage_monitor, jump_monitor = monitors
+        self._take_outages(device, outage_monitor.add(samples))
+        if jumps := jump_monitor.add(samples):
+            self._take_jumps(samples, jumps)
+
+    def _take_outages(self, device: str, outages: Sequence[Outage]) -> None:
         joints, names = self.devices.joints_of(device), self._model.effects.joint_names
         doubtful = []
         for outage in outages:
@@ -190,34 +199,58 @@ class ReferenceMonitor:
                 named,
             )
 
+    def _take_jumps(self, samples: CountSamples, jumps: Sequence[Jump]) -> None:
+        device, names = samples.device, self._model.effects.joint_names
+        places = self.devices.joints_of(device)
+        ways_rad = {places[jump.place]: jump.by_rad for jump in jumps}
+        named = ", ".join(f"{names[j]} by {way:.2g} rad" for j, way in ways_rad.items())
+        text, data = self.published.between(
+            min(jump.since_ns for jump in jumps),
+            int(samples.sample_time_ns[-1]),
+            QualityFlag.TURNS_UNCERTAIN,
+        )
+        text = f"{device} has jumped as no joint moves ({named}){text}"
+        self._take_jump(device, text, [*ways_rad], data)
+
     def on_fault(self, fault: DeviceFault) -> None:
         """Take a driver's report that a count has jumped."""
         if fault.code == "count_jumped":
-            self._take_jump(fault.device, f"{fault.device}: {fault.text}")
+            joints = self.devices.joints_of(fault.device)
+            self._take_jump(fault.device, f"{fault.device}: {fault.text}", joints)
 
-    def _take_jump(self, device: str, text: str) -> None:
+    def _take_jump(
+        self,
+        device: str,
+        text: str,
+        joints: Sequence[int],
+        data: Mapping[str, float | str] | None = None,
+    ) -> None:
         """Doubt a device of which a count has jumped, also after a restart."""
-        joints, memory = self.devices.joints_of(device), self.devices.memory
         if device not in self.devices.identities or not joints:
             return
         if known := self.devices.confirmed(device):
-            memory.add({device: replace(known, encoders="")})
+            self.devices.memory.add({device: replace(known, encoders="")})
         if self._doubts.get(device) != PLACE:
             cause = (
                 f"{text}: it was set anew, its counter was reset, a coupling slips, or "
                 "a reading was spoilt"
             )
-            self._doubt_place(device, cause, joints)
+            self._doubt_place(device, cause, joints, data)
 
-    def _monitor(self, device: str, max_speed_rad_s: float | None) -> OutageMonitor:
+    def _new_monitors(
+        self, device: str, max_speed_rad_s: float
+    ) -> tuple[OutageMonitor, JumpMonitor]:
         model, joints = self._model, self.devices.joints_of(device)
         turns = model.encoders.counts_per_turn[joints]
         identity = self.devices.identities.get(device)
         moduli = {} if identity is None else {device: identity.moduli_counts}
+        jitter_ns = 0 if identity is None else identity.jitter_ns
         wraps = model.wraps_counts(moduli)[joints]
-        channels = model.channels[joints]
-        speed_rad_s = max_speed_rad_s or MAX_SPEED_RAD_S
-        return OutageMonitor(channels, np.pi * wraps / turns, turns, speed_rad_s)
+        channels, count_rad = model.channels[joints], 2.0 * np.pi / turns
+        return (
+            OutageMonitor(channels, count_rad * wraps / 2.0, turns, max_speed_rad_s),
+            JumpMonitor(channels, wraps, count_rad, jitter_ns, max_speed_rad_s),
+        )
 
     # -- the operator ---------------------------------------------------------
 
@@ -319,7 +352,13 @@ class ReferenceMonitor:
 
     # -- doubts ---------------------------------------------------------------
 
-    def _doubt_place(self, device: str, cause: str, joints: Sequence[int]) -> None:
+    def _doubt_place(
+        self,
+        device: str,
+        cause: str,
+        joints: Sequence[int],
+        data: Mapping[str, float | str] | None = None,
+    ) -> None:
         self._doubts[device] = PLACE
         self._unhomed[device] = set(joints)
         named = self._named(joints)
@@ -341,6 +380,7 @@ class ReferenceMonitor:
             device,
             f"{cause}: {named} may count from another place, and every point may be "
             "wrong",
+            data,
             remedy=f"{homed}bring the arm to its reference, touch a point that you "
             f"know, then {CONFIRM}{once}",
         )

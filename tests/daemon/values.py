@@ -18,11 +18,13 @@ from traverse.daemon.config.schema import (
 )
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.poses import PoseBlock
+from traverse.daemon.pose.published import PublishedNumbers
 from traverse.daemon.store.records import PendingPoint
 from traverse.drivers.base.values import CountSamples, LatchedCounts
 from traverse.protocol.messages import Point
 
 UTC_OFFSET_NS = 1_700_000_000_000_000_000
+NOTHING_PUBLISHED = PublishedNumbers(lambda ns: ns, lambda ns: [])
 DEVICES = {"base": None, "wrist": None}
 MODULI = (1 << 32, 1 << 23, 1 << 20)
 

@@ -79,17 +79,18 @@ class BoardWorld:
 
     def move(self):
         for by in (2000, -2000):
-            start_ns = self.bench.clock.now_ns
-            path = self.counts + np.outer(np.linspace(0, by, 50), (1, 1, 1))
-            first = self._n
-            self.bench.take(
-                count_samples(
-                    np.rint(path), first=first, start_ns=start_ns - first * 10**7
-                )
-            )
-            self._n += 50
-            self.counts = self.counts + by
-            self.bench.clock.now_ns += 500_000_000
+            self.lead(self.counts + by)
+
+    def lead(self, counts):
+        """Turn joints within half a second."""
+        path = np.rint(np.linspace(self.counts, counts, 50))
+        first, start_ns = self._n, self.bench.clock.now_ns
+        self.bench.take(
+            count_samples(path, first=first, start_ns=start_ns - first * 10**7)
+        )
+        self._n += 50
+        self.counts = np.array(counts)
+        self.bench.clock.now_ns += 500_000_000
 
     def freeze(self):
         """Turn all joints, of which one stops between two samples."""
@@ -156,6 +157,12 @@ def put(name, value):
 
 async def confirm(world):
     await ConfirmReference(ReferenceArgs(action="confirm")).execute(world.measurement)
+
+
+async def slow_down(world):
+    world.speed = 3e-4
+    world.flags()  # at another place at once, which has to be confirmed
+    await confirm(world)
 
 
 def unidentify(world):
@@ -233,7 +240,7 @@ PLANTS = {
     "device_clock": Plant(
         BoardWorld, put("status", STATUS_TIME_UNCERTAIN), put("status", 0)
     ),
-    "skew": Plant(TwoDeviceWorld, put("speed", 2.0), put("speed", 3e-4)),
+    "skew": Plant(TwoDeviceWorld, put("speed", 2.0), slow_down),
     "geometry": Plant(BoardWorld, unidentify, identify_again),
     "temperature": Plant(
         begin_warm, lose_temperature, take(DeviceTemperatures("base", (20.0,)))
@@ -241,8 +248,8 @@ PLANTS = {
     "motion": Plant(begin_with_play, lose_motion, BoardWorld.move),
     "effects": Plant(
         begin_with_a_curve,
-        put("counts", np.array((400_000, 1000, 1000))),
-        put("counts", np.array(HERE)),
+        lambda world: world.lead((400_000, 1000, 1000)),
+        lambda world: world.lead(HERE),
     ),
     "temperature_band": Plant(
         lambda folder: BoardWorld(folder, temperature_high_c=30.0),

@@ -12,6 +12,7 @@ from traverse.daemon.conditions.table import ARM
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.frozen_joints import FrozenJointMonitor
 from traverse.daemon.pose.poses import ArmReadings
+from traverse.daemon.pose.published import PublishedNumbers
 from traverse.drivers.base.values import CountSamples
 
 RATES_HZ = (50.0, 100.0, 1000.0)
@@ -35,7 +36,8 @@ class Arm:
         self.n, self.points = 0, []
 
     def new_monitor(self):
-        return FrozenJointMonitor(self.conditions, self.points_since, lambda ns: ns)
+        published = PublishedNumbers(lambda ns: ns, self.points_since)
+        return FrozenJointMonitor(self.conditions, published)
 
     def points_since(self, since_ns):
         return [point for point in self.points if point.time_ns >= since_ns]

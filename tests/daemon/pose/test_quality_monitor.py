@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.daemon.values import PoseMaker, SetClock, arm_model
+from tests.daemon.values import NOTHING_PUBLISHED, PoseMaker, SetClock, arm_model
 from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.conditions.table import ARM
 from traverse.daemon.config.schema import EndStopSection, QualitySection
@@ -35,6 +35,7 @@ class Bench:
             self.clock,
             conditions,
             ReferenceMemory(),
+            NOTHING_PUBLISHED,
         )
         self.watch = QualityMonitor(section, model, self.clock, events, references)
         self.poses = PoseMaker(model, 1_000_000)

@@ -8,7 +8,15 @@ import pytest
 
 from tests.daemon.board_harness import BOARD, Bench
 from tests.daemon.two_devices import base
-from tests.daemon.values import ARM, MODULI, SetClock, arm_model, count_samples, latch
+from tests.daemon.values import (
+    ARM,
+    MODULI,
+    NOTHING_PUBLISHED,
+    SetClock,
+    arm_model,
+    count_samples,
+    latch,
+)
 from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.conditions.table import BY_NAME
 from traverse.daemon.config.schema import EndStopSection, QualitySection
@@ -67,6 +75,7 @@ class Rig:
             clock,
             self.conditions,
             memory or ReferenceMemory(),
+            NOTHING_PUBLISHED,
         )
 
     def accept(self, first):
