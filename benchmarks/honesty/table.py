@@ -53,8 +53,8 @@ def verdict(lines: Sequence[Line]) -> Verdict:
     for line in unseen:
         by_rad, least_rad = line["jump_rad"]
         parts.append(
-            f"world {line['world']}, {line['family']}: {_sum([line], 'unseen')} numbers "
-            f"after a jump of {by_rad:.4f} rad, of which {least_rad:.4f} can be seen"
+            f"world {line['world']}, {line['family']}: {_sum([line], 'unseen')} "
+            f"numbers after a jump of {by_rad:.4f} rad; {least_rad:.4f} can be seen"
         )
     left = len(liars) + len(doubters) - MOST_LIARS
     if left > 0:

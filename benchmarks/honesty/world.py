@@ -307,19 +307,26 @@ class World:
         def set_anew() -> None:
             source.offsets = source.offsets.copy()
             source.offsets[channel] += round(fault.size * per_turn[channel])
-            self._judge_jump(fault, 2.0 * np.pi / float(per_turn[channel]))
+            self._judge_jump(fault, channel)
 
         self.hub.at(fault.at_s, lambda: housed.live(self.hub.now_s))
         self.hub.at(fault.at_s, set_anew)
 
-    def _judge_jump(self, fault: PlannedFault, count_rad: float) -> None:
-        """Judge numbers until a jump shows, if it can at the present rate."""
+    def _judge_jump(self, fault: PlannedFault, channel: int) -> None:
+        """Judge numbers until a jump shows, if it can in the present motion."""
         rate_hz = self._daemon.measurement.rate_hz if self._daemon else 0.0
-        if not rate_hz:
+        if self._daemon is None or not rate_hz:
             return
+        mounted = self._mounted[fault.device]
+        encoders, monitors = mounted.source.encoders, self._daemon.jump_monitors()
+        count_rad = 2.0 * np.pi / float(encoders.counts_per_turn[channel])
+        about_s = self.hub.now_s + np.array([-STEP_S, STEP_S])
+        way_rad = np.diff(self.truth.course.readings_rad(about_s), axis=0)[0]
+        speed_rad_s = float(way_rad[encoders.joints[channel]]) / (2.0 * STEP_S)
         period_s = (1.0 if self._family.is_checked else 2.0) / rate_hz
         by_rad, least_rad = 2.0 * np.pi * abs(fault.size), NEARLY_RAD
-        least_rad += least_jump_rad(period_s, count_rad)
+        unknown_s = monitors[mounted.table.id].unknown_s
+        least_rad += least_jump_rad(period_s, count_rad, speed_rad_s, unknown_s)
         if by_rad < least_rad:
             self.judge.note_unseen(fault.at_s, by_rad, least_rad)
         else:

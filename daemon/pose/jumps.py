@@ -30,9 +30,16 @@ KEPT_ROWS = 5
 ARRIVALS = 32  # from which the delay of blocks is known
 
 
-def least_jump_rad(period_s: float, count_rad: float = 0.0) -> float:
-    """Return the smallest jump that shows at rest, of readings in equal intervals."""
-    return KNOCK_RAD + float(_led_rad(period_s)) + 2.0 * SLACK_COUNTS * count_rad
+def least_jump_rad(
+    period_s: float,
+    count_rad: float,
+    speed_rad_s: float = 0.0,
+    unknown_s: tuple[float, float] = (0.0, 0.0),
+) -> float:
+    """Return the smallest jump that shows, of readings in equal intervals."""
+    late_s, off_s = unknown_s
+    led_rad = float(_led_rad(period_s + late_s)) + 2.0 * abs(speed_rad_s) * off_s
+    return KNOCK_RAD + led_rad + 2.0 * SLACK_COUNTS * count_rad
 
 
 def _led_rad(seconds: ArrayLike) -> Floats:
@@ -63,6 +70,10 @@ class JumpMonitor:
         count_rad: (k,).
         jitter_ns: error of the readings' times, where they state none.
         max_speed_rad_s: of the fastest joint.
+
+    Attributes:
+        unknown_s: for how long a device's counter may have stood, and by how much two
+            of its latest times may be off.
     """
 
     def __init__(
@@ -76,6 +87,7 @@ class JumpMonitor:
         self._channels, self._wraps = channels, wraps_counts
         self._count_rad, self._max_speed_rad_s = count_rad, max_speed_rad_s
         self._jitter_ns, self._last = jitter_ns, (0, 0)  # time and ticks
+        self.unknown_s = 0.0, 0.0
         self._delays_ns: deque[int] = deque(maxlen=ARRIVALS)
         shape = KEPT_ROWS, len(channels)
         self._counts = np.zeros(shape, np.int64)
@@ -85,6 +97,7 @@ class JumpMonitor:
         """Follow readings; a jump shows with the second one after it."""
         status = samples.status[:, self._channels]
         late_s, off_s = 1e-9 * self._late_ns(samples), 2e-9 * self._bound_ns(samples)
+        self.unknown_s = late_s, off_s + late_s
         if (status & STATUS_TIME_UNCERTAIN).any():
             self._times_ns[:] = LONG_AGO_NS
             return []
@@ -98,9 +111,7 @@ class JumpMonitor:
         jumps: list[Jump] = []
         for group in groups:
             cells = np.ix_(np.flatnonzero(is_read[:, group[0]]), group)
-            jumps += self._follow(
-                group, times_ns[cells], counts[cells], (late_s, off_s + late_s)
-            )
+            jumps += self._follow(group, times_ns[cells], counts[cells])
         return jumps
 
     def _late_ns(self, samples: CountSamples) -> int:
@@ -132,13 +143,8 @@ class JumpMonitor:
         places: Indices,
         times_ns: Integers,
         counts: Integers,
-        unknown_s: tuple[float, float],
     ) -> list[Jump]:
-        """Continue with readings (n, m) of some joints.
-
-        ``unknown_s`` is for how long their counter may have stood, and by how much two
-        of their times may be off.
-        """
+        """Continue with readings (n, m) of some joints."""
         times_ns = np.vstack([self._times_ns[:, places], times_ns])
         counts = np.vstack([self._counts[:, places], counts])
         self._times_ns[:, places] = times_ns[-KEPT_ROWS:]
@@ -149,7 +155,7 @@ class JumpMonitor:
         is_near = (passed_ns > 0) & (passed_ns <= GAP_NS)
         passed_s = np.where(is_near, passed_ns, GAP_NS) * 1e-9
         speeds = ways_rad / passed_s
-        late_s, off_s = unknown_s
+        late_s, off_s = self.unknown_s
         # Of each way and the one before it.
         pair_s = (passed_s[1:] + passed_s[:-1]) / 2.0
         ratio = 1.0 + passed_s[1:] / passed_s[:-1]
