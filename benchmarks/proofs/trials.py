@@ -17,8 +17,8 @@ from benchmarks.tools.handover import campaign_from_simulation
 from benchmarks.trials.lines import Line
 from traverse.arrays import Floats
 from traverse.kinematics.model.forward import probe_centre
-from traverse.lab.adjustment.arm_values import ArmValues
 from traverse.lab.adjustment.equations import Station, WhiteRows
+from traverse.lab.adjustment.parameters import ArmValues
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.results.result import Identification

@@ -6,9 +6,9 @@ does so until neither the poses that take part nor the noise change.
 """
 
 from traverse.lab.adjustment.adjusted import Adjustment
-from traverse.lab.adjustment.arm_values import ArmValues
 from traverse.lab.adjustment.iterate import IteratedAdjustment, adjust_iteratively
 from traverse.lab.adjustment.noise import Noise
+from traverse.lab.adjustment.parameters import ArmValues
 from traverse.lab.adjustment.pose_statistics import PoseStatistics
 from traverse.lab.adjustment.prepare import IdentificationError, Options, Problem
 from traverse.lab.adjustment.problem import Network

@@ -9,10 +9,10 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm, Probe
 from traverse.kinematics.uncertainty.arm_covariance import parameter_names
-from traverse.lab.adjustment.arm_values import ArmValues
 from traverse.lab.adjustment.datum import stretch
 from traverse.lab.adjustment.equations import Station
 from traverse.lab.adjustment.noise import Noise
+from traverse.lab.adjustment.parameters import ArmValues
 from traverse.lab.adjustment.pose_statistics import (
     PoseStatistics,
     pose_statistics,

@@ -18,9 +18,8 @@ from traverse.kinematics.effects.pose import (
 from traverse.kinematics.model.derivatives import probe_derivatives, turn_derivatives
 from traverse.kinematics.model.forward import body_rotations, probe_centre
 from traverse.kinematics.model.quaternion import multiply, small_turn
-from traverse.lab.adjustment.arm_values import ArmValues
 from traverse.lab.adjustment.noise import Noise
-from traverse.lab.adjustment.parameters import Parameters
+from traverse.lab.adjustment.parameters import ArmValues, Parameters
 from traverse.lab.artefacts.artefact import Artefact, Touches
 from traverse.lab.campaign.campaign import Campaign
 

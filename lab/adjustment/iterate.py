@@ -14,13 +14,13 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.lab.adjustment.adjusted import Adjustment
-from traverse.lab.adjustment.arm_values import ArmValues
 from traverse.lab.adjustment.noise import (
     Noise,
     a_priori_noise,
     better_noise,
     variance_model,
 )
+from traverse.lab.adjustment.parameters import ArmValues
 from traverse.lab.adjustment.pose_statistics import PoseStatistics
 from traverse.lab.adjustment.prepare import Options
 from traverse.lab.adjustment.problem import Network

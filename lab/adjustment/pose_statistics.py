@@ -19,9 +19,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
-from traverse.lab.adjustment.arm_values import ArmValues
 from traverse.lab.adjustment.equations import Station, WhiteRows
 from traverse.lab.adjustment.noise import VarianceSums
+from traverse.lab.adjustment.parameters import ArmValues
 from traverse.lab.adjustment.problem import Network, State
 from traverse.lab.adjustment.system import Elimination, System
 from traverse.lab.statistics.distributions import (

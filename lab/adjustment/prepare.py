@@ -10,12 +10,11 @@ import numpy as np
 from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
-from traverse.lab.adjustment.arm_values import ArmValues, Expected
 from traverse.lab.adjustment.datum import with_datum
 from traverse.lab.adjustment.effect_model import EffectModel, effect_model
 from traverse.lab.adjustment.equations import sorted_stations
 from traverse.lab.adjustment.noise import Noise, VarianceModel, a_priori_noise
-from traverse.lab.adjustment.parameters import Parameters
+from traverse.lab.adjustment.parameters import ArmValues, Expected, Parameters
 from traverse.lab.adjustment.problem import Network
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.prior import Prior

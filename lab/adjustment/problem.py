@@ -10,7 +10,6 @@ from traverse.arrays import Booleans, Floats, Integers
 from traverse.kinematics.helmert.transformation import N_RIGID, motions
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.quaternion import conjugate, multiply
-from traverse.lab.adjustment.arm_values import ArmValues
 from traverse.lab.adjustment.datum import scale_direction
 from traverse.lab.adjustment.equations import (
     Equations,
@@ -19,6 +18,7 @@ from traverse.lab.adjustment.equations import (
     whiteners,
 )
 from traverse.lab.adjustment.noise import Noise
+from traverse.lab.adjustment.parameters import ArmValues
 from traverse.lab.artefacts.artefact import Touches
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.poses import evenly

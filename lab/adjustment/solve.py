@@ -18,7 +18,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.lab.adjustment.adjusted import Adjustment, design_spread
-from traverse.lab.adjustment.arm_values import ArmValues
+from traverse.lab.adjustment.parameters import ArmValues
 from traverse.lab.adjustment.problem import Network, State
 from traverse.lab.adjustment.system import (
     RankDecision,

@@ -34,9 +34,8 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.lab.adjustment.adjusted import Adjustment
-from traverse.lab.adjustment.arm_values import ArmValues
 from traverse.lab.adjustment.noise import Noise
-from traverse.lab.adjustment.parameters import Parameters
+from traverse.lab.adjustment.parameters import ArmValues, Parameters
 from traverse.lab.adjustment.prepare import Options, Problem, masked
 from traverse.lab.adjustment.problem import Network, State
 from traverse.lab.adjustment.solve import adjust

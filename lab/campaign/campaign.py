@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -187,13 +188,17 @@ class Campaign:
             1.0 if key == kind.phase else size for key in correction.parameters
         )
 
+    def with_poses(self, **columns: Any) -> "Campaign":
+        """Put other columns into the poses."""
+        return replace(self, poses=replace(self.poses, **columns))
+
     def without_orientations(self, which: Booleans) -> "Campaign":
         """Forget the orientations of some poses, (n_poses,)."""
         orientations = self.poses.orientations
         if orientations is None:
             return self
         kept = np.where(which[:, np.newaxis], np.nan, orientations)
-        return replace(self, poses=replace(self.poses, orientations=kept))
+        return self.with_poses(orientations=kept)
 
     def with_tools(
         self, vectors_mm: Mapping[str, Floats], *, held: bool = True

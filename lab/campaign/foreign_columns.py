@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.kinematics.helmert.transformation import closed_helmert
 from traverse.kinematics.importers.joint_names import names_for_arm
 from traverse.kinematics.model.forward import probe_pose
 from traverse.kinematics.model.geometry import Geometry
@@ -295,8 +296,6 @@ def _rigid_rms_mm(
     """Return how far the ball is from the targets after the best rigid motion."""
     ball_mm, _ = probe_pose(geometry, ANGLES[angle_unit] * angles)
     place_mm = LENGTHS[length_unit] * places
-    ball_mm, place_mm = ball_mm - ball_mm.mean(axis=0), place_mm - place_mm.mean(axis=0)
-    left, _, right = np.linalg.svd(place_mm.T @ ball_mm)
-    sign = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
-    off_mm = ball_mm @ (left @ sign @ right).T - place_mm
+    motion = closed_helmert(ball_mm, place_mm, np.ones(len(ball_mm)), with_scale=False)
+    off_mm = motion.places_mm(ball_mm) - place_mm
     return float(np.sqrt(np.mean(np.sum(off_mm**2, axis=1))))

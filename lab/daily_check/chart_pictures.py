@@ -58,13 +58,13 @@ def write_charts(report: DailyCheckReport, folder: Path) -> list[str]:
     return ["chart.png", "chart.html"]
 
 
-def chart_lines(chart: FigureChart, width: int = SHOWN) -> list[str]:
+def chart_lines(chart: FigureChart) -> list[str]:
     """The last checks of a figure as characters, a column a check.
 
     `o` is a check, `X` one that broke a rule; `-` are the limits and `.` is the middle
     of the last one.
     """
-    points = chart.points[-width:]
+    points = chart.points[-SHOWN:]
     last = chart.last
     marks_um = [_UM * x for x in (last.centre, last.low, last.high) if x is not None]
     values_um = [_UM * p.value for p in points]

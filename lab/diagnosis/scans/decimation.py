@@ -47,7 +47,7 @@ def with_surface_directions(campaign: Campaign, every: Adjustment) -> Campaign:
         directions[station.poses] = away_mm / np.maximum(lengths_mm, 1e-9)
     if not np.any(np.isfinite(directions)):
         return campaign
-    return replace(campaign, poses=replace(campaign.poses, directions=directions))
+    return campaign.with_poses(directions=directions)
 
 
 MOST_POSES = 2000

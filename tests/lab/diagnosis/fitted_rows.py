@@ -47,8 +47,7 @@ class Measurement:
         return equations_of(self.fit().adjustment)
 
     def with_poses(self, **columns) -> "Measurement":
-        poses = replace(self.campaign.poses, **columns)
-        return replace(self, campaign=replace(self.campaign, poses=poses))
+        return replace(self, campaign=self.campaign.with_poses(**columns))
 
     def with_effect(self, effect: Effect) -> "Measurement":
         """The same touches by an arm that has an effect: other readings."""

@@ -278,7 +278,7 @@ def test_what_makes_unseen_poses_worse_stays_out():
     _, held_out = split(plain, DECISION.seed)
     angles_rad = spoilt.poses.angles_rad.copy()
     angles_rad[held_out] = plain.poses.angles_rad[held_out]
-    campaign = replace(plain, poses=replace(plain.poses, angles_rad=angles_rad))
+    campaign = plain.with_poses(angles_rad=angles_rad)
     diagnosis = decided(campaign, OPTIONS)
     assert np.array_equal(diagnosis.held_out, held_out)
     assert diagnosis.vetoed
@@ -294,7 +294,7 @@ def test_a_model_that_fits_its_own_poses_alone_is_not_clean():
     _, held_out = split(plain, DECISION.seed)
     angles_rad = plain.poses.angles_rad.copy()
     angles_rad[held_out] = spoilt.poses.angles_rad[held_out]
-    campaign = replace(plain, poses=replace(plain.poses, angles_rad=angles_rad))
+    campaign = plain.with_poses(angles_rad=angles_rad)
     diagnosis = decided(campaign)
     assert diagnosis.verdict == "unknown"
     (term,) = diagnosis.terms

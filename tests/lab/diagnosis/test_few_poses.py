@@ -64,7 +64,7 @@ def test_poses_that_are_nearly_the_same_are_called_so():
     posture_rad = varied.poses.angles_rad[:1]
     rng = np.random.default_rng(1)
     angles_rad = posture_rad + 1e-4 * rng.standard_normal(varied.poses.angles_rad.shape)
-    campaign = replace(varied, poses=replace(varied.poses, angles_rad=angles_rad))
+    campaign = varied.with_poses(angles_rad=angles_rad)
     with pytest.raises(IdentificationError, match="nearly the same: no joint turned"):
         diagnose(campaign, poses().arm, OPTIONS)
 

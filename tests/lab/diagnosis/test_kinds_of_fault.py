@@ -228,14 +228,10 @@ def test_an_eccentric_and_tilted_ring_is_named_by_both():
     for table in (ECCENTRIC, twice):
         ring = ring.with_effect(effect_from_table(table))
     diagnosis = decided(ring)
-    assert [
-        (t.status, t.candidate.kind, t.candidate.joint) for t in diagnosis.terms
-    ] == [
+    found = [(t.status, t.candidate.kind, t.candidate.joint) for t in diagnosis.terms]
+    assert sorted(found) == [
         ("named", "encoder_eccentricity", "J3"),
         ("named", "encoder_harmonic", "J3"),
-    ] or [(t.status, t.candidate.kind, t.candidate.joint) for t in diagnosis.terms] == [
-        ("named", "encoder_harmonic", "J3"),
-        ("named", "encoder_eccentricity", "J3"),
     ]
 
 

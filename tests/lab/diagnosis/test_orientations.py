@@ -53,7 +53,7 @@ def turned_lines(poses, noise):
 
 
 def without(campaign):
-    return replace(campaign, poses=replace(campaign.poses, orientations=None))
+    return campaign.with_poses(orientations=None)
 
 
 @pytest.mark.slow

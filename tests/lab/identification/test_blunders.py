@@ -32,8 +32,7 @@ def with_blunders(campaign, true, part, sigmas, seed=3):
     slopes = probe_derivatives(true.geometry(), angles[bad]).by_angles
     shifts = random_directions(rng, len(bad)) * sigmas * 0.0055
     angles[bad] += (np.linalg.pinv(slopes) @ shifts[:, :, None])[:, :, 0]
-    poses = replace(campaign.poses, angles_rad=angles)
-    return replace(campaign, poses=poses), set(bad.tolist())
+    return campaign.with_poses(angles_rad=angles), set(bad.tolist())
 
 
 @cache

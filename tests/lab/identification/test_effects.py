@@ -252,10 +252,7 @@ def test_the_only_length_of_a_campaign_cannot_be_wrong():
 
 def test_what_the_campaign_does_not_tell_is_refused_all_at_once():
     campaign = campaign_with()
-    blind = replace(
-        campaign,
-        poses=replace(campaign.poses, temperature_c=None, speeds_rad_s=None),
-    )
+    blind = campaign.with_poses(temperature_c=None, speeds_rad_s=None)
     tables = [
         {"kind": kind, **TABLES[kind]}
         for kind in ("encoder_temperature", "encoder_latency", "encoder_scale")
@@ -272,10 +269,7 @@ def test_what_the_campaign_does_not_tell_is_refused_all_at_once():
 def test_times_before_the_start_are_times_of_the_campaign():
     campaign = campaign_with(example("base_drift"))
     first_s = campaign.poses.time_s.min()
-    shifted = replace(
-        campaign,
-        poses=replace(campaign.poses, time_s=campaign.poses.time_s - first_s - 60.0),
-    )
+    shifted = campaign.with_poses(time_s=campaign.poses.time_s - first_s - 60.0)
     start, end = shifted.span
     assert (START - start).total_seconds() == pytest.approx(60.0, abs=0.01)
     assert (end - start).total_seconds() == pytest.approx(

@@ -87,7 +87,7 @@ def measured(seed, noise=NOISE, of=None):
 
 
 def without(campaign):
-    return replace(campaign, poses=replace(campaign.poses, orientations=None))
+    return campaign.with_poses(orientations=None)
 
 
 def stds_of(result):
@@ -282,7 +282,7 @@ def test_an_orientation_that_is_a_blunder_is_taken_out_alone():
 def test_inverse_rotations_are_refused_with_the_remedy():
     campaign, _ = measured(1)
     backwards = campaign.poses.orientations * [1.0, -1.0, -1.0, -1.0]
-    turned = replace(campaign, poses=replace(campaign.poses, orientations=backwards))
+    turned = campaign.with_poses(orientations=backwards)
     with pytest.raises(IdentificationError, match="change the signs"):
         identify(turned, ARM, QUICK)
 
@@ -291,7 +291,7 @@ def test_inverse_rotations_are_refused_with_the_remedy():
 def test_components_in_another_order_leave_the_result_in_doubt():
     campaign = measured(1)[0].part(np.arange(120) % 3 == 0)
     rolled = np.roll(campaign.poses.orientations, -1, axis=1)
-    wrong = replace(campaign, poses=replace(campaign.poses, orientations=rolled))
+    wrong = campaign.with_poses(orientations=rolled)
     result = identify(wrong, ARM, QUICK)
     assert result.converged
     assert len(result.orientations.excluded) > 36
@@ -364,9 +364,7 @@ def test_poses_without_orientations_and_cones_take_part_beside_the_others():
     orientations[::3] = np.nan
     # The sign of a quaternion says nothing.
     orientations[1::3] *= -1.0
-    campaign = replace(
-        campaign, poses=replace(campaign.poses, orientations=orientations)
-    )
+    campaign = campaign.with_poses(orientations=orientations)
     result = identify(campaign, ARM, QUICK)
     assert result.converged
     low, high = chi2.ppf([RARE, 1 - RARE], result.redundancy)

@@ -126,7 +126,7 @@ def test_a_wrong_sign_is_named_with_its_joint(joint):
     campaign = simulate(true, TABLES, 30, 7)
     angles_rad = campaign.poses.angles_rad.copy()
     angles_rad[:, joint] *= -1.0
-    campaign = replace(campaign, poses=replace(campaign.poses, angles_rad=angles_rad))
+    campaign = campaign.with_poses(angles_rad=angles_rad)
     result = identify(campaign, DESIGN_ARM, QUICK)
     name = DESIGN_ARM.joints[joint].name
     assert result.wrong_signs == (name,)
@@ -214,8 +214,8 @@ def test_new_postures_lie_within_what_is_stated_though_an_effect_is_missing():
         return angles_rad + wrong_rad
 
     campaign = simulate(true, TABLES, 40, 7)
-    poses = replace(campaign.poses, angles_rad=read(campaign.poses.angles_rad))
-    result = identify(replace(campaign, poses=poses), DESIGN_ARM, NO_SEARCH)
+    measured = campaign.with_poses(angles_rad=read(campaign.poses.angles_rad))
+    result = identify(measured, DESIGN_ARM, NO_SEARCH)
     new_rad = np.random.default_rng(5).uniform(-2.5, 2.5, (200, 7)) + true.zeros_rad
     off = np.abs(off_in_std(result, true, read(new_rad), new_rad)[0])
     assert np.mean(off < 2.0) > 0.95

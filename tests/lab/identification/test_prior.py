@@ -174,10 +174,6 @@ def test_other_held_parameters_are_refused():
 # The commands.
 
 
-def run(*words, status=0):
-    return invoke(*words, status=status)
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A design, results of its family, the family's file, and a short campaign."""
@@ -197,7 +193,7 @@ def folder(tmp_path_factory):
             ],
         }
         (results / "identification.json").write_text(json.dumps(values))
-    run(
+    invoke(
         *("fleet", "family", *sorted((folder / "results").iterdir())),
         *("--out", folder / "family.toml"),
     )
@@ -209,7 +205,7 @@ def folder(tmp_path_factory):
 def test_the_commands_take_a_family_and_say_so(folder):
     arguments = (folder / "short", "--arm", folder / "design.toml")
     family = ("--family", folder / "family.toml")
-    ran = run("identify", *arguments, *family, "--out", folder / "out", "--json")
+    ran = invoke("identify", *arguments, *family, "--out", folder / "out", "--json")
     of_family = json.loads(ran.stdout)["family"]
     assert (of_family["file"], of_family["arms"], of_family["contradicted"]) == (
         "family.toml",
@@ -217,7 +213,7 @@ def test_the_commands_take_a_family_and_say_so(folder):
         [],
     )
     assert len(of_family["parameters"]) == 25
-    ran = run(
+    ran = invoke(
         "identify", *arguments, *family, "--prior", "J3.*", "--out", folder / "out3"
     )
     assert "Family family.toml (8 arms): 2 parameters taken as its arms have them." in (
@@ -225,16 +221,16 @@ def test_the_commands_take_a_family_and_say_so(folder):
     )
     page = (folder / "out3" / "report.html").read_text()
     assert "Family family.toml (8 arms)" in page
-    ran = run("diagnose", *arguments, *family, "--out", folder / "found", "--json")
+    ran = invoke("diagnose", *arguments, *family, "--out", folder / "found", "--json")
     assert json.loads(ran.stdout)["family"]["arms"] == 8
-    ran = run("diagnose", *arguments, *family, "--plan")
+    ran = invoke("diagnose", *arguments, *family, "--plan")
 
 
 @pytest.mark.slow
 def test_what_a_family_told_is_no_evidence_of_the_arm_alone(folder):
     out = folder / "evidence"
     arguments = (folder / "short", "--arm", folder / "design.toml", "--out", out)
-    run("identify", *arguments, "--family", folder / "family.toml")
+    invoke("identify", *arguments, "--family", folder / "family.toml")
     add_data(out, folder / "short", folder / "design.toml")
     assert list(evidence_problems(out)) == [
         "what its family says took part; identify from its own poses alone"
@@ -264,7 +260,7 @@ def test_a_wrong_file_is_refused_in_words(folder, tmp_path, text, message):
         "--out",
         tmp_path / "o",
     )
-    ran = run("identify", *arguments, "--family", file, status=2)
+    ran = invoke("identify", *arguments, "--family", file, status=2)
     assert message in ran.output, ran.output
     assert "Traceback" not in ran.output
 
@@ -283,5 +279,5 @@ def test_another_design_and_unknown_patterns_are_refused(folder):
         "--out",
         folder / "o",
     )
-    ran = run("identify", *arguments, "--prior", "J3.*", status=2)
+    ran = invoke("identify", *arguments, "--prior", "J3.*", status=2)
     assert "give --family, too" in ran.output

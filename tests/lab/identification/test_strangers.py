@@ -124,7 +124,7 @@ def test_an_artefact_that_loses_many_poses_is_in_the_verdict():
     campaign = simulate(design, [*cones(4), bar()], 40, 3)
     moved = campaign.poses.angles_rad.copy()
     moved[28:40, 0] += 0.01
-    campaign = replace(campaign, poses=replace(campaign.poses, angles_rad=moved))
+    campaign = campaign.with_poses(angles_rad=moved)
     result = identify(campaign, DESIGN_ARM, QUICK)
     assert [entry.artefact for entry in result.lost_poses] == ["cone-0"]
     assert not result.artefacts_agree

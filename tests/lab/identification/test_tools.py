@@ -98,7 +98,7 @@ def test_vectors_of_tools_are_estimated_with_the_arm(campaign):
 def test_poses_with_the_name_of_another_tool_are_left_out_alone(campaign):
     tools, wrong = campaign.poses.tools.copy(), np.array([3, 50, 130, 200, 300])
     tools[wrong] = (tools[wrong] + 1) % 3
-    named = replace(campaign, poses=replace(campaign.poses, tools=tools))
+    named = campaign.with_poses(tools=tools)
     result = identify(named, arm_value(disturbed(TRUE, seed=8)), QUICK)
     assert [pose.line for pose in result.excluded] == (wrong + 2).tolist()
     assert result.global_test.passed
@@ -194,7 +194,7 @@ def test_the_commands_take_several_tools_and_others_refuse_them(campaign, tmp_pa
 def eccentric(campaign, joint, size_rad):
     readings_rad = campaign.poses.angles_rad.copy()
     readings_rad[:, joint] += size_rad * np.sin(readings_rad[:, joint] + 0.7)
-    return replace(campaign, poses=replace(campaign.poses, angles_rad=readings_rad))
+    return campaign.with_poses(angles_rad=readings_rad)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Minimal detectable sizes: power by simulation, and undetectable effects."""
+"""Minimal detectable sizes: power by simulation, undetectable effects, and plans."""
 
 from dataclasses import replace
 from functools import cache
@@ -9,10 +9,13 @@ from scipy import stats
 
 from tests.lab.diagnosis.fitted_rows import arm_with_masses, measured, measured_rows
 from tests.lab.simulated import TrueArm, cones, seven_joints, simulate
+from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.diagnosis.advice.minimal_detectable import (
     detectable,
     left_at_probe_mm,
+    planned,
+    planned_equations,
 )
 from traverse.lab.diagnosis.candidates.library import absent_candidates, library_bank
 from traverse.lab.diagnosis.model.candidate import Bank
@@ -138,10 +141,10 @@ def test_a_screw_motion_of_the_last_joint_equals_a_change_of_the_geometry():
 
 
 def test_what_the_campaign_lacks_is_reported():
-    campaign = measured().campaign
-    poses = replace(campaign.poses, temperature_c=None, joint_temperatures_c=None)
-    campaign = replace(campaign, poses=poses)
-    everyone = np.ones(len(poses), dtype=np.bool_)
+    campaign = measured().campaign.with_poses(
+        temperature_c=None, joint_temperatures_c=None
+    )
+    everyone = np.ones(len(campaign.poses), dtype=np.bool_)
     arm = measured().arm
     rows = equations_of(fitted(campaign, arm, everyone).adjustment)
     absent = absent_candidates(rows, arm)
@@ -173,3 +176,61 @@ def test_what_is_left_of_an_undetected_effect_is_of_the_size_of_the_noise():
     for size in all_found():
         if size.minimum is not None and size.candidate.artefact is None:
             assert 1e-4 < size.probe_mm < 0.02
+
+
+SLIPPING = {
+    "kind": "encoder_eccentricity",
+    "joint": "J3",
+    "cos_rad": 8e-5,
+    "sin_rad": -8e-5,
+}
+
+
+def minima(sizes):
+    return {
+        size.candidate.name: size.minimum.value
+        for size in sizes
+        if size.minimum is not None
+    }
+
+
+def test_the_plan_says_what_the_measured_campaign_says():
+    before = minima(planned(measured().campaign, measured().arm))
+    rows = measured_rows()
+    after = minima(all_found())
+    sigma = np.sqrt(rows.sum_of_squares / rows.redundancy)
+    # The axis of J1 was estimated a little tilted: a trace of gravity about it.
+    assert after.keys() - before.keys() <= {"joint_compliance J1"}
+    ratios = np.array([sigma * before[name] / after[name] for name in before])
+    assert np.quantile(ratios, [0.05, 0.95]) == pytest.approx(1.0, abs=0.05)
+
+
+def test_misclosures_are_not_looked_at():
+    rows = planned_equations(measured().campaign, measured().arm)
+    assert not np.any(rows.values)
+    wrong = measured().with_effect(effect_from_table(SLIPPING))
+    before = minima(planned(measured().campaign, measured().arm))
+    after = minima(planned(wrong.campaign, wrong.arm))
+    for name, minimum in before.items():
+        assert after[name] == pytest.approx(minimum, rel=0.03)
+
+
+def test_twice_the_noise_needs_twice_the_size():
+    campaign = measured().campaign
+    noisy = replace(
+        campaign,
+        encoder_rad=2.0 * campaign.encoder_rad,
+        contact_mm=2.0 * campaign.contact_mm,
+    )
+    before = minima(planned(campaign, measured().arm))
+    after = minima(planned(noisy, measured().arm))
+    for joint in ("J1", "J3", "J5"):
+        name = f"encoder_eccentricity {joint}"
+        assert after[name] == pytest.approx(2.0 * before[name], rel=0.02)
+
+
+def test_an_effect_of_the_arm_is_estimated_too():
+    arm = measured().arm.model_copy(update={"effects": (effect_from_table(SLIPPING),)})
+    by_name = {size.candidate.name: size for size in planned(measured().campaign, arm)}
+    assert by_name["encoder_eccentricity J3"].minimum is None
+    assert by_name["encoder_eccentricity J1"].minimum is not None

@@ -74,9 +74,8 @@ def test_a_campaign_that_hardly_determines_the_arm_gives_none():
 
 def test_poses_at_the_same_time_are_separated_by_their_readings():
     campaign = measured().campaign
-    poses = replace(campaign.poses, time_s=np.zeros(len(campaign.poses)))
-    campaign = replace(campaign, poses=poses)
-    order = np.random.default_rng(1).permutation(len(poses))
+    campaign = campaign.with_poses(time_s=np.zeros(len(campaign.poses)))
+    order = np.random.default_rng(1).permutation(len(campaign.poses))
     assert np.array_equal(
         split(campaign.part(order), 1)[1], split(campaign, 1)[1][order]
     )

@@ -265,7 +265,7 @@ def test_an_arm_that_would_shrink_to_a_point_keeps_its_scale(folders):
     arm, campaign = read(folders())
     few = campaign.part(np.arange(0, len(campaign.poses), 60))
     angles_rad = few.poses.angles_rad * np.array([1, 1, 1, -1, 1, -1, 1])
-    wrong = replace(few, poses=replace(few.poses, angles_rad=angles_rad))
+    wrong = few.with_poses(angles_rad=angles_rad)
     fit = fitted(wrong, arm, np.ones(len(few.poses), dtype=bool))
     assert fit.adjustment.network.holds_scale
     assert fit.size > 0.8
@@ -298,5 +298,4 @@ def stream_of_sines(late_s):
         np.zeros((400, 3)),
     )
     speeds_rad_s = 2.4 * np.cos(3.0 * shown_s)
-    poses = replace(campaign.poses, time_s=time_s, speeds_rad_s=speeds_rad_s)
-    return replace(campaign, poses=poses)
+    return campaign.with_poses(time_s=time_s, speeds_rad_s=speeds_rad_s)

@@ -12,26 +12,27 @@ from traverse.lab.diagnosis.diagnose import DiagnosisOptions, diagnose
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.diagnosis.search.naming import leaves_a_curve
 
-KNOTS = [-2.0, -1.0, 0.0, 1.0, 2.0]
 
-
-def stage_with(*tables):
+def stage_with(*curves):
     measurement = measured()
-    for table in tables:
-        measurement = measurement.with_effect(effect_from_table(table))
+    for curve in curves:
+        measurement = measurement.with_effect(effect_from_table(curve))
     return score_candidates(equations_of(measurement.fit().adjustment), measurement.arm)
 
 
+def curve(joint, covariate, knots, height_rad):
+    values_rad = [0.0, height_rad, -height_rad, height_rad, 0.0]
+    return {
+        "kind": "empirical",
+        "joint": joint,
+        "covariate": covariate,
+        "knots": knots,
+        "values_rad": values_rad,
+    }
+
+
 def test_a_curve_over_the_own_reading_belies_an_eccentricity():
-    stage = stage_with(
-        {
-            "kind": "empirical",
-            "joint": "J2",
-            "covariate": "J2_rad",
-            "knots": KNOTS,
-            "values_rad": [0.0, 3e-5, -3e-5, 3e-5, 0.0],
-        }
-    )
+    stage = stage_with(curve("J2", "J2_rad", [-2.0, -1.0, 0.0, 1.0, 2.0], 3e-5))
     assert leaves_a_curve(stage, candidate("encoder_eccentricity", "J2"))
     # What depends on something else, or on nothing of the joint, is not touched.
     assert not leaves_a_curve(stage, candidate("encoder_drift", "J2"))
@@ -42,15 +43,7 @@ def test_a_curve_over_the_own_reading_belies_an_eccentricity():
 def test_a_curve_over_time_belies_a_drift():
     times_s = measured().campaign.poses.time_s
     knots = np.linspace(times_s.min(), times_s.max(), 5).tolist()
-    stage = stage_with(
-        {
-            "kind": "empirical",
-            "joint": "J4",
-            "covariate": "time_s",
-            "knots": knots,
-            "values_rad": [0.0, 6e-5, -6e-5, 6e-5, 0.0],
-        }
-    )
+    stage = stage_with(curve("J4", "time_s", knots, 6e-5))
     assert leaves_a_curve(stage, candidate("encoder_drift", "J4"))
     assert not leaves_a_curve(stage, candidate("encoder_scale", "J2"))
 
