@@ -24,6 +24,7 @@ from traverse.daemon.config.schema import Action, BrokerSection, Configuration
 from traverse.daemon.executor import JudgeUtc
 from traverse.daemon.inputs import REFUSED, Inputs, StartupError, address_of
 from traverse.daemon.measurement import Measurement, Sinks
+from traverse.daemon.monitoring.doubt_file import DoubtFile
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import latencies_by_name
 from traverse.daemon.monitoring.prometheus import exposition
@@ -43,6 +44,7 @@ from traverse.daemon.reports import (
     status_message,
 )
 from traverse.daemon.state_dir import (
+    DOUBTS,
     OUTBOX,
     PROBE,
     RECORDINGS,
@@ -102,7 +104,9 @@ class Service:
         )
         self.events = events = EventLog(
             clock,
-            lambda each: publisher.publish_event(each, active.session.id),
+            DoubtFile(state_path(path) / DOUBTS).following(
+                lambda each: publisher.publish_event(each, active.session.id)
+            ),
             arm,
             status_due.set,  # whoever connects later learns from it what lasts
         )

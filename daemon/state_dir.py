@@ -11,6 +11,7 @@ RECORDINGS = "recordings"
 REFERENCES = "references.json"
 UTC = "utc.json"
 PROBE = "probe.json"
+DOUBTS = "doubts.jsonl"
 OWNER_ONLY = 0o700
 
 

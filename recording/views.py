@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from traverse.arrays import Floats
 from traverse.protocol.messages import Event, Point, Scan
+from traverse.protocol.messages.later_doubt import LaterDoubt
 from traverse.protocol.messages.scan import ScanMode
 
 FRAME = "arm"
@@ -181,23 +182,6 @@ def log_to_bytes(event: Event) -> bytes:
     return json.dumps(table).encode()
 
 
-@dataclass(frozen=True, slots=True)
-class LaterDoubt:
-    """Flags of numbers that were published before an event put them in doubt.
-
-    Attributes:
-        ids: of points.
-        from_ns: UTC of the first reading concerned.
-        until_ns: UTC of the last.
-        flags: names of quality flags.
-    """
-
-    ids: frozenset[str]
-    from_ns: int
-    until_ns: int
-    flags: tuple[str, ...]
-
-
 def bytes_to_doubt(content: bytes) -> LaterDoubt | None:
     """Read what an event that was written here puts in doubt; None if nothing.
 
@@ -205,16 +189,8 @@ def bytes_to_doubt(content: bytes) -> LaterDoubt | None:
         ValueError: It is not such an event.
     """
     try:
-        data = json.loads(content).get("data", {})
-        if "from_ns" not in data:
-            return None
-        return LaterDoubt(
-            frozenset(data.get("points", "").split()),
-            int(data["from_ns"]),
-            int(data["until_ns"]),
-            tuple(data["flags"].split()),
-        )
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        return LaterDoubt.of(json.loads(content).get("data", {}))
+    except (AttributeError, TypeError, ValueError) as error:
         raise ValueError(f"no event: {error!r}") from error
 
 

@@ -9,16 +9,21 @@ import numpy as np
 from traverse.arrays import Integers
 from traverse.cli.points.command import LAST
 from traverse.cli.points.outbox import opened_outbox
-from traverse.client.exports.point_table import BITS, PointTable, scan_table
+from traverse.client.exports.point_table import PointTable, scan_table
+from traverse.daemon.state_dir import DOUBTS
 from traverse.daemon.store.queries import iter_messages, read_sessions
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
-from traverse.protocol.messages import Point, Quality
+from traverse.protocol.messages import Point
+from traverse.protocol.messages.later_doubt import (
+    LaterDoubt,
+    doubts_of_lines,
+    flagged_by,
+)
 from traverse.recording.run_reader import RunReader
 from traverse.recording.views import (
     COVARIANCES,
     Cloud,
-    LaterDoubt,
     bytes_to_cloud,
     bytes_to_doubt,
     columns_of,
@@ -33,7 +38,8 @@ PIECE = 5000
 def points_of(source: Path) -> Iterator[Point]:
     """All points and retractions of a file, in their order.
 
-    Those of a recording have the flags of events that put them in doubt afterwards.
+    Those of a recording and of an outbox have the flags of events that put them in
+    doubt afterwards.
 
     Raises:
         ValueError: it is no such file, or a point in it cannot be read.
@@ -42,13 +48,14 @@ def points_of(source: Path) -> Iterator[Point]:
     with open_regular(source) as file:
         head = file.read(16)
     if head == SQLITE:
-        yield from _of_outbox(source)
+        doubts = _doubts_beside(source)
+        yield from (flagged_by(doubts, point) for point in _of_outbox(source))
     elif head.startswith(MCAP):
         doubts = _doubts_of(source)
         with RunReader(source) as run:
             for entry in run:
                 if entry.topic == "point":
-                    yield _doubted(Point.model_validate_json(entry.content), doubts)
+                    yield flagged_by(doubts, Point.model_validate_json(entry.content))
     elif head[:1] == b"{":
         yield from _of_lines(source)
     else:
@@ -94,17 +101,16 @@ def _doubts_of(recording: Path) -> list[LaterDoubt]:
         return [doubt for doubt in events if doubt is not None]
 
 
-def _doubted(point: Point, doubts: Sequence[LaterDoubt]) -> Point:
-    flags = [
-        flag
-        for doubt in doubts
-        if point.id in doubt.ids or doubt.from_ns <= point.time_ns <= doubt.until_ns
-        for flag in doubt.flags
-    ]
-    if not flags:
-        return point
-    every = tuple(dict.fromkeys((*point.quality.flags, *flags)))
-    return point.model_copy(update={"quality": Quality(ok=False, flags=every)})
+def _doubts_beside(outbox: Path) -> list[LaterDoubt]:
+    """What the daemon wrote beside its outbox."""
+    path = outbox.with_name(DOUBTS)
+    try:
+        with open_regular(path) as file:
+            return doubts_of_lines(file.read().decode())
+    except FileNotFoundError:
+        return []
+    except ValueError as error:
+        raise ValueError(f"{path}: is damaged; restore or remove it") from error
 
 
 def _doubted_cloud(cloud: Cloud, doubts: Sequence[LaterDoubt]) -> Cloud:
@@ -112,9 +118,7 @@ def _doubted_cloud(cloud: Cloud, doubts: Sequence[LaterDoubt]) -> Cloud:
         return cloud
     points, time_ns = cloud.points.copy(), _times_ns(cloud)
     for doubt in doubts:
-        are_doubted = (time_ns >= doubt.from_ns) & (time_ns <= doubt.until_ns)
-        for flag in doubt.flags:
-            points["quality"][are_doubted] |= np.uint32(BITS.get(flag, 0))
+        points["quality"][doubt.concerns(time_ns)] |= np.uint32(doubt.bits)
     return replace(cloud, points=points)
 
 

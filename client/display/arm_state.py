@@ -17,14 +17,15 @@ from traverse.protocol.messages import (
     Label,
     Live,
     Point,
-    Quality,
     Scan,
     Status,
 )
+from traverse.protocol.messages.later_doubt import LaterDoubt
 
 MAX_POINTS = 5000  # of a session that are shown; all of them are in the arm's outbox
 MAX_SESSIONS = 8
 MAX_EVENTS = 200
+MAX_DOUBTS = 16
 STALE_S = 1.0
 SILENT_S = 1.5  # the clock of the arm comes twice a second
 HEALTH_STALE_S = 10.0
@@ -90,6 +91,8 @@ class ArmSight:
         absence: message that the broker has no arm of this name; else empty.
         listeners: called with each change.
         scan_listeners: called with each block of a scan.
+        doubts: the latest of numbers that had been published.
+        doubt_listeners: called with each of them.
     """
 
     now_s: Callable[[], float]
@@ -111,6 +114,8 @@ class ArmSight:
     absence: str = ""
     listeners: list[Callable[[Change], None]] = field(default_factory=list)
     scan_listeners: list[Callable[[Scan], None]] = field(default_factory=list)
+    doubts: deque[LaterDoubt] = field(default_factory=lambda: deque(maxlen=MAX_DOUBTS))
+    doubt_listeners: list[Callable[[LaterDoubt], None]] = field(default_factory=list)
     _live_s: float = -np.inf
     _live_intervals_s: deque[float] = field(default_factory=lambda: deque(maxlen=5))
     _clock_s: float | None = None
@@ -223,7 +228,7 @@ class ArmSight:
         key = (event.code, event.source)
         if event.active is True:
             self.alarms[key] = event
-            self._doubt_points(event)
+            self._take_doubt(event)
             if event.severity != "info":
                 self._notify(Change("alarm", event.text))
         elif event.active is False:
@@ -242,20 +247,19 @@ class ArmSight:
         elif event.code == "capture.alignment":
             self.aligned_ns = event.last_ns
 
-    def _doubt_points(self, event: Event) -> None:
-        """Flag points that an event puts in doubt after they were taken."""
-        flags = tuple(str(event.data.get("flags", "")).split())
-        ids = str(event.data.get("points", "")).split() if flags else []
-        places = [(held, i) for held in self.sessions.values() for i in ids]
-        for held, point_id in places:
-            if (point := held.get(point_id)) is None:
-                continue
-            every = tuple(dict.fromkeys((*point.quality.flags, *flags)))
-            quality = Quality(ok=False, flags=every)
-            point = point.model_copy(update={"quality": quality})
-            held[point_id] = point
-            text = f"Point {point.seq}, in doubt: {flag_words(point)}"
-            self._notify(Change("doubt", text, point))
+    def _take_doubt(self, event: Event) -> None:
+        """Flag what an event puts in doubt after it was published."""
+        if (doubt := LaterDoubt.of(event.data)) is None or doubt in self.doubts:
+            return
+        self.doubts.append(doubt)
+        for held in self.sessions.values():
+            for point in [*held.values()]:
+                if (flagged := doubt.flagged(point)) is not point:
+                    held[point.id] = flagged
+                    text = f"Point {point.seq}, in doubt: {flag_words(flagged)}"
+                    self._notify(Change("doubt", text, flagged))
+        for listener in self.doubt_listeners:
+            listener(doubt)
 
     def refuse(self, text: str, remedy: str = "", *, by_event: bool = False) -> None:
         """Report a refusal once, although answer and event both contain it."""
@@ -295,6 +299,8 @@ class ArmSight:
         self.health, self._health_s = health, self.now_s()
 
     def take_scan(self, block: Scan) -> None:
+        for doubt in self.doubts:  # a block may come after what it is in doubt by
+            block = doubt.flagged_scan(block)
         self.scan = ScanProgress(
             block.scan,
             not block.last,

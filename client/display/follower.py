@@ -49,6 +49,8 @@ class Follower:
         self.broker = broker
         self.sight = ArmSight(time.monotonic)
         self.cloud = Cloud()
+        self.sight.scan_listeners.append(self.cloud.take)
+        self.sight.doubt_listeners.append(self.cloud.doubt)
         self._arm: Arm | None = None
         self._scan = ""
         self._undoing = asyncio.Lock()
@@ -187,7 +189,6 @@ class Follower:
                 self._scan = scan.scan
                 self.cloud.clear()
             self.sight.take_scan(scan)
-            self.cloud.add(scan.xyz_mm)
 
     async def _links(self, arm: Arm) -> None:
         while True:

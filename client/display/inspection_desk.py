@@ -29,6 +29,7 @@ from traverse.kinematics.fits.elements import Kind
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.protocol.messages import Point, Scan
 from traverse.protocol.messages.fields import Vector
+from traverse.protocol.messages.later_doubt import LaterDoubt, flagged_by
 
 GOOD_COUNTS: dict[Kind, int] = {
     "point": 1,
@@ -105,6 +106,7 @@ class InspectionDesk:
         self._refusal = ""
         sight.listeners.append(self._changed)
         sight.scan_listeners.append(self._take_scan)
+        sight.doubt_listeners.append(self._take_doubt)
 
     def begin(self, kind: Kind) -> str:
         """Begin a feature; return its name.
@@ -398,17 +400,17 @@ class InspectionDesk:
 
     def _changed(self, change: Change) -> None:
         point = change.point
-        if point is None:
+        if point is None or change.kind == "doubt":
             return
-        if change.kind == "doubt":
-            if point.id in self._points:
-                self._points[point.id] = point
-                self.version += 1
-        elif point.retracts is not None:
+        if point.retracts is not None:
             if self._points.pop(point.retracts, None) is not None:
                 self.assign(point.retracts, None)
         elif self.active is not None and point.time_ns >= self._begun_ns:
             self._add(self.active, [point])
+
+    def _take_doubt(self, doubt: LaterDoubt) -> None:
+        self._points = {name: doubt.flagged(p) for name, p in self._points.items()}
+        self.version += 1
 
     def _take_scan(self, block: Scan) -> None:
         if self.active is None or block.time_ns < self._begun_ns:
@@ -423,7 +425,9 @@ class InspectionDesk:
     def _end_scan(self) -> None:
         scanned, self.scanned = self.scanned, None
         if scanned is not None and self.active is not None:
-            self._add(self.active, scanned.samples())
+            doubts = self._sight.doubts  # also those since a block came
+            samples = [flagged_by(doubts, sample) for sample in scanned.samples()]
+            self._add(self.active, samples)
 
     def _add(self, name: str, points: Sequence[Point]) -> None:
         if len(self._points) + len(points) > MOST_TOUCHES:

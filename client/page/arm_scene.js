@@ -47,7 +47,12 @@ export default {
     this.cloudMaterial = new THREE.PointsMaterial({ size: 2, sizeAttenuation: false });
     this.cloud = new THREE.Points(this.cloudGeometry, this.cloudMaterial);
     this.cloud.frustumCulled = false;
-    this.scene.add(this.cloud);
+    this.doubtGeometry = new THREE.BufferGeometry(); // places of the cloud's, by row
+    this.doubtfulMaterial = new THREE.PointsMaterial({ size: 3, sizeAttenuation: false });
+    this.doubtful = new THREE.Points(this.doubtGeometry, this.doubtfulMaterial);
+    this.doubtful.frustumCulled = false;
+    this.doubts = [];
+    this.scene.add(this.cloud, this.doubtful);
     this.drawn = { version: -1, n: 0, seen: 0, capacity: 0 };
     this.drawn_ms = {}; // of points, for measuring how long they took
     window.traverse_scene = this;
@@ -70,6 +75,7 @@ export default {
     cancelAnimationFrame(this.frame);
     this.resizing.disconnect();
     this.cloudGeometry.dispose();
+    this.doubtGeometry.dispose();
     this.renderer.dispose();
   },
 
@@ -92,6 +98,7 @@ export default {
       this.goodMaterial.color.set(colours.good);
       this.doubtMaterial.color.set(colours.doubt);
       this.cloudMaterial.color.set(colours.cloud);
+      this.doubtfulMaterial.color.set(colours.doubt);
       if (this.grid) this.scene.remove(this.grid);
       this.grid = new THREE.GridHelper(2400, 24, colours.grid, colours.grid);
       this.grid.rotation.x = Math.PI / 2;
@@ -149,8 +156,12 @@ export default {
 
     add_points(points) { // [[id, x, y, z, good], ...]
       for (const [id, x, y, z, good] of points) {
-        if (this.points.has(id)) continue;
-        const mesh = new THREE.Mesh(this.ball, good ? this.goodMaterial : this.doubtMaterial);
+        const material = good ? this.goodMaterial : this.doubtMaterial;
+        if (this.points.has(id)) {
+          this.points.get(id).material = material; // an event may have put it in doubt
+          continue;
+        }
+        const mesh = new THREE.Mesh(this.ball, material);
         mesh.position.set(x, y, z);
         mesh.scale.setScalar(this.thick ? this.thick * 0.4 : 6);
         this.points.set(id, mesh);
@@ -194,7 +205,10 @@ export default {
 
     // Both counts of the note are of one answer: what was wanted may be older.
     async fetch_cloud({ version }) {
-      if (version !== this.drawn.version) this.drawn = { ...this.drawn, version, n: 0, seen: 0 };
+      if (version !== this.drawn.version) {
+        this.drawn = { ...this.drawn, version, n: 0, seen: 0 };
+        this.doubts = [];
+      }
       const url = `${this.cloudUrl}?version=${version}&start=${this.drawn.n}`;
       const answer = await fetch(url);
       if (answer.ok) {
@@ -223,8 +237,10 @@ export default {
       this.cloudGeometry.setDrawRange(0, rows.length);
     },
 
-    append(values) {
-      const n = this.drawn.n + values.length / 3;
+    append(rows) { // x, y, z, doubt
+      const before = this.drawn.n, n = before + rows.length / 4;
+      const values = rows.filter((_, i) => i % 4 !== 3);
+      for (let i = 0; i < n - before; i++) if (rows[4 * i + 3]) this.doubts.push(before + i);
       if (n > this.drawn.capacity) {
         let capacity = Math.max(16384, this.drawn.capacity);
         while (capacity < n) capacity *= 2;
@@ -233,6 +249,8 @@ export default {
         this.places = grown;
         this.cloudGeometry.dispose();
         this.cloudGeometry.setAttribute("position", new THREE.BufferAttribute(grown, 3));
+        this.doubtGeometry.dispose();
+        this.doubtGeometry.setAttribute("position", this.cloudGeometry.attributes.position);
         this.drawn.capacity = capacity;
       }
       this.places.set(values, 3 * this.drawn.n);
@@ -240,6 +258,7 @@ export default {
       attribute.clearUpdateRanges();
       attribute.addUpdateRange(3 * this.drawn.n, values.length);
       attribute.needsUpdate = true;
+      this.doubtGeometry.setIndex(new THREE.BufferAttribute(new Uint32Array(this.doubts), 1));
       this.drawn.n = n;
     },
 

@@ -26,7 +26,7 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
         super().__init__()
         self._props["cloudUrl"] = cloud_url
         self._shown: tuple[Floats, float] | None = None
-        self._drawn: set[str] = set()  # ids of points
+        self._drawn: dict[str, bool] = {}  # whether a point is ok, by id
 
     def show_pose(self, live: Live) -> None:
         if live.skeleton_mm is None:
@@ -44,17 +44,17 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
 
     def forget(self) -> None:
         """Send everything anew: the browser was reloaded."""
-        self._shown, self._drawn = None, set()
+        self._shown, self._drawn = None, {}
 
     def show_points(self, points: Mapping[str, Point]) -> None:
         """Show these points, by id, and no others; only changes are sent."""
-        if removed_ids := self._drawn - points.keys():
+        if removed_ids := self._drawn.keys() - points.keys():
             self.run_method("remove_points", sorted(removed_ids))
-        if new := [p for p in points.values() if p.id not in self._drawn]:
+        drawn, self._drawn = self._drawn, {i: p.quality.ok for i, p in points.items()}
+        if new := [p for i, p in points.items() if drawn.get(i) != p.quality.ok]:
             self.run_method(
                 "add_points", [[p.id, *p.xyz_mm, p.quality.ok] for p in new]
             )
-        self._drawn = set(points)
 
     def show_cloud(self, version: int) -> None:
         self.run_method("update_cloud", version)

@@ -11,6 +11,7 @@ from tests.campaign_texts import ONE_CONE
 from tests.client.display.values import event, point
 from tests.protocol.message_examples import SCAN
 from tests.running import invoke
+from traverse.daemon.monitoring.doubt_file import DoubtFile
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.outbox import message_of
 from traverse.lab.campaign.campaign import read_campaign
@@ -105,6 +106,26 @@ def test_what_an_event_put_in_doubt_afterwards_is_marked(
         with np.load(out) as columns:
             (row,) = np.flatnonzero(columns["quality"] == QualityFlag.STALE)
             assert row == 1  # the second point, and the last sample
+
+
+def test_an_outbox_is_marked_by_what_the_daemon_wrote_beside_it(
+    outbox: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out.jsonl"
+    ids = [json.loads(line)["id"] for line in lines_of(outbox, out)]
+    beside = DoubtFile(outbox.with_name("doubts.jsonl"))
+    beside.add({"text": "names nothing"})
+    interval = {"from_ns": "0", "until_ns": "1", "flags": "stale"}
+    for point_id in ids[:2]:
+        beside.add({**interval, "points": point_id})
+    beside.close()
+    marked = [json.loads(line) for line in lines_of(outbox, out)]
+    assert ["stale" in p["quality"]["flags"] for p in marked] == [True, True, False]
+
+
+def lines_of(source: Path, out: Path) -> list[str]:
+    export(source, "--to", "jsonl", "--out", out, "--force")
+    return out.read_text().splitlines()
 
 
 def test_scans_of_a_recording_keep_their_last_bit_and_their_times(

@@ -18,7 +18,8 @@ from tests.client.display.values import (
     retraction,
     status,
 )
-from tests.protocol.message_examples import CLOCK
+from tests.protocol.message_examples import CLOCK, SCAN
+from traverse.arrays import Integers
 from traverse.client.display.arm_state import MAX_POINTS, ArmSight, Change
 from traverse.client.display.condition import obstacle, verdict, wanted_commands
 from traverse.client.display.figures import (
@@ -422,7 +423,13 @@ def test_counts_of_a_scan_are_the_arms_wherever_one_begins_to_listen(
 
 
 def kept(cloud: Cloud) -> np.ndarray:
-    return np.frombuffer(cloud.bytes_from(0), "<f4").reshape(-1, 3)
+    return np.frombuffer(cloud.bytes_from(0), "<f4").reshape(-1, 4)
+
+
+def add(cloud: Cloud, values: Integers) -> None:
+    """Places, whose time [ns] is the value, too."""
+    rows = np.column_stack([*[values] * 3, np.zeros(len(values))])
+    cloud.add(rows, values.astype(np.int64))
 
 
 @given(st.lists(st.integers(0, 70), max_size=40), st.sampled_from([2, 8, 32]))
@@ -432,7 +439,7 @@ def test_every_kth_point_of_all_is_kept_whatever_the_blocks(
     cloud = Cloud(budget)
     n = 0
     for size in sizes:
-        cloud.add(np.repeat(np.arange(n, n + size, dtype=float)[:, np.newaxis], 3, 1))
+        add(cloud, np.arange(n, n + size))
         n += size
     assert cloud.n_seen == n
     assert cloud.n_kept <= budget
@@ -445,20 +452,49 @@ def test_every_kth_point_of_all_is_kept_whatever_the_blocks(
 
 def test_what_was_handed_out_holds_until_the_version_changes() -> None:
     cloud = Cloud(8)
-    cloud.add(np.ones((5, 3)))
+    add(cloud, np.ones(5))
     version = cloud.version
     first = cloud.bytes_from(0)
-    cloud.add(2.0 * np.ones((2, 3)))
+    add(cloud, np.full(2, 2))
     assert cloud.version == version
     assert cloud.bytes_from(0)[: len(first)] == first
-    assert len(cloud.bytes_from(5)) == 2 * 12
-    cloud.add(np.zeros((1, 3)))
+    assert len(cloud.bytes_from(5)) == 2 * 16
+    add(cloud, np.zeros(1))
     assert cloud.version != version
+
+
+@pytest.mark.parametrize("budget", [8, 1 << 16])
+def test_what_an_event_puts_in_doubt_is_marked(sight: ArmSight, budget: int) -> None:
+    cloud, seen = Cloud(budget), changes(sight)
+    sight.doubt_listeners.append(cloud.doubt)
+    sight.scan_listeners.append(cloud.take)
+    for n in (0, 30):
+        add(cloud, np.arange(n, n + 30))
+    held = point(1, quality=FINE)
+    sight.take_point(held)
+    jumped = event("device.turns_uncertain", True, severity="error", text="it jumped")
+    data = {"from_ns": "20", "until_ns": str(held.time_ns), "flags": "turns_uncertain"}
+    version = cloud.version
+    sight.take_event(jumped.model_copy(update={"data": data}))
+    assert cloud.version != version
+    assert (kept(cloud)[:, 3] == (kept(cloud)[:, 0] >= 20)).all()
+    assert sight.points[held.id].quality.flags == ("turns_uncertain",)
+    assert [change.kind for change in seen] == ["point", "doubt", "alarm"]
+    later = {"quality": np.zeros_like(SCAN.quality), "time_ns": held.time_ns + 10**9}
+    scan = SCAN.model_copy(update=later)
+    late = {"from_ns": str(scan.time_ns + int(scan.dtime_ns[-1])), "flags": "stale"}
+    data = {**late, "until_ns": str(scan.time_ns + 10**10)}
+    sight.take_event(jumped.model_copy(update={"data": data}))
+    n = len(scan.dtime_ns)
+    cloud = Cloud()
+    sight.scan_listeners.append(cloud.take)
+    sight.take_scan(scan)  # sent after the event
+    assert kept(cloud)[:, 3].tolist() == [0.0] * (n - 1) + [1.0]
 
 
 def test_another_scan_begins_anew() -> None:
     cloud = Cloud(8)
-    cloud.add(np.ones((20, 3)))
+    add(cloud, np.ones(20))
     version = cloud.version
     cloud.clear()
     assert (cloud.n_kept, cloud.n_seen, cloud.every) == (0, 0, 1)
