@@ -114,11 +114,16 @@ def scan_parts(points: Sequence[Point]) -> Iterator[ScanPart]:
     every = [point.part for point in points if isinstance(point, Sample)]
     for scan in dict.fromkeys(part.scan for part in every):
         of_samples = [part for part in every if part.scan == scan]
+        doubtful = [p for p in points if isinstance(p, Sample) and not p.quality.ok]
         parts = set(of_samples)
         yield replace(
             of_samples[0],
             used=len(of_samples),
             samples=sum(part.samples for part in parts),
             lost=sum(part.lost for part in parts),
-            in_doubt=sum(part.in_doubt for part in parts),
+            # Of those that were not chosen it is not known what came later.
+            in_doubt=max(
+                sum(part.in_doubt for part in parts),
+                sum(sample.part.scan == scan for sample in doubtful),
+            ),
         )

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.browser.conftest import OpenPage, PosedDaemon
 from tests.client.display.test_inspection_desk import scan_of
+from tests.client.display.values import event
 from tests.client.inspection.touched import ARM, touched_points
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.helmert.transformation import Helmert
@@ -147,6 +148,7 @@ async def test_a_plate_and_a_hole_are_measured_by_scans(
         await part.get_by_role("button", name="Accept").click()
         await part.get_by_role("button", name="Circle", exact=True).click()
         await expect(part.locator(".asks")).to_contain_text("circle 1")
+        begun_ns = time.time_ns()
         await scan("hole a", "s-4")
         await expect(part.locator(".result")).to_contain_text("is not known")
         await part.get_by_role("button", name="Side: as compensated").click()
@@ -154,6 +156,14 @@ async def test_a_plate_and_a_hole_are_measured_by_scans(
         await touch_all(posed, by_feature["hole a"][:1], shared)
         await expect(rows).to_have_count(2)
         await picture(page, "scanned")
+        # An event that comes later names the time of the last scan.
+        times = {"from_ns": str(begun_ns), "until_ns": str(time.time_ns() + 10**10)}
+        named = event("condition.channels", True, text="frozen", arm=posed.arm)
+        data = {**times, "flags": "stale"}
+        await posed.publish(named.model_copy(update={"data": data}))
+        await page.wait_for_function("traverse_scene.doubts.length > 0")
+        await expect(part.locator(".touches")).to_contain_text("in doubt")
+        await picture(page, "in-doubt")
         async with page.expect_download() as download:
             await part.get_by_role("button", name="Save results as JSON").click()
         report = json.loads((await (await download.value).path()).read_text())
