@@ -39,13 +39,6 @@ class _Inputs:
     previous: Path | None
     laboratory: Path | None
 
-    @property
-    def previous_file(self) -> Path | None:
-        """Return the previous certificate's file, also when its folder is named."""
-        if self.previous is None or self.previous.is_file():
-            return self.previous
-        return self.previous / "certificate.json"
-
 
 def verify(
     data: Annotated[Path | None, typer.Argument(callback=campaign_folder)] = None,
@@ -135,7 +128,12 @@ def _known(standard: str, option: str) -> str:
 
 def _certificate(inputs: _Inputs, computed_by: str | None) -> "SealedCertificate":
     from traverse.lab.acceptance.administration import administration_of
-    from traverse.lab.acceptance.certificate.check import ARM, LABORATORY, LIMITS
+    from traverse.lab.acceptance.certificate.check import (
+        ARM,
+        CERTIFICATE,
+        LABORATORY,
+        LIMITS,
+    )
     from traverse.lab.acceptance.certificate.comparison import (
         AS_FOUND,
         PREVIOUS,
@@ -169,7 +167,10 @@ def _certificate(inputs: _Inputs, computed_by: str | None) -> "SealedCertificate
         files[covariance.name] = bytes_of(covariance)
     elif covariance is not None:
         typer.echo(f"lengths are not predicted by the arm file: {reason}", err=True)
-    earlier = inputs.as_found, inputs.previous_file
+    previous = inputs.previous
+    if previous is not None and not previous.is_file():
+        previous /= CERTIFICATE  # its folder is named
+    earlier = inputs.as_found, previous
     before = read_before(
         data, standard, permitted, arm, as_found=earlier[0], previous=earlier[1]
     )

@@ -86,7 +86,8 @@ def _agreement_lines(tested: Sequence[Tested]) -> Iterator[str]:
     yield (
         f"\n{of_lengths['lengths']} lengths: {of_lengths['covered']:.1%} within U, "
         f"{of_lengths['within_2u']:.1%} within 2 u, "
-        f"rms {of_lengths['rms_u']:.2f} u"
+        f"rms {of_lengths['rms_u']:.2f} u; sizes at the location that P_SIZE is of: "
+        f"{of_lengths['counted_sizes']:.1%} within U"
     )
 
 

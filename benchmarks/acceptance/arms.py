@@ -66,6 +66,7 @@ class Tested:
         limit_mm: A limit near each, by key.
         procedure: Verdict on E_UNI with the ten repeats of the standard, by rule.
         lengths: Every measured length: true error, found error, u, U.
+        counted: Size at the location that P_SIZE is of: true, found, U.
     """
 
     true_mm: dict[str, float]
@@ -75,6 +76,7 @@ class Tested:
     limit_mm: dict[str, float]
     procedure: dict[str, Verdict]
     lengths: tuple[tuple[float, float, float, float], ...]
+    counted: tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,6 +148,7 @@ def tested(case: Case) -> Line:
         limit_mm,
         {rule: _procedure(case, measured, rule, limit_mm) for rule in RULES},
         tuple(_paired(true.lengths, stated.lengths, limits)),
+        _counted(true.figures[0], stated.figures[0], limits),
     )
     return {"outcome": asdict(outcome)}
 
@@ -292,7 +295,7 @@ def _measured(
             np.full(len(rows), arm.probe.radius_mm),
         )
     shoulder_mm, reach_mm = reach_of(arm)
-    return Measurement(tables, touched, arm.name, shoulder_mm, reach_mm)  # type: ignore[arg-type] # made from tables
+    return Measurement(tables, touched, shoulder_mm, reach_mm)  # type: ignore[arg-type] # made from tables
 
 
 def _stated(standard_mm: float | None) -> float:
@@ -308,6 +311,11 @@ def _expanded(budget: Budget, limits: Limits) -> float:
 
 def _values(figures: Sequence[Figure]) -> dict[str, float]:
     return {figure.key: abs(figure.value_mm) for figure in figures}
+
+
+def _counted(true: Figure, found: Figure, limits: Limits) -> tuple[float, float, float]:
+    name, size_mm = max(found.parts, key=lambda part: abs(part[1]))
+    return dict(true.parts)[name], size_mm, _expanded(found.budget, limits)
 
 
 def _paired(

@@ -82,9 +82,12 @@ def coverage(tested: Sequence[Tested]) -> dict[str, float]:
     rows = np.array([row for arm in tested for row in arm.lengths])
     true, measured, u_mm, expanded_mm = rows.T
     off = np.abs(measured - true)
+    true_size, size, size_expanded = np.array([arm.counted for arm in tested]).T
+    size_off = size - true_size
     return {
         "lengths": len(off),
         "covered": float(np.mean(off <= expanded_mm)),
         "within_2u": float(np.mean(off <= 2.0 * u_mm)),
         "rms_u": float(np.sqrt(np.mean((off / u_mm) ** 2))),
+        "counted_sizes": float(np.mean(np.abs(size_off) <= size_expanded)),
     }

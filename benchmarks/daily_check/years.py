@@ -105,7 +105,7 @@ class CheckedArm:
             "sphere": _touched(places[10:]),
         }
         return daily_check_figures(
-            Measurement(self._artefacts, touched, "simulated", np.zeros(3), 1000.0)
+            Measurement(self._artefacts, touched, np.zeros(3), 1000.0)
         )
 
     def _ways(self) -> Floats:

@@ -150,7 +150,7 @@ def _passed(stated: Administration) -> Iterator[str]:
 _CAMPAIGN = "of campaign.toml"
 _STANDARDS = f"in [[artefacts]] {_CAMPAIGN}"
 _CIRCUMSTANCES = f"in [circumstances] {_CAMPAIGN}"
-_TIMES = f"start_utc {_CAMPAIGN}, or time_ns of exported points"
+_TIMES = f"start_utc {_CAMPAIGN}, or time_ns of points; not in the future"
 _BEYOND_ISO_12 = ("asme-b89.4.22", *INTERIM, *SCANNING)
 STATEMENTS = (
     _of_measurement(
@@ -161,7 +161,7 @@ STATEMENTS = (
     ),
     _of_measurement("operator", "operator", f"operator {_CAMPAIGN}"),
     _of_measurement("place", "place", f"place {_CAMPAIGN}"),
-    _of_measurement("dates", "date of the measurement, not in the future", _TIMES),
+    _of_measurement("dates", "date of the measurement", _TIMES),
     Statement(
         "touches",
         "place of their own, which copies have not,",
@@ -292,7 +292,6 @@ def absent_before(
     nothing = Measurement(
         {artefact.id: artefact for artefact in file.artefacts},
         {},
-        arm.name,
         shoulder_mm,
         reach_mm,
         occasion=replace(occasion, first_utc=file.start_utc, last_utc=file.start_utc),

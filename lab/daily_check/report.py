@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from traverse.lab.acceptance.certificate.digests import SCHEMA as CERTIFICATE
+from traverse.lab.acceptance.certificate.digests import read_values
 from traverse.lab.acceptance.limits import NO_LIMITS, Limits
 from traverse.lab.daily_check.control_chart import (
     ChartPoint,
@@ -27,7 +27,6 @@ from traverse.lab.outcomes.daily_check import (
 from traverse.lab.report.provenance import ReportSource, report_provenance
 from traverse.lab.report.quantities import picked, plain_values
 from traverse.lab.report.templates import Words
-from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import FileError
 
 SCHEMA = "traverse/interim/1"
@@ -197,16 +196,12 @@ def read_certificate(path: Path, arm: str) -> dict[str, Any]:
     Raises:
         FileError: It is none, or of another arm.
     """
-    try:
-        values = json_of(path)
-        schema, name = values["schema"], values["arm"]["name"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        text = f"is no certificate ({error}); name certificate.json of `verify --out`"
-        raise FileError(path, text) from error
-    if schema != CERTIFICATE or name != arm:
-        text = f"is {schema!r} of arm {name!r}, expected {CERTIFICATE!r} of {arm!r}"
-        raise FileError(path, text)
-    return dict(values)
+    values = read_values(path)
+    stated = values.get("arm")
+    name = stated.get("name") if isinstance(stated, dict) else None
+    if name != arm:
+        raise FileError(path, f"is of arm {name!r}, expected {arm!r}")
+    return values
 
 
 def report_values(report: DailyCheckReport) -> dict[str, Any]:

@@ -106,7 +106,6 @@ class Measurement:
 
     artefacts: Mapping[str, Artefact]
     touched: Mapping[str, ArtefactTouches]
-    arm_name: str
     shoulder_mm: Floats
     reach_mm: float
     notes: tuple[str, ...] = ()
@@ -180,7 +179,6 @@ def measurement_of_touches(
     return Measurement(
         artefacts=artefacts,
         touched={name: every.part(rows) for name, rows in by_name.items()},
-        arm_name=arm.name,
         shoulder_mm=shoulder_mm,
         reach_mm=reach_mm,
         notes=tuple(notes),

@@ -36,7 +36,6 @@ def measured(*entries):
     return Measurement(
         artefacts={entry.id: entry for entry, _ in entries},
         touched={entry.id: touched for entry, touched in entries if len(touched)},
-        arm_name="by hand",
         shoulder_mm=np.zeros(3),
         reach_mm=REACH_MM,
     )

@@ -231,8 +231,7 @@ def _standards(document: _Document, values: Mapping[str, Any]) -> None:
 
 
 def _definitions(document: _Document, values: Mapping[str, Any]) -> None:
-    document.add_page()
-    document.heading("Definitions, uncertainties and parts")
+    document.heading("Definitions, uncertainties and parts", keep_mm=90.0)
     document.text_block(WORDS.uncertainty(), note=True)
     for figure in values["figures"]:
         if document.will_page_break(30.0):

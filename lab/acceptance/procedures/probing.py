@@ -4,8 +4,7 @@ The measured points are ball centres: they lie on a sphere of the test sphere's
 radius plus that of the tip, at the temperature of the measurement.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -22,9 +21,11 @@ from traverse.lab.acceptance.budget import (
 from traverse.lab.acceptance.conformity import Missing, Part, Scatter, judged_figure
 from traverse.lab.acceptance.limits import Limits
 from traverse.lab.acceptance.monte_carlo import Model
+from traverse.lab.acceptance.procedures.lengths import LEAST_OF_SCAN, refuse_few
 from traverse.lab.acceptance.procedures.point_distribution import half_sphere_remarks
 from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.measured_points.measurement import (
+    SCANNED,
     ArtefactTouches,
     FittedSphere,
     IncompleteError,
@@ -48,11 +49,20 @@ FORM = (
     "of the same points: P_FORM = max|p - c| - min|p - c|. Two locations, the worse "
     "counts"
 )
-LOCATION = (
-    "5 groups of 5 points on one sphere, the probe pointing another way in each group; "
-    "a least-squares sphere each; L_DIA is the diameter of the smallest sphere that "
-    "encloses the five centres"
-)
+LOCATIONS = {
+    "l_dia": (
+        "L_DIA (5x5)",
+        "5 groups of 5 points on one sphere, the probe pointing another way in each "
+        "group; a least-squares sphere each; L_DIA is the diameter of the smallest "
+        "sphere that encloses the five centres",
+    ),
+    "scan_l_dia": (
+        "L_Dia.5x5",
+        "5 scans of one sphere, the probe pointing another way in each; a "
+        "least-squares sphere of each; L_Dia is the diameter of the smallest sphere "
+        "that encloses the five centres",
+    ),
+}
 # Of test spheres of ISO 10360-12 (published), and of ISO 10360-8 (general knowledge).
 DIAMETERS_MM = (10.0, 51.0)
 DIAMETER = (
@@ -198,32 +208,11 @@ def _parts_of(touched: ArtefactTouches, name: str, n: int, plural: str) -> list[
     return features
 
 
-@dataclass(frozen=True, slots=True)
-class LocationTest:
-    """A test of location by articulation.
-
-    Attributes:
-        check: Refuses a group whose points are too few, or too many.
-    """
-
-    key: str
-    title: str
-    definition: str
-    check: Callable[[ArtefactTouches, str], None]
-
-
-TOUCHED = LocationTest(
-    "l_dia",
-    "L_DIA (5x5)",
-    LOCATION,
-    lambda group, what: refuse_another_count(group, 5, what),
-)
-
-
 def location(
-    measured: Measurement, name: str, limits: Limits, test: LocationTest = TOUCHED
+    measured: Measurement, name: str, limits: Limits, key: str = "l_dia"
 ) -> Iterator[Part]:
     """L_DIA of ISO 10360-12, or of a scan; features name the five groups."""
+    title, definition = LOCATIONS[key]
     touched = measured.of(name)
     try:
         sphere = certified_sphere(measured.artefacts.get(name), name)
@@ -231,7 +220,10 @@ def location(
         centres_mm = []
         for group in groups:
             part = touched.of(group)
-            test.check(part, f"{name} group {group}")
+            if name.startswith(SCANNED):
+                refuse_few(part, f"{name} group {group}", LEAST_OF_SCAN)
+            else:
+                refuse_another_count(part, 5, f"{name} group {group}")
             radius_mm = None
             if limits.l_dia_radius == "calibrated":
                 radius_mm = float(sphere.radius_mm or 0.0) * growth(sphere, part)
@@ -240,16 +232,16 @@ def location(
                 fitted(part, f"{name} group {group}", radius_mm).centre_mm
             )
     except IncompleteError as error:
-        yield Missing(test.title, (str(error),))
+        yield Missing(title, (str(error),))
         return
     around = enclosing_sphere(np.array(centres_mm))
     away_mm = np.linalg.norm(np.array(centres_mm) - around.centre_mm, axis=1)
     held = ", ".join(groups[index] for index in around.supports)
     yield judged_figure(
         limits,
-        test.key,
-        test.title,
-        f"{test.definition}. Radius of the five spheres: {limits.l_dia_radius}. Groups "
+        key,
+        title,
+        f"{definition}. Radius of the five spheres: {limits.l_dia_radius}. Groups "
         f"that hold the sphere: {held}",
         2.0 * around.radius_mm,
         budget=form_budget(limits.standards),

@@ -17,10 +17,9 @@ from traverse.lab.acceptance.budget import SMOOTH_FORM_OF_ALL, form_budget
 from traverse.lab.acceptance.conformity import Missing, Part, Scatter, judged_figure
 from traverse.lab.acceptance.limits import Limits
 from traverse.lab.acceptance.procedures.length_tests import length_test
-from traverse.lab.acceptance.procedures.lengths import LEAST_OF_SCAN, refuse_few
+from traverse.lab.acceptance.procedures.lengths import refuse_few
 from traverse.lab.acceptance.procedures.point_distribution import pattern_25
 from traverse.lab.acceptance.procedures.probing import (
-    LocationTest,
     diameter_budget,
     diameter_remarks,
     location,
@@ -71,20 +70,10 @@ _BY_KEY = {
 }
 
 
-SCANNED_LOCATION = LocationTest(
-    "scan_l_dia",
-    "L_Dia.5x5",
-    "5 scans of one sphere, the probe pointing another way in each; a least-squares "
-    "sphere of each; L_Dia is the diameter of the smallest sphere that encloses the "
-    "five centres",
-    lambda group, what: refuse_few(group, what, LEAST_OF_SCAN),
-)
-
-
 def scanning(measured: Measurement, limits: Limits) -> Iterator[Part]:
     """The figures of `scan-sphere`, `scan-articulated` and `scan-flat`, and lengths."""
     yield from _of_sphere(measured, limits)
-    yield from location(measured, LOCATION, limits, SCANNED_LOCATION)
+    yield from location(measured, LOCATION, limits, "scan_l_dia")
     yield from _of_flat(measured, limits)
     yield from length_test(measured, "scan_e_uni", limits)
     yield from length_test(measured, "scan_e_bi", limits)

@@ -59,18 +59,6 @@ def test_a_ball_that_is_too_large_shows_in_the_size_alone(tmp_path):
     assert by_key["e_uni"].value_mm == pytest.approx(0.0, abs=1e-6)
 
 
-def test_longer_standards_show_as_their_length(tmp_path):
-    effects = [
-        {"kind": "artefact_length", "artefact": f"check-{p}", "error_ppm": 20.0}
-        for p in range(1, 8)
-    ]
-    poses = with_effects(poses_of("vdi2617-9"), [effect_from_table(e) for e in effects])
-    length = figures(poses, "vdi2617-9", tmp_path)["interim_length"]
-    true_mm = poses_of("vdi2617-9").artefacts[0].artefact.distance_mm
-    assert length.value_mm == pytest.approx(true_mm - true_mm / 1.00002, abs=1e-6)
-    assert dict(length.parts)["range of all errors"] == pytest.approx(0.0, abs=1e-6)
-
-
 def test_errors_of_length_are_those_of_the_places(tmp_path):
     # Another true arm: what the arm file makes of its readings, straight from them.
     truth = true_arm(ARM, Deviations(links_mm=0.02, axes_rad=1e-5, zeros_rad=0.0), 7)
