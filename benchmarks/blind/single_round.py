@@ -13,8 +13,7 @@ from benchmarks.blind.score import Score, scored
 from benchmarks.proofs.conditions import demo_arm
 from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.lab.diagnosis.model.result import Diagnosis
-from traverse.lab.diagnosis.report.files import write_diagnosis
-from traverse.lab.diagnosis.report.page import summary_lines
+from traverse.lab.diagnosis.report.files import summary_lines, write_diagnosis
 from traverse.simulator.campaigns import UnreachableError, write_campaign
 from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.writing import write_atomically

@@ -23,9 +23,7 @@ from traverse.kinematics.uncertainty.point_covariance import (
     PointNoise,
     point_uncertainties,
 )
-from traverse.lab.campaign.campaign import (
-    Campaign,
-)
+from traverse.lab.campaign.campaign import Campaign
 from traverse.protocol.messages import Point
 
 

@@ -9,8 +9,11 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.model.result import Diagnosis, DiagnosisOptions
-from traverse.lab.diagnosis.report.files import accept_adapted, write_diagnosis
-from traverse.lab.diagnosis.report.page import summary_lines
+from traverse.lab.diagnosis.report.files import (
+    accept_adapted,
+    summary_lines,
+    write_diagnosis,
+)
 from traverse.lab.diagnosis.scans.scan_diagnosis import (
     StreamDiagnosis,
     diagnose_stream,

@@ -21,9 +21,9 @@ from traverse.kinematics.effects.arm_effects import effects_from_arm
 from traverse.lab.diagnosis.advice.minimal_detectable import planned
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.report.files import report_page
 from traverse.lab.diagnosis.report.names import candidate_label, term_size_text
 from traverse.lab.diagnosis.report.outcome import diagnosis_json
-from traverse.lab.diagnosis.report.page import report_page
 from traverse.lab.diagnosis.report.pictures import plots_of
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.measured_points.reading import measured_campaign

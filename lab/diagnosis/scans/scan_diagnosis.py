@@ -23,7 +23,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     equations_of,
 )
 from traverse.lab.diagnosis.model.result import Diagnosis, DiagnosisOptions
-from traverse.lab.diagnosis.report.page import WORDS
+from traverse.lab.diagnosis.report.files import WORDS
 from traverse.lab.diagnosis.scans.decimation import Decimation, decimated
 from traverse.lab.diagnosis.scans.harmonics import (
     HarmonicFinding,

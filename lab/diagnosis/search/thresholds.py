@@ -11,14 +11,10 @@ from collections.abc import Callable
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.lab.diagnosis.candidates.candidate_scores import (
-    CandidateScores,
-)
+from traverse.lab.diagnosis.candidates.candidate_scores import CandidateScores
 from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, log_p_values
 from traverse.lab.diagnosis.candidates.waves import log_p_of_search
-from traverse.lab.diagnosis.model.observation_equations import (
-    ObservationEquations,
-)
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.outcomes.candidate import BankName
 

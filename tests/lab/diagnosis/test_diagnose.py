@@ -31,8 +31,8 @@ from traverse.lab.campaign.holdout import split
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
 from traverse.lab.diagnosis.model.fit import with_effects
+from traverse.lab.diagnosis.report.files import WORDS, summary_lines
 from traverse.lab.diagnosis.report.outcome import diagnosis_json
-from traverse.lab.diagnosis.report.page import WORDS, summary_lines
 
 
 def decided(campaign, options=DECISION):

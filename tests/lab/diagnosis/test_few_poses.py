@@ -14,9 +14,8 @@ from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.adjustment.prepare import IdentificationError
 from traverse.lab.campaign.campaign import Campaign, campaign_of_places
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.lab.diagnosis.report.files import write_diagnosis
+from traverse.lab.diagnosis.report.files import summary_lines, write_diagnosis
 from traverse.lab.diagnosis.report.outcome import outcome_of
-from traverse.lab.diagnosis.report.page import summary_lines
 from traverse.lab.identification.identify import identify
 from traverse.lab.identification.report.page import WORDS
 from traverse.lab.outcomes.base import State

@@ -18,9 +18,12 @@ from traverse.kinematics.arm_file.arm import (
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.adjustment import IdentificationError
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.lab.diagnosis.report.files import covariance_of, write_diagnosis
+from traverse.lab.diagnosis.report.files import (
+    covariance_of,
+    summary_lines,
+    write_diagnosis,
+)
 from traverse.lab.diagnosis.report.outcome import outcome_of
-from traverse.lab.diagnosis.report.page import summary_lines
 from traverse.lab.diagnosis.search.decision import decide
 from traverse.lab.outcomes.base import State
 from traverse.simulator.campaigns import draw_noise

@@ -13,8 +13,8 @@ from traverse.lab.diagnosis.advice.minimal_detectable import planned_equations
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.model.fit import with_effects as with_other_effects
+from traverse.lab.diagnosis.report.files import summary_lines
 from traverse.lab.diagnosis.report.outcome import diagnosis_json
-from traverse.lab.diagnosis.report.page import summary_lines
 from traverse.lab.identification.identify import Options
 from traverse.simulator.campaigns import (
     NoiseTable,

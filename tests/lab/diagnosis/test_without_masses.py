@@ -22,8 +22,7 @@ from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.diagnosis.advice.minimal_detectable import planned
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.lab.diagnosis.report.files import write_diagnosis
-from traverse.lab.diagnosis.report.page import summary_lines
+from traverse.lab.diagnosis.report.files import summary_lines, write_diagnosis
 from traverse.lab.first_moments import assumed_moments, with_first_moments
 from traverse.lab.identification.prediction import placed, places_of, predict
 from traverse.strict_toml.rewriting import rewritten_text

@@ -22,9 +22,7 @@ from traverse.lab.identification.report.page import (
     summary_lines,
 )
 from traverse.lab.identification.results.outcome import outcome_of
-from traverse.lab.identification.results.result import (
-    Identification,
-)
+from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.results.undetermined import combination
 from traverse.lab.identification.uncertainty_map import UncertaintyMap
 from traverse.lab.outcomes.base import State

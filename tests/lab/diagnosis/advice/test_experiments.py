@@ -21,9 +21,7 @@ from traverse.lab.diagnosis.advice.optimal_poses import (
     further_contacts,
 )
 from traverse.lab.diagnosis.candidates.library import library_bank
-from traverse.lab.diagnosis.candidates.scoring import (
-    ALIAS,
-)
+from traverse.lab.diagnosis.candidates.scoring import ALIAS
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.diagnosis.search.decision import decide
 from traverse.lab.outcomes.diagnosis import Alternative

@@ -20,8 +20,8 @@ from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.model.covariates import outlier_cluster
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.diagnosis.model.observation_equations import equations_of
+from traverse.lab.diagnosis.report.files import WORDS, report_page
 from traverse.lab.diagnosis.report.outcome import diagnosis_json
-from traverse.lab.diagnosis.report.page import WORDS, report_page
 from traverse.lab.diagnosis.report.pictures import plots_of
 from traverse.lab.statistics.outlier_clusters import lowest_log_p
 

@@ -17,7 +17,7 @@ from tests.lab.diagnosis.report.test_words import DETECTABLE, candidate
 from tests.lab.report.pages import Page
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.report.discrepancies import discrepancies
-from traverse.lab.diagnosis.report.page import report_page
+from traverse.lab.diagnosis.report.files import report_page
 from traverse.lab.diagnosis.report.pictures import Plots, paint_ledger, plots_of
 from traverse.lab.diagnosis.report.term_curve import term_curve
 from traverse.lab.outcomes.diagnosis import Estimate

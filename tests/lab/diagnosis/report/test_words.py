@@ -6,6 +6,7 @@ import pytest
 
 from tests.lab.diagnosis.diagnosed import clean, drifting, eccentric
 from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.lab.diagnosis.report.files import WORDS, summary_lines
 from traverse.lab.diagnosis.report.names import (
     candidate_label,
     detectable_lines,
@@ -14,7 +15,6 @@ from traverse.lab.diagnosis.report.names import (
     term_size_text,
 )
 from traverse.lab.diagnosis.report.outcome import diagnosis_json
-from traverse.lab.diagnosis.report.page import WORDS, summary_lines
 from traverse.lab.diagnosis.report.pictures import conditions
 from traverse.lab.outcomes.candidate import BankName, Candidate
 from traverse.lab.outcomes.diagnosis import Alternative, Detectable, Estimate, Size
