@@ -1,5 +1,7 @@
 """Best fit: what is flagged, refused, revealed; leapfrog joined to an alignment."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -23,8 +25,15 @@ from traverse.lab.alignment.files import (
 )
 from traverse.lab.alignment.nominal import fixed_volume
 from traverse.lab.alignment.result import global_test
-from traverse.lab.alignment.touches import CommonPoints, Place
+from traverse.lab.alignment.touches import Place
 from traverse.lab.outcomes.base import State
+
+
+def aligned(points, measured, **more):
+    """Fit common points that are measured elsewhere."""
+    elsewhere = replace(points, measured=tuple(measured))
+    return best_fit_alignment(elsewhere, fixed_volume(BOX), "of the test", **more)
+
 
 NEAR_LINE = np.array([[0.0, 0, 0], [300, 20, 0], [700, 0, 25], [1000, 10, 0]])
 
@@ -69,29 +78,17 @@ def test_three_points_are_called_blind_across_their_plane():
 
 def test_a_mirrored_system_is_refused():
     points = common(WIDE)
-    mirrored = CommonPoints(
-        points.names,
-        tuple(
-            Place(place.place_mm * [1, 1, -1], place.covariance_mm2)
-            for place in points.measured
-        ),
-        points.nominal,
-    )
+    mirrored = [
+        Place(p.place_mm * [1, 1, -1], p.covariance_mm2) for p in points.measured
+    ]
     with pytest.raises(HelmertError, match="left-handed"):
-        best_fit_alignment(mirrored, fixed_volume(BOX), "of the test")
+        aligned(points, mirrored)
 
 
 def test_a_scale_of_other_units_is_flagged():
     points = common(WIDE)
-    inches = tuple(
-        Place(place.place_mm / 25.4, place.covariance_mm2) for place in points.measured
-    )
-    alignment = best_fit_alignment(
-        CommonPoints(points.names, inches, points.nominal),
-        fixed_volume(BOX),
-        "",
-        with_scale=True,
-    )
+    inches = [Place(p.place_mm / 25.4, p.covariance_mm2) for p in points.measured]
+    alignment = aligned(points, inches, with_scale=True)
     assert alignment.transformation.scale == pytest.approx(25.4)
     assert "unlikely_scale" in codes(alignment)
 
@@ -99,11 +96,9 @@ def test_a_scale_of_other_units_is_flagged():
 @pytest.mark.parametrize("stated", [True, False])
 def test_other_units_and_exchanged_names_are_named_as_causes(stated):
     points = common(WIDE * [1.0, 1.0, 0.7], seed=3, stated=stated)
-    inches = tuple(Place(p.place_mm / 25.4, p.covariance_mm2) for p in points.measured)
+    inches = [Place(p.place_mm / 25.4, p.covariance_mm2) for p in points.measured]
     with pytest.raises(HelmertError, match="measured ones are in inches"):
-        best_fit_alignment(
-            CommonPoints(points.names, inches, points.nominal), fixed_volume(BOX), ""
-        )
+        aligned(points, inches)
     names = (*points.names, "far")
     far = Place(
         transformation().inverse().places_mm(np.array([[900.0, 90, 50]]))[0],
@@ -112,9 +107,7 @@ def test_other_units_and_exchanged_names_are_named_as_causes(stated):
     measured = (*points.measured[1::-1], *points.measured[2:], far)
     nominal = (*points.nominal, Place(np.array([900.0, 90, 50]), None))
     with pytest.raises(HelmertError, match="names P0 and P1 are exchanged"):
-        best_fit_alignment(
-            CommonPoints(names, measured, nominal), fixed_volume(BOX), ""
-        )
+        aligned(replace(points, names=names, nominal=nominal), measured)
 
 
 def test_errors_that_are_not_stated_are_estimated_and_test_nothing():
@@ -132,9 +125,7 @@ def test_errors_stated_for_some_points_only_are_refused():
     points = common(WIDE)
     some = (Place(points.measured[0].place_mm, None), *points.measured[1:])
     with pytest.raises(ValueError, match=r"not of these measured points: P0; .*--std"):
-        best_fit_alignment(
-            CommonPoints(points.names, some, points.nominal), fixed_volume(BOX), ""
-        )
+        aligned(points, some)
 
 
 def test_a_wrong_point_fails_the_test_and_is_named():
@@ -145,15 +136,13 @@ def test_a_wrong_point_fails_the_test_and_is_named():
         Place(wrong, points.measured[2].covariance_mm2),
         *points.measured[3:],
     )
-    alignment = best_fit_alignment(
-        CommonPoints(points.names, measured, points.nominal), fixed_volume(BOX), ""
-    )
+    alignment = aligned(points, measured)
     assert not alignment.is_good
     assert codes(alignment) >= {"global_test_failed", "suspect_point"}
     assert values_of(alignment)["verdict"] == "Not usable"
     assert [r["state"] for r in values_of(alignment)["reasons"]].count("bad") == 1
     # and the covariance grows with sigma0
-    good = best_fit_alignment(points, fixed_volume(BOX), "")
+    good = aligned(points, points.measured)
     after, before = (
         values_of(each)["quality"]["predicted_error_mm"]["rms"]
         for each in (alignment, good)
@@ -173,9 +162,7 @@ def test_an_error_of_the_detectable_size_is_found_four_times_out_of_five():
             points.measured[1].place_mm + off, points.measured[1].covariance_mm2
         )
         measured = (points.measured[0], moved, *points.measured[2:])
-        again = best_fit_alignment(
-            CommonPoints(points.names, measured, points.nominal), fixed_volume(BOX), ""
-        )
+        again = aligned(points, measured)
         # the residual caused by this error, in standard deviations
         seen = again.points[1].residual_mm @ way
         std = STD_MM * np.sqrt(way @ np.diag(again.points[1].redundancy) @ way)

@@ -87,18 +87,10 @@ def test_derivatives_agree_with_central_differences(table):
         slope = (plus - minus) / (2 * small)
         certificate = artefact.certificate(state, touches)
         assert np.allclose(certificate.by_unknowns[:, unknown], slope, atol=1e-6)
-        for length in artefact.lengths(state):
-            ((ahead_of),) = [
-                measured.value_mm
-                for measured in artefact.lengths(ahead)
-                if measured.name == length.name
-            ]
-            ((behind_of),) = [
-                measured.value_mm
-                for measured in artefact.lengths(behind)
-                if measured.name == length.name
-            ]
-            slope = (ahead_of - behind_of) / (2 * small)
+        for length, longer, shorter in zip(
+            *(artefact.lengths(at) for at in (state, ahead, behind)), strict=True
+        ):
+            slope = (longer.value_mm - shorter.value_mm) / (2 * small)
             assert length.by_unknowns[unknown] == pytest.approx(slope, abs=1e-6)
 
 
