@@ -16,7 +16,7 @@ from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.artefacts import Artefact
-from traverse.lab.artefacts.cone import Cone
+from traverse.lab.artefacts.seats import Cone
 from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.daily_check.control_chart import charted
 from traverse.lab.daily_check.figures import (

@@ -1,4 +1,4 @@
-"""The kinds of artefacts: one file and one entry here each."""
+"""The kinds of artefacts: one class and one entry here each."""
 
 from collections.abc import Iterator, Mapping
 from importlib import import_module
@@ -16,19 +16,19 @@ class _Kinds(Mapping[str, type[Artefact]]):
     """Classes by kind; a module is imported when its class is first used."""
 
     _CLASSES: Mapping[str, str] = {
-        "cone": "Cone",
-        "seats": "Seats",
-        "ball_bar": "BallBar",
-        "sphere": "Sphere",
-        "plane": "Plane",
-        "parallel_planes": "ParallelPlanes",
-        "points": "Points",
-        "draw_wire": "DrawWire",
+        "cone": "seats.Cone",
+        "seats": "seats.Seats",
+        "ball_bar": "ball_bar.BallBar",
+        "sphere": "sphere.Sphere",
+        "plane": "plane.Plane",
+        "parallel_planes": "plane.ParallelPlanes",
+        "points": "points.Points",
+        "draw_wire": "draw_wire.DrawWire",
     }
 
     def __getitem__(self, kind: str) -> type[Artefact]:
-        name = self._CLASSES[kind]
-        of_kind: type[Artefact] = getattr(import_module(f"{__name__}.{kind}"), name)
+        module, name = self._CLASSES[kind].split(".")
+        of_kind: type[Artefact] = getattr(import_module(f"{__name__}.{module}"), name)
         return of_kind
 
     def __iter__(self) -> Iterator[str]:

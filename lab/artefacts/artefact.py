@@ -27,6 +27,8 @@ from traverse.strict_toml.reader import StrictModel
 # nanometre, which is as good as exact and still an ordinary observation.
 EXACT_MM = 1e-6
 REFERENCE_TEMPERATURE_C = 20.0
+# A place, a height or a radius that is known to a metre only is useless.
+PLACE_SCALE_MM = 1000.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,6 +15,7 @@ from pydantic import Field, field_validator
 from traverse.arrays import Floats
 from traverse.lab.artefacts.artefact import (
     EXACT_MM,
+    PLACE_SCALE_MM,
     Artefact,
     Certificate,
     Equations,
@@ -23,8 +24,6 @@ from traverse.lab.artefacts.artefact import (
     Touches,
 )
 from traverse.lab.artefacts.sphere import (
-    PLACE_SCALE_MM,
-    RADIUS_SCALE_MM,
     distances,
     mirrored_centre,
     start_centre,
@@ -73,7 +72,7 @@ class BallBar(ExpandingArtefact):
         return self.model_copy(update={"radius_mm": (first_mm, second_mm)})
 
     def unknown_scales(self, touches: Touches) -> Floats:
-        return np.array([PLACE_SCALE_MM] * 6 + [RADIUS_SCALE_MM] * 2)
+        return np.array([PLACE_SCALE_MM] * 8)
 
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
         """Fit two spheres; one that was not touched is placed near them."""

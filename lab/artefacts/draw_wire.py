@@ -14,6 +14,7 @@ from pydantic import Field
 
 from traverse.arrays import Floats
 from traverse.lab.artefacts.artefact import (
+    PLACE_SCALE_MM,
     Artefact,
     Certificate,
     Equations,
@@ -21,7 +22,6 @@ from traverse.lab.artefacts.artefact import (
     Touches,
     certificate_of,
 )
-from traverse.lab.artefacts.cone import PLACE_SCALE_MM
 from traverse.lab.artefacts.sphere import FLAT, distances, polished
 
 

@@ -30,6 +30,7 @@ from traverse.kinematics.model.quaternion import (
     rotation_matrix,
 )
 from traverse.lab.artefacts.artefact import (
+    PLACE_SCALE_MM,
     Certificate,
     Equations,
     ExpandingArtefact,
@@ -37,7 +38,6 @@ from traverse.lab.artefacts.artefact import (
     Touches,
 )
 
-_PLACE_SCALE_MM = 1000.0
 _POINT_SCALE_MM = 100.0
 _N_FRAME_UNKNOWNS = {"arm": 0, "own": 6, "own_scaled": 7}
 
@@ -74,7 +74,7 @@ class Points(ExpandingArtefact):
 
     def unknown_scales(self, touches: Touches) -> Floats:
         """Rotation, translation, scale; coordinates where they are not exact."""
-        frame = np.array([1.0] * 3 + [_PLACE_SCALE_MM] * 3 + [1.0])
+        frame = np.array([1.0] * 3 + [PLACE_SCALE_MM] * 3 + [1.0])
         n_points = len(touches.feature_names) if self.points_std_mm else 0
         return np.concatenate(
             [

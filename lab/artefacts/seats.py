@@ -1,7 +1,10 @@
-"""Seats at known distances: a bar with cones, printed sockets, drilled holes.
+"""Seats: a cone, or several at known distances: a bar, printed sockets, drilled holes.
 
-State: the points c_i that seat the ball's centre, at the reference temperature. With
-growth g they move away from their middle m, c_i(g) = c_i + g (c_i - m), and
+A cone is one unknown point, touched again and again (the paper's case c): w = x - c.
+
+State of several: the points c_i that seat the ball's centre, at the reference
+temperature. With growth g they move away from their middle m,
+c_i(g) = c_i + g (c_i - m), and
 
     w = x - c_i(g)
     certificate: |c_j - c_i| = D_ij
@@ -16,6 +19,7 @@ from pydantic import Field, model_validator
 
 from traverse.arrays import Floats
 from traverse.lab.artefacts.artefact import (
+    PLACE_SCALE_MM,
     Artefact,
     Certificate,
     Equations,
@@ -24,8 +28,36 @@ from traverse.lab.artefacts.artefact import (
     Touches,
     certificate_of,
 )
-from traverse.lab.artefacts.cone import PLACE_SCALE_MM
 from traverse.strict_toml.reader import StrictModel
+
+
+class Cone(Artefact):
+    """A conical seat that centres the ball."""
+
+    rows_per_pose = 3
+    kind: Literal["cone"]
+
+    def unknown_scales(self, touches: Touches) -> Floats:
+        return np.full(3, PLACE_SCALE_MM)
+
+    def start(self, centres_mm: Floats, touches: Touches) -> Floats:
+        """The median point, which a few blunders do not move far."""
+        point: Floats = np.median(centres_mm, axis=0)
+        return point
+
+    def place(self, state: Floats) -> dict[str, Any]:
+        return {"point_mm": state.tolist()}
+
+    def equations(
+        self, state: Floats, centres_mm: Floats, touches: Touches
+    ) -> Equations:
+        """Set up w = x - c."""
+        shape = (len(centres_mm), 3, 3)
+        return Equations(
+            centres_mm - state,
+            np.broadcast_to(np.eye(3), shape),
+            np.broadcast_to(-np.eye(3), shape),
+        )
 
 
 class SeatDistance(StrictModel):

@@ -13,6 +13,7 @@ from pydantic import Field
 
 from traverse.arrays import Floats, Integers
 from traverse.lab.artefacts.artefact import (
+    PLACE_SCALE_MM,
     Artefact,
     Certificate,
     Equations,
@@ -22,8 +23,6 @@ from traverse.lab.artefacts.artefact import (
     certificate_of,
 )
 
-PLACE_SCALE_MM = 1000.0
-RADIUS_SCALE_MM = 1000.0
 _STEPS = 20
 # Where most centres are farther off than this part of the extent after so many steps,
 # they lie on no sphere: with wrong signs or zeros of joints, which are tried by dozens.
@@ -235,7 +234,7 @@ class Sphere(ExpandingArtefact):
         return self.model_copy(update={"radius_mm": radius_mm})
 
     def unknown_scales(self, touches: Touches) -> Floats:
-        return np.array([PLACE_SCALE_MM] * 3 + [RADIUS_SCALE_MM])
+        return np.array([PLACE_SCALE_MM] * 4)
 
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
         offset_mm = offset_sign(self.side) * touches.radius_mm

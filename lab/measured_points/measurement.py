@@ -19,7 +19,7 @@ from traverse.kinematics.model.origins import near_origins
 from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
-from traverse.lab.artefacts.parallel_planes import ParallelPlanes
+from traverse.lab.artefacts.plane import ParallelPlanes
 from traverse.lab.artefacts.points import Points
 from traverse.lab.artefacts.seats import Seats
 from traverse.lab.artefacts.sphere import Sphere

@@ -12,8 +12,7 @@ import numpy as np
 from traverse.lab.acceptance.conformity import Figure
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
-from traverse.lab.artefacts.parallel_planes import ParallelPlanes
-from traverse.lab.artefacts.plane import Plane
+from traverse.lab.artefacts.plane import ParallelPlanes, Plane
 from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
 

@@ -31,7 +31,7 @@ from traverse.lab.acceptance.limits import Limits
 from traverse.lab.acceptance.monte_carlo import Model, Reduction
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
-from traverse.lab.artefacts.parallel_planes import ParallelPlanes
+from traverse.lab.artefacts.plane import ParallelPlanes
 from traverse.lab.measured_points.measurement import (
     SCANNED,
     ArtefactTouches,

@@ -25,7 +25,7 @@ from traverse.lab.acceptance.conformity import (
 from traverse.lab.acceptance.procedures.lengths import face_normal, joined, repeats_of
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
-from traverse.lab.artefacts.parallel_planes import ParallelPlanes
+from traverse.lab.artefacts.plane import ParallelPlanes
 from traverse.lab.measured_points.measurement import (
     ArtefactTouches,
     Measurement,
