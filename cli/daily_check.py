@@ -198,16 +198,15 @@ def _checked(folder: Path, arm: "Arm", arm_file: Path, begins: str) -> "Check":
     from traverse.lab.daily_check.history import Check
     from traverse.lab.measured_points.measurement import IncompleteError
     from traverse.lab.measured_points.reading import files_read, read_measured
-    from traverse.lab.report.provenance import digest_of_files
+    from traverse.lab.report.provenance import digest_of_files, utc_text
 
     try:
         figures = daily_check_figures(read_measured(folder, arm, arm_file))
     except IncompleteError as error:
         refuse(f"{folder}: {error}", FAILED)
     start = read_campaign_file(folder / "campaign.toml").start_utc
-    when = (start or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
     return Check(
-        when.isoformat().replace("+00:00", "Z"),
+        utc_text(start or datetime.now(UTC)),
         arm.name,
         arm_digest(arm),
         digest_of_files(files_read(folder)),

@@ -1,6 +1,6 @@
 """`traverse verify`: acceptance figures, their plan, and checking certificates."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,23 +21,6 @@ if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
     from traverse.lab.acceptance.certificate.values import SealedCertificate
     from traverse.lab.acceptance.limits import Limits
-
-
-@dataclass(frozen=True, slots=True)
-class _Inputs:
-    """Files of a verification.
-
-    Attributes:
-        as_found: What it is compared with, as is `previous`.
-    """
-
-    data: Path
-    standard: str
-    arm: Path | None
-    limits: Path | None
-    as_found: Path | None
-    previous: Path | None
-    laboratory: Path | None
 
 
 def verify(
@@ -101,8 +84,7 @@ def verify(
         if data is None or standard is None:
             refuse(f"{', '.join(missing)} missing; or give --plan STANDARD, or --check")
         known = _known(standard, "--standard")
-        inputs = _Inputs(data, known, arm, *others)
-        certificate = _certificate(inputs, operator)
+        certificate = _certificate(data, known, arm, others, operator)
         values = certificate.values
         if out is not None:
             from traverse.lab.acceptance.certificate.files import write_certificate
@@ -126,7 +108,14 @@ def _known(standard: str, option: str) -> str:
     return standard
 
 
-def _certificate(inputs: _Inputs, computed_by: str | None) -> "SealedCertificate":
+def _certificate(
+    data: Path,
+    standard: str,
+    arm_file: Path | None,
+    others: Sequence[Path | None],
+    computed_by: str | None,
+) -> "SealedCertificate":
+    """Compute it; the others are limits, as found, previous and laboratory."""
     from traverse.lab.acceptance.administration import administration_of
     from traverse.lab.acceptance.certificate.check import (
         ARM,
@@ -147,14 +136,14 @@ def _certificate(inputs: _Inputs, computed_by: str | None) -> "SealedCertificate
     from traverse.lab.report import provenance as sources
     from traverse.strict_toml.reader import read_strict
 
-    data, standard, arm_file = inputs.data, inputs.standard, inputs.arm
+    limits, as_found, previous, laboratory = others
     arm, text = _arm(data, arm_file)
     permitted = NO_LIMITS
-    if inputs.limits is not None:
-        permitted = read_strict(inputs.limits, Limits)
+    if limits is not None:
+        permitted = read_strict(limits, Limits)
     certifying = None
-    if inputs.laboratory is not None:
-        certifying = read_strict(inputs.laboratory, Laboratory)
+    if laboratory is not None:
+        certifying = read_strict(laboratory, Laboratory)
     _ask_before(data, standard, arm, permitted)
     covariance = _covariance_beside(arm, arm_file)
     measured = read_by_tool(data, arm, None if covariance is None else arm_file)
@@ -167,16 +156,17 @@ def _certificate(inputs: _Inputs, computed_by: str | None) -> "SealedCertificate
         files[covariance.name] = bytes_of(covariance)
     elif covariance is not None:
         typer.echo(f"lengths are not predicted by the arm file: {reason}", err=True)
-    previous = inputs.previous
     if previous is not None and not previous.is_file():
         previous /= CERTIFICATE  # its folder is named
-    earlier = inputs.as_found, previous
     before = read_before(
-        data, standard, permitted, arm, as_found=earlier[0], previous=earlier[1]
+        data, standard, permitted, arm, as_found=as_found, previous=previous
     )
-    named = {LIMITS: inputs.limits, AS_FOUND: earlier[0], PREVIOUS: earlier[1]}
-    kept = (named | {LABORATORY: inputs.laboratory}).items()
-    files |= {name: bytes_of(path) for name, path in kept if path is not None}
+    named = zip(
+        (LIMITS, AS_FOUND, PREVIOUS, LABORATORY),
+        (limits, as_found, previous, laboratory),
+        strict=True,
+    )
+    files |= {name: bytes_of(path) for name, path in named if path is not None}
     return SealedCertificate(
         verified(measured, standard, permitted),
         arm,

@@ -167,8 +167,7 @@ def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
             "sphere, and the arm file's probe the one that touched it? Correct the one "
             "that is not, and check again"
         )
-    warm_c = np.concatenate([seat.temperature_c, touched.temperature_c])
-    known_c = warm_c[np.isfinite(warm_c)]
+    known_c = measured.temperature_c
     return DailyCheckFigures(
         spat_2s_mm=scatter.two_s_mm,
         spat_max_mm=scatter.max_deviation_mm,

@@ -101,14 +101,22 @@ def _previous_problem(values: Mapping[str, Any], standard: str, arm: Arm) -> str
 
 
 def comparison_values(
-    before: Before, figures: Sequence[Mapping[str, Any]], *, withheld: bool
+    before: Before,
+    figures: Sequence[Mapping[str, Any]],
+    measured_to_utc: str | None,
+    *,
+    withheld: bool,
 ) -> dict[str, Any]:
     """Put both comparisons into plain values; null where there is none.
 
     Args:
         before: What was read.
         figures: As left, as plain values.
+        measured_to_utc: Until when they were measured.
         withheld: Whether nothing is decided for want of a statement.
+
+    Raises:
+        FileError: What was before was measured later.
     """
     as_found = previous = None
     if before.arm is not None and before.as_found is not None:
@@ -117,9 +125,12 @@ def comparison_values(
             "figures": list(_found_figures(before.as_found, withheld=withheld)),
         }
     if before.previous is not None:
+        then = before.previous["administration"]["measured_to_utc"]
+        if measured_to_utc and then and then > measured_to_utc:
+            raise FileError(PREVIOUS, f"was measured later, until {then}")
         previous = {
             "digest": before.previous["digest"]["digest"],
-            "measured_to_utc": before.previous["administration"]["measured_to_utc"],
+            "measured_to_utc": then,
             "figures": list(_changes(figures, before.previous["figures"])),
         }
     return {"as_found": as_found, "previous": previous}

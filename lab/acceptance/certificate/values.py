@@ -110,7 +110,9 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
             limits, "guard_factor", "coverage_probability", rule="decision"
         ),
         "figures": figures,
-        **comparison_values(certificate.before, figures, withheld=bool(absent)),
+        **comparison_values(
+            certificate.before, figures, stated.measured_to_utc, withheld=bool(absent)
+        ),
         "missing": plain_values(verification.missing),
         "lengths": [_length(error) for error in verification.lengths],
         "length_correlation": _correlation(verification.lengths),

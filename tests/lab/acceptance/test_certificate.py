@@ -15,6 +15,7 @@ from tests.lab.report.pages import Page
 from traverse.kinematics.arm_file.arm import Identification, read_arm
 from traverse.lab.acceptance.administration import administration_of
 from traverse.lab.acceptance.certificate.check import certificate_problems
+from traverse.lab.acceptance.certificate.comparison import Before
 from traverse.lab.acceptance.certificate.digests import digest_values
 from traverse.lab.acceptance.certificate.files import write_certificate
 from traverse.lab.acceptance.certificate.page import WORDS
@@ -137,6 +138,13 @@ def test_permissible_errors_are_not_in_micrometres(made, original):
     stated = administration_of([measured], made.arm, limits)
     (absent,) = absent_statements("vdi2617-9", stated, TODAY)
     assert absent.subject.endswith("instead of interim_length_mm = 40")
+
+
+def test_what_was_before_was_not_measured_later(made):
+    later = {"measured_to_utc": "2027-01-01T00:00:00Z"}
+    previous = {**made.values, "administration": later}
+    with pytest.raises(FileError, match="was measured later"):
+        _ = replace(made, before=Before(previous=previous)).values
 
 
 def test_copied_touches_are_no_basis_of_a_verdict(made, original, tmp_path):
