@@ -174,7 +174,7 @@ def _add_accuracy(
     accuracy.append(test)
     digest = values["digest"]["digest"]
     source = SubElement(accuracy, "AccuracySource")
-    withheld = f"{values['conclusion']}: " if values["statements"]["absent"] else ""
+    withheld = f"{values['conclusion']}: " if values["verdict"] == "withheld" else ""
     text_element(source, "OtherAccuracySource", f"{withheld}{title}; digest {digest}")
 
 

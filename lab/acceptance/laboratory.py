@@ -3,12 +3,33 @@
 from datetime import date
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.reader import StrictModel
 
-Text = Annotated[str, Field(pattern=r"^\S+(\s+\S+)*$", max_length=500)]
+# What says that somebody has not said it yet.
+_NOTHING = frozenset(("n/a", "none", "not stated", "tbd", "todo", "unknown"))
+
+
+def says_nothing(value: object) -> bool:
+    """Return whether a text, or another value, states nothing."""
+    if not isinstance(value, str):
+        return value is None
+    return not any(map(str.isalnum, value)) or value.strip().casefold() in _NOTHING
+
+
+def _stating(text: str) -> str:
+    if says_nothing(text):
+        raise ValueError(f"{text!r} states nothing; leave the line out, or say it")
+    return text
+
+
+Text = Annotated[
+    str,
+    Field(pattern=r"^\S+(\s+\S+)*$", max_length=500),
+    AfterValidator(_stating),
+]
 CountryCode = Annotated[str, Field(pattern="^[A-Z]{2}$")]
 
 

@@ -17,6 +17,7 @@ from traverse.lab.acceptance.administration import (
     StandardUsed,
     administration_of,
 )
+from traverse.lab.acceptance.laboratory import says_nothing
 from traverse.lab.acceptance.limits import Limits
 from traverse.lab.acceptance.procedures.length_tests import LEAST_SHARE
 from traverse.lab.artefacts.materials import MATERIALS, TABLE_HOLDS_C, Expansion
@@ -52,16 +53,6 @@ class Statement:
     without: tuple[str, ...] = ()
 
 
-# What says that somebody has not said it yet.
-_NOTHING = frozenset(("n/a", "none", "not stated", "tbd", "todo", "unknown"))
-
-
-def _is_absent(value: object) -> bool:
-    if not isinstance(value, str):
-        return value is None
-    return not any(map(str.isalnum, value)) or value.strip().casefold() in _NOTHING
-
-
 # Where a value is not called as its statement is.
 _KEYS = {
     "dates": "measured_from_utc",
@@ -79,7 +70,7 @@ def _of_measurement(
     key = _KEYS.get(code, code)
 
     def lacking(stated: Administration) -> Iterator[str]:
-        if _is_absent(getattr(stated, key)):
+        if says_nothing(getattr(stated, key)):
             yield ""
 
     return Statement(code, text, where, lacking, without)
@@ -92,7 +83,7 @@ def _standards(is_lacking: Callable[[StandardUsed], bool]) -> Lacking:
 
 def _of_standards(code: str, text: str) -> Statement:
     key = _KEYS.get(code, code)
-    lacking = _standards(lambda each: _is_absent(getattr(each, key)))
+    lacking = _standards(lambda each: says_nothing(getattr(each, key)))
     return Statement(code, text, f"{key} {_STANDARDS}", lacking)
 
 

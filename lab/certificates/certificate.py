@@ -5,7 +5,7 @@ check makes it anew and compares every byte but the signature.
 """
 
 from collections.abc import Sequence
-from datetime import UTC, date, datetime
+from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
 from cryptography.x509 import Certificate
@@ -43,7 +43,16 @@ _ISSUED = "{https://ptb.de/dcc}issueDate"
 
 
 def issue_date(laboratory: Laboratory) -> date:
-    return laboratory.issued or datetime.now(UTC).date()
+    """Return the day of issue, by default today.
+
+    Raises:
+        FileError: It is in the future, wherever on earth.
+    """
+    today = datetime.now(UTC).date()
+    issued = laboratory.issued or today
+    if issued > today + timedelta(days=1):
+        raise FileError("laboratory.toml", f"issued is {issued}, which is to come")
+    return issued
 
 
 def certify(

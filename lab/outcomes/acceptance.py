@@ -192,7 +192,8 @@ class AcceptanceOutcome:
         title: In a few words.
         sentences: What was decided of which figures, or what a verdict lacks.
         verdict: Of the whole: the worst of its figures'; withheld where a statement is
-            absent; None where a figure is missing or has no limit.
+            absent, or touches contradict the rest; None where a figure is missing or
+            has no limit.
         verdicts: Of the figures, in their order.
     """
 
@@ -205,8 +206,9 @@ class AcceptanceOutcome:
 
 def acceptance_outcome(evidence: AcceptanceEvidence) -> AcceptanceOutcome:
     outcome = judge(CONDITIONS, evidence)
+    without_basis = bool(evidence.absent or evidence.contradictions)
     verdicts = tuple(
-        "withheld" if evidence.absent else figure.verdict for figure in evidence.figures
+        "withheld" if without_basis else figure.verdict for figure in evidence.figures
     )
     return AcceptanceOutcome(
         outcome,
@@ -224,8 +226,8 @@ def _overall(
     verdicts: Sequence[str | None], evidence: AcceptanceEvidence
 ) -> str | None:
     worst = next((word for word in VERDICT_WORDS if word in verdicts), None)
-    is_open = None in verdicts or bool(evidence.missing or evidence.contradictions)
-    if evidence.absent:
+    is_open = None in verdicts or bool(evidence.missing)
+    if evidence.absent or evidence.contradictions:
         return "withheld"
     return None if worst == "accept" and is_open else worst
 

@@ -226,7 +226,7 @@ def _standards(document: _Document, values: Mapping[str, Any]) -> None:
             texts=8,
         )
         document.text_block(WORDS.traceability(values), note=True)
-    if not values["statements"]["absent"]:
+    if values["verdict"] != "withheld":
         document.signature()
 
 

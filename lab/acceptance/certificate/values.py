@@ -111,7 +111,10 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         ),
         "figures": figures,
         **comparison_values(
-            certificate.before, figures, stated.measured_to_utc, withheld=bool(absent)
+            certificate.before,
+            figures,
+            stated.measured_to_utc,
+            withheld=judged.verdict == "withheld",
         ),
         "missing": plain_values(verification.missing),
         "lengths": [_length(error) for error in verification.lengths],

@@ -308,6 +308,7 @@ def test_figures_that_do_not_follow_are_not_certified(
     [
         ('country = "DE"', 'country = "Germany"', "laboratory.country"),
         ('number = "2026-0417"', 'number = " "', "number"),
+        ('number = "2026-0417"', 'number = "TBD"', "number"),
         ("[[persons]]", "[[people]]", "persons"),
         ("issued = 2026-11-23", 'issued = "today"', "issued"),
         ('role = "head"', 'rôle = "head"', "file"),
@@ -362,12 +363,18 @@ def test_valid_by_the_standards_own_schema(signed_verification):
     assert list(schema_problems(root, SCHEMAS)) == []
 
 
-def test_no_issue_before_the_last_touch(verified, tmp_path):
+@pytest.mark.parametrize(
+    ("day", "message"),
+    [("2020-01-01", "before the last touch"), ("2999-01-01", "which is to come")],
+)
+def test_no_issue_before_the_last_touch_or_in_the_future(
+    verified, tmp_path, day, message
+):
     folder = shutil.copytree(verified, tmp_path / "copy")
-    early = tmp_path / "laboratory.toml"
-    early.write_text(LABORATORY.replace("2026-11-23", "2020-01-01"), "utf-8")
-    with pytest.raises(FileError, match="issued is 2020-01-01, before the last touch"):
-        certify(folder, early, None)
+    file = tmp_path / "laboratory.toml"
+    file.write_text(LABORATORY.replace("2026-11-23", day), "utf-8")
+    with pytest.raises(FileError, match=f"issued is {day}, {message}"):
+        certify(folder, file, None)
 
 
 def test_every_field_of_a_laboratory_is_stated(verified, laboratory, tmp_path):
