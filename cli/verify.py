@@ -76,13 +76,9 @@ def verify(
 
             print_report(report, plan_words(report), as_json=as_json)
             return
-        missing = [
-            name
-            for name, value in (("DATA", data), ("--standard", standard))
-            if value is None
-        ]
         if data is None or standard is None:
-            refuse(f"{', '.join(missing)} missing; or give --plan STANDARD, or --check")
+            name = "DATA" if data is None else "--standard"
+            refuse(f"{name} missing; or give --plan STANDARD, or --check")
         known = _known(standard, "--standard")
         certificate = _certificate(data, known, arm, others, operator)
         values = certificate.values
@@ -161,12 +157,9 @@ def _certificate(
     before = read_before(
         data, standard, permitted, arm, as_found=as_found, previous=previous
     )
-    named = zip(
-        (LIMITS, AS_FOUND, PREVIOUS, LABORATORY),
-        (limits, as_found, previous, laboratory),
-        strict=True,
-    )
-    files |= {name: bytes_of(path) for name, path in named if path is not None}
+    kept = {LIMITS: limits, AS_FOUND: as_found, PREVIOUS: previous}
+    kept[LABORATORY] = laboratory
+    files |= {name: bytes_of(path) for name, path in kept.items() if path is not None}
     return SealedCertificate(
         verified(measured, standard, permitted),
         arm,

@@ -35,7 +35,6 @@ class StandardUsed:
     Attributes:
         artefacts: Ids of these places.
         calibration_date: ISO 8601.
-        calibrated_by: Laboratory that its traceability rests on.
         valid_until: Last day of its certificate.
         expansion_per_c: Stated, or that of the material.
         expansion_std_per_c: Standard uncertainty of that.
@@ -79,18 +78,14 @@ class Administration:
 
     Attributes:
         measured_from_utc: Of the first touch, ISO 8601 with Z.
-        measured_to_utc: Of the last touch.
         temperature_least_c: Of all touches, as the next two.
         temperature_std_c: Standard uncertainty of these.
-        probe: Type and serial number of probe and stylus.
         probe_diameter_mm: Of the ball; 0 of a sensor, whose points are on the surface.
         probe_length_mm: From the last joint to the centre of the ball.
         measuring_range_mm: Diameter of the volume that shares of a length refer to.
         reach_mm: From the shoulder, which shares of zones refer to.
-        next_date: Of the next test, where it was agreed on.
         longest_mm: Certified length of the longest standard.
         too_large_limits: Their keys, and values at the length of the reach.
-        agreement: Where both parties agreed on a standard that is not of arms.
         copied_touches: How many are where another was, to the last digit, if many.
         is_of_identification: Whether the arm was identified from these very touches.
     """

@@ -131,12 +131,7 @@ def certificate_text(
 ) -> str:
     """Write the certificate of the values of a `certificate.json` or identification.
 
-    Args:
-        kind: Whose values these are.
-        values: As in the file.
-        administration: Who measured what, where and when.
-        digest: Of the values of the arm file.
-        stated: What the laboratory states: `laboratory`, `issued` and `files`.
+    The digest is of the arm file's values; stated are `laboratory`, `issued`, `files`.
 
     Raises:
         ValueError: Something is missing without which nothing is certified.

@@ -72,14 +72,7 @@ class ArtefactTouches:
 
 @dataclass(frozen=True, slots=True)
 class Occasion:
-    """Operator, place and time of the measurement; None where it is not stated.
-
-    Attributes:
-        operator: As in the campaign file.
-        place: As in the campaign file.
-        circumstances: As in the campaign file.
-        campaign_digest: Of what was measured, if it is a campaign.
-    """
+    """Operator, place and time of the measurement; None where it is not stated."""
 
     operator: str | None = None
     place: str | None = None
@@ -99,7 +92,6 @@ class Measurement:
         shoulder_mm: Where the arm's reach is counted from, (3,).
         reach_mm: How far the ball gets from there, at most.
         notes: What is not as it should be, but no reason to refuse.
-        occasion: Who measured, where and when.
         errors_unknown: Why the touches have no errors; None where they have.
         tool: With which all was touched; None where the campaign names none.
     """
@@ -157,16 +149,10 @@ def measurement_of_touches(
     occasion: Occasion,
     errors: JointCovariance | str = "the points have no angles",
 ) -> Measurement:
-    """Sort touches by artefact.
+    """Sort n touches by artefact, with the names of artefact and feature of each.
 
-    Args:
-        arm: Of the measurement.
-        artefacts: By id.
-        names: Of the artefact and the feature of every touch, (n,) each.
-        numbers: Place of the ball's centre, temperature, radius of the tip, (n, 5).
-        notes: What is not as it should be.
-        occasion: Who measured, where and when.
-        errors: Of the places; else why they are not known.
+    Numbers are the place of the ball's centre, temperature, and radius of the tip,
+    (n, 5); errors those of the places, else why they are not known.
     """
     known = None if isinstance(errors, str) else errors
     every = ArtefactTouches(

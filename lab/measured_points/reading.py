@@ -116,10 +116,8 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
 def read_measured(data: Path, arm: Arm, arm_file: Path | None = None) -> Measurement:
     """Read a campaign's folder, whose poses may be a table of exported points.
 
-    Args:
-        data: Folder with `campaign.toml` in it, or a recording with a campaign.
-        arm: Of the measurement.
-        arm_file: Beside which its covariance is; None: errors are not asked for.
+    The data are a folder with `campaign.toml` in it, or a recording with a campaign.
+    Errors are asked for where the arm's file is given, beside which its covariance is.
 
     Raises:
         FileError: With everything that is wrong with a file.
@@ -202,14 +200,10 @@ def measured_campaign(
     source: str = "",
     arm_file: Path | None = None,
 ) -> Measurement:
-    """Compute the ball's centres of a campaign with the arm file.
+    """Compute the ball's centres of a campaign of uncorrected readings.
 
-    Args:
-        campaign: Its readings are uncorrected.
-        arm: With its effects.
-        artefacts: As in the campaign file, with the points that were not touched.
-        source: What to call the campaign in errors.
-        arm_file: As of `read_measured`.
+    The artefacts are those of its file, with the points that were not touched; the
+    source is what to call it in errors.
 
     Raises:
         FileError: The campaign lacks data that effects need.

@@ -43,18 +43,13 @@ class KnownArm:
 def effects_of_poses(arm: Arm) -> tuple[Effect, ...]:
     """Leave out the effects of standards: their certificates say how long they are."""
     kinds = EFFECT_KINDS
-    return tuple(
-        effect for effect in arm.effects if kinds[effect.kind].effect_class != "O"
-    )
+    return tuple(each for each in arm.effects if kinds[each.kind].effect_class != "O")
 
 
 def known_arm(path: Path, arm: Arm, span: Span | None) -> KnownArm:
     """Read the covariance beside an arm file.
 
-    Args:
-        path: Of the arm file.
-        arm: As read.
-        span: Of a campaign, for effects that are bound to its time.
+    The span of a campaign is for effects that are bound to its time.
 
     Raises:
         ValueError: There is none, or it is of another arm; says what to do.
@@ -69,12 +64,7 @@ def known_arm(path: Path, arm: Arm, span: Span | None) -> KnownArm:
 
 
 def shared_by_points(points: Sequence[Point], path: Path, arm: Arm) -> Floats:
-    """Compute what points share by the parameters of their arm.
-
-    Args:
-        points: n captured points.
-        path: Of the arm file that they were taken with.
-        arm: As read.
+    """Compute what n points share by the parameters of the arm of a file.
 
     Returns:
         Factors S of `JointCovariance`, (n, 3, rank).
@@ -100,14 +90,9 @@ def shared_by_points(points: Sequence[Point], path: Path, arm: Arm) -> Floats:
 def errors_of_poses(
     campaign: Campaign, rows: Integers, places_mm: Floats, path: Path, arm: Arm
 ) -> JointCovariance:
-    """State the errors of poses of a campaign, by its noise and by the arm.
+    """State the errors of poses of a campaign, by its noise and by the arm of a file.
 
-    Args:
-        campaign: Its readings are uncorrected.
-        rows: Of the poses, (n,).
-        places_mm: Of the ball, (n, 3).
-        path: Of the arm file.
-        arm: As read.
+    Rows of the poses, (n,), and places of the ball, (n, 3); readings are uncorrected.
 
     Raises:
         ValueError: Says what is not known, and where to state it.

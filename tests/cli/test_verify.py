@@ -266,7 +266,7 @@ def test_a_plan_is_a_campaign_that_can_be_collected(standard, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "DATA, --standard missing"),
+        ((), "DATA missing"),
         ((".", "--standard", "iso"), "no standard 'iso'; there are: iso10360-12"),
         ((".", "--standard", "vdi2617-9"), "--arm missing"),
         (("--plan", "vdi2617-9"), "--plan needs --arm and --out"),

@@ -29,10 +29,8 @@ AS_FOUND, PREVIOUS = "as-found.toml", "previous.json"
 class Before:
     """What a certificate is compared with; None where it is not.
 
-    Attributes:
-        arm: As found.
-        as_found: Figures of the same touches with it.
-        previous: Values of the previous `certificate.json`.
+    The arm as found, figures of the same touches with it, and the values of the
+    previous `certificate.json`.
     """
 
     arm: Arm | None = None
@@ -52,15 +50,7 @@ def read_before(
     as_found: Path | None,
     previous: Path | None,
 ) -> Before:
-    """Read the arm as found and the previous certificate, as far as they are given.
-
-    Args:
-        data: As of `read_by_tool`.
-        standard: As of `verified`.
-        limits: As of `verified`.
-        arm: As left.
-        as_found: Arm file.
-        previous: certificate.json.
+    """Read the arm as found and the previous certificate, of an arm as it was left.
 
     Raises:
         FileError: One is of another arm or standard, or was altered.
@@ -107,13 +97,7 @@ def comparison_values(
     *,
     withheld: bool,
 ) -> dict[str, Any]:
-    """Put both comparisons into plain values; null where there is none.
-
-    Args:
-        before: What was read.
-        figures: As left, as plain values.
-        measured_to_utc: Until when they were measured.
-        withheld: Whether nothing is decided for want of a statement.
+    """Put both comparisons with figures as left into plain values; null without.
 
     Raises:
         FileError: What was before was measured later.

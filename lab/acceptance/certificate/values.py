@@ -42,10 +42,7 @@ class SealedCertificate:
     """A verification with everything that it was made of.
 
     Attributes:
-        limits: As read, or none.
-        laboratory: Who certifies, for whom, if anybody says so.
         files: Contents of the files, by the names that they get in the folder `data`.
-        before: What it is compared with.
     """
 
     verification: Verification

@@ -40,12 +40,7 @@ def predicted_lengths(
 ) -> PredictedLengths | None:
     """Compare errors of length with what the arm's files predict.
 
-    Args:
-        measured: Of which the errors are.
-        errors: n of them.
-
-    Returns:
-        The comparison; None where the touches' errors are not known.
+    None where the touches' errors are not known.
     """
     if not errors or measured.errors_unknown is not None:
         return None

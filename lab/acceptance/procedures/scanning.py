@@ -151,12 +151,7 @@ def representatives(outwards: Floats, name: str) -> list[int]:
     Where the probe stayed longer there are more points, which must not draw the pole
     to them: it is the middle of the cells that the scan went through.
 
-    Args:
-        outwards: From the centre to the points, (n, 3).
-        name: Of the sphere.
-
-    Returns:
-        Their rows, in the order of the pattern.
+    Of n points, (n, 3) from the centre; returns rows in the order of the pattern.
 
     Raises:
         IncompleteError: Not every direction has a point of its own near to it.

@@ -186,16 +186,6 @@ def test_an_uncertainty_that_is_not_stated_leaves_undecided():
     assert figure.budget.standard_mm is None
 
 
-def test_guard_band_leaves_neither():
-    # u = 1 um, band 1.65 um: 9 um of 10 is neither, and there is no second try of two.
-    changed = {"uni-1-1": [0.009, 0.009, 0.0]}
-    sure = {"fixture_std_mm": 0.001}
-    assert judged(changed, standards=sure).decision.verdict == "neither"
-    assert judged(changed, standards=sure, decision="simple").decision.verdict == (
-        "accept"
-    )
-
-
 def test_what_is_missing_is_listed_and_nothing_computed():
     data = all_sets({"uni-1-1": [0.0, 0.0], "uni-7-5": [0.0] * 4})
     data = measured(

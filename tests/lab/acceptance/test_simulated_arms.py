@@ -8,7 +8,7 @@ import pytest
 
 from tests.docs.pages import CHECKOUT
 from tests.shared import shared
-from traverse.kinematics.arm_file.arm import effect_from_table, read_arm
+from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.acceptance.limits import NO_LIMITS
 from traverse.lab.acceptance.plan import plan_of
 from traverse.lab.acceptance.standards import STANDARDS, verified
@@ -20,7 +20,7 @@ from traverse.lab.outcomes.acceptance import (
 )
 from traverse.lab.outcomes.base import State
 from traverse.simulator.arm.truth import Deviations, true_arm
-from traverse.simulator.campaigns import NoiseTable, with_effects, write_campaign
+from traverse.simulator.campaigns import NoiseTable, write_campaign
 from traverse.simulator.campaigns.acceptance.poses import (
     acceptance_poses,
     drawn_acceptance,
@@ -48,15 +48,6 @@ def test_a_perfect_arm_has_no_errors(standard, tmp_path):
     for figure in figures(poses_of(standard), standard, tmp_path).values():
         assert figure.value_mm == pytest.approx(0.0, abs=1e-6), figure.name
         assert figure.remarks == ()
-
-
-def test_a_ball_that_is_too_large_shows_in_the_size_alone(tmp_path):
-    table = {"kind": "probe_radius", "radius_error_mm": 0.004}
-    poses = with_effects(poses_of("iso10360-12"), [effect_from_table(table)])
-    by_key = figures(poses, "iso10360-12", tmp_path)
-    assert by_key["p_size"].value_mm == pytest.approx(0.008, abs=1e-6)
-    assert by_key["p_form"].value_mm == pytest.approx(0.0, abs=1e-6)
-    assert by_key["e_uni"].value_mm == pytest.approx(0.0, abs=1e-6)
 
 
 def test_errors_of_length_are_those_of_the_places(tmp_path):
