@@ -244,6 +244,7 @@ def _sentences(evidence: AcceptanceEvidence) -> Iterator[str]:
         yield "No verdict is given without what it rests on."
         for statement in evidence.absent:
             yield f"Missing: {statement.subject} ({statement.where})."
+    if evidence.absent or evidence.contradictions:
         return
     if not evidence.missing and not by_verdict:
         yield "Complete; no limits given, so nothing is decided."

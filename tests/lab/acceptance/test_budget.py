@@ -40,7 +40,8 @@ def bar(length_mm, identity="bar", warmer_c=2.0):
 
 
 def test_the_end_gauge_of_the_gum():
-    # JCGM 100:2008, H.1: a gauge of 50 mm by comparison; table H.1 and H.1.6.
+    # JCGM 100:2008, H.1: a gauge of 50 mm by comparison; table H.1 and H.1.6. The same
+    # numbers are public as examples of other programs.
     lines = (
         Contribution("standard", "", 25e-6, degrees=18.0),
         Contribution("repeated observations", "", 5.8e-6, "", "A", 24.0),

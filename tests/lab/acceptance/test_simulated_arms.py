@@ -122,7 +122,7 @@ def test_what_does_not_belong_together_is_bad(standard, mix, tmp_path):
         mix(tmp_path)
     verification = verified([read_measured(tmp_path, ARM)], standard, NO_LIMITS)
     figures = [
-        DecidedFigure(figure.name, figure.value_mm, None, None, ())
+        DecidedFigure(figure.name, figure.value_mm, 1.0, "accept", ())
         for figure in verification.figures
     ]
     evidence = AcceptanceEvidence(
@@ -136,6 +136,7 @@ def test_what_does_not_belong_together_is_bad(standard, mix, tmp_path):
     assert judged.title == "Arm file, poses and artefacts do not belong together"
     assert "radians" in judged.sentences[0]
     assert judged.verdict == "withheld"
+    assert "ccepted" not in " ".join(judged.sentences)
 
 
 @pytest.mark.parametrize("standard", STANDARDS)
