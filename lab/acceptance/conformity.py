@@ -12,7 +12,7 @@ loses (the supplier cannot prove conformity, nor the customer the opposite). Whe
 not stated nothing is decided: "undecided".
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -128,17 +128,34 @@ def judged_figure(
     *,
     budget: Budget,
     model: Model | None = None,
-    length_mm: float = 0.0,
+    lengths_mm: Sequence[float] = (),
     source: Source = "general knowledge",
     parts: Iterable[tuple[str, float]] = (),
     remarks: Iterable[str] = (),
 ) -> Figure:
-    """Make a figure, decided on where it has a limit, for a length where that grows."""
+    """Make a figure, decided on where it has a limit, for lengths where that grows.
+
+    All test values of which it is the largest must keep to the limit, each with its own
+    uncertainty.
+    """
+    model = model or Model(np.array([value_mm]), (budget,))
     limit = limits.mpe.of(key)
     decision = None
     if limit is not None:
-        limit_mm = limit.at(length_mm)
-        decision = decision_of(value_mm, limit_mm, budget.standard_mm, limits)
+        tests = list(zip(model.values_mm.tolist(), model.budgets, strict=True))
+        if model.reduction == "twice rms":
+            tests = [(value_mm, budget)]
+        limits_mm = [limit.at(mm) for mm in lengths_mm or [0.0] * len(tests)]
+        decisions = [
+            decision_of(test_mm, most_mm, of_test.standard_mm, limits)
+            for (test_mm, of_test), most_mm in zip(tests, limits_mm, strict=True)
+        ]
+        shares = [
+            abs(test[0]) / (each.limit_mm or 1.0)
+            for test, each in zip(tests, decisions, strict=True)
+        ]
+        verdict = worst([each.verdict for each in decisions])
+        decision = replace(decisions[int(np.argmax(shares))], verdict=verdict)
     return Figure(
         key,
         name,
@@ -147,7 +164,7 @@ def judged_figure(
         value_mm,
         budget,
         decision,
-        model or Model(np.array([value_mm]), (budget,)),
+        model,
         tuple(parts),
         tuple(remarks),
     )

@@ -118,14 +118,14 @@ def verified(
 
 def _not_stated(parts: list[Part]) -> Iterator[str]:
     """Return which decisions fail for want of an uncertainty, and where to state it."""
-    names: dict[str, list[str]] = {}
+    names: dict[str, dict[str, None]] = {}
     for part in parts:
         if isinstance(part, Figure) and part.decision is not None:
-            for line in part.budget.lines:
-                if line.standard_mm is None:
-                    names.setdefault(f"{line.name}: {line.formula}", []).append(
-                        part.name
-                    )
+            for budget in (part.budget, *part.model.budgets):
+                for line in budget.lines:
+                    if line.standard_mm is None:
+                        gap = f"{line.name}: {line.formula}"
+                        names.setdefault(gap, {})[part.name] = None
     for gap, figures in names.items():
         of_figures = ", ".join(figures)
         yield (

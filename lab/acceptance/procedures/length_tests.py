@@ -199,7 +199,7 @@ def interim_test(measured: Measurement, limits: Limits) -> Iterator[Part]:
         worst.error_mm,
         budget=worst.budget.with_lines(repeatability_of(sets)),
         model=model_of(counted),
-        length_mm=worst.length_mm,
+        lengths_mm=[error.length_mm for error in counted],
         parts=(
             ("mean error", float(values.mean())),
             ("range of all errors", float(np.ptp(values))),

@@ -270,8 +270,8 @@ def length_sets(
 
 
 def largest_of(errors: Sequence[LengthError]) -> LengthError:
-    """Take the error of the largest size, whatever its sign."""
-    return max(errors, key=lambda error: abs(error.error_mm))
+    """Take the error of the largest size, as a part of its limit if it has one."""
+    return max(errors, key=lambda error: abs(error.error_mm) / (error.limit_mm or 1.0))
 
 
 def model_of(errors: Sequence[LengthError], reduction: Reduction = "largest") -> Model:

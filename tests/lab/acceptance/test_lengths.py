@@ -234,5 +234,24 @@ def test_interim_check_by_hand():
         "largest range within a position": 0.004,
     }
     assert dict(figure.parts) == pytest.approx(expected, abs=1e-9)
+    # Where the limit grows, a short bar may exceed its own by a smaller error.
+    lengths = {name: 300.0 if name == "check-2" else 900.0 for name in errors}
+    errors["check-2"] = [0.005, 0.0, 0.0]
+    data = measured(*(seats(name, lengths[name], e) for name, e in errors.items()))
+    growing = limits(interim_length_mm={"constant_mm": 0.001, "per_m_mm": 0.010})
+    figure = of_kind(interim_test(data, growing), Figure, "interim_length")
+    assert (figure.decision.verdict, figure.value_mm) == (
+        "reject",
+        pytest.approx(0.005),
+    )
+    # Each by its own uncertainty, which has to be stated of all.
+    of_one = dict(data.artefacts)
+    of_one["check-6"] = of_one["check-6"].model_copy(update={"points_std_mm": None})
+    figure = of_kind(
+        interim_test(replace(data, artefacts=of_one), limits(interim_length_mm=0.01)),
+        Figure,
+        "interim_length",
+    )
+    assert figure.decision.verdict == "undecided"
     (missing,) = interim_test(measured(seats("check-1", 600.0, [0.0])), limits())
     assert len(missing.what) == 7
