@@ -14,6 +14,7 @@ not stated nothing is decided: "undecided".
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import repeat
 from typing import Literal
 
 import numpy as np
@@ -145,17 +146,15 @@ def judged_figure(
         tests = list(zip(model.values_mm.tolist(), model.budgets, strict=True))
         if model.reduction == "twice rms":
             tests = [(value_mm, budget)]
-        limits_mm = [limit.at(mm) for mm in lengths_mm or [0.0] * len(tests)]
         decisions = [
-            decision_of(test_mm, most_mm, of_test.standard_mm, limits)
-            for (test_mm, of_test), most_mm in zip(tests, limits_mm, strict=True)
+            (test_mm, decision_of(test_mm, limit.at(mm), each.standard_mm, limits))
+            for (test_mm, each), mm in zip(
+                tests, lengths_mm or repeat(0.0), strict=False
+            )
         ]
-        shares = [
-            abs(test[0]) / (each.limit_mm or 1.0)
-            for test, each in zip(tests, decisions, strict=True)
-        ]
-        verdict = worst([each.verdict for each in decisions])
-        decision = replace(decisions[int(np.argmax(shares))], verdict=verdict)
+        nearest = max(decisions, key=lambda of: abs(of[0]) / (of[1].limit_mm or 1.0))
+        verdict = worst([each.verdict for _, each in decisions])
+        decision = replace(nearest[1], verdict=verdict)
     return Figure(
         key,
         name,

@@ -115,20 +115,15 @@ def _spheres(reach_mm: float) -> Iterator[_Test]:
     for name, far in zip(PROBING, where, strict=True):
         say = f"sphere about {far} from the shoulder, 25 points: {_PATTERN_25}"
         yield name, SPHERE, [Step(name, "", 25, say)]
-    yield (
-        LOCATION,
-        SPHERE,
-        [
-            Step(
-                LOCATION,
-                way,
-                5,
-                f"sphere at half reach, 5 points with the probe pointing {way}: turn "
-                "the wrist, and leave the sphere where it is",
-            )
-            for way in _DIRECTIONS
-        ],
+    yield LOCATION, SPHERE, _articulated(LOCATION, 5, "")
+
+
+def _articulated(name: str, touches: int, scan: str) -> list[Step]:
+    say = (
+        f"sphere at half reach, {scan}{touches} points with the probe pointing {{}}: "
+        "turn the wrist, and leave the sphere where it is"
     )
+    return [Step(name, way, touches, say.format(way)) for way in _DIRECTIONS]
 
 
 def _lengths(reach_mm: float, key: str) -> Iterator[_Test]:
@@ -229,20 +224,8 @@ def _scans(reach_mm: float) -> Iterator[_Test]:
             )
         ],
     )
-    yield (
-        SCANNED_LOCATION,
-        SPHERE,
-        [
-            Step(
-                SCANNED_LOCATION,
-                way,
-                PER_SCANNED_GROUP,
-                f"sphere at half reach, scan {PER_SCANNED_GROUP} points with the probe "
-                f"pointing {way}: turn the wrist, and leave the sphere where it is",
-            )
-            for way in _DIRECTIONS
-        ],
-    )
+    steps = _articulated(SCANNED_LOCATION, PER_SCANNED_GROUP, "scan ")
+    yield SCANNED_LOCATION, SPHERE, steps
     say = f"flat at half reach, tilted by 45 degrees: scan all of it, {PER_SCAN} points"
     yield FLAT, SCANNED_FLAT, [Step(FLAT, "", PER_SCAN, say)]
 
@@ -327,10 +310,8 @@ def write_plan(plan: Plan, standard: str, folder: Path) -> dict[str, Any]:
 
 def plan_words(report: Mapping[str, Any]) -> list[str]:
     """Files written, and steps to carry out."""
-    counts = [
-        counted(report[f"{what}{end}"], what)
-        for what, end in (("artefact", "s"), ("step", "s"), ("touch", "es"))
-    ]
+    ends = (("artefact", "s"), ("step", "s"), ("touch", "es"))
+    counts = [counted(report[f"{what}{end}"], what) for what, end in ends]
     folder = report["folder"]
     return [
         f"{', '.join(counts)}; about {report['hours']} h with an hour of warming up",
