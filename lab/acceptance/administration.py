@@ -9,6 +9,7 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.acceptance.limits import Limits, Mpe
+from traverse.lab.acceptance.procedures.belonging import FARTHEST
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.artefact import ExpandingArtefact
 from traverse.lab.artefacts.materials import MaterialName
@@ -24,8 +25,6 @@ from traverse.lab.report.quantities import OMITTED
 
 # Part of the touches that may be second presses in one posture.
 _MOST_COPIED = 0.02
-# Of the arm's reach: a larger permissible error is a number of micrometres.
-LARGEST_MPE = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +183,7 @@ def _lengths_mm(artefacts: Iterable[Artefact]) -> Iterator[float]:
 def _too_large(limits: Limits, reach_mm: float) -> Iterator[str]:
     for name in Mpe.model_fields:
         limit = limits.mpe.of(name.removesuffix("_mm"))
-        if limit is not None and limit.at(reach_mm) > LARGEST_MPE * reach_mm:
+        if limit is not None and limit.at(reach_mm) > FARTHEST * reach_mm:
             yield f"{name} = {limit.at(reach_mm):g}"
 
 

@@ -12,13 +12,13 @@ from datetime import UTC, datetime
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.acceptance.administration import (
-    LARGEST_MPE,
     Administration,
     StandardUsed,
     administration_of,
 )
 from traverse.lab.acceptance.laboratory import says_nothing
 from traverse.lab.acceptance.limits import Limits
+from traverse.lab.acceptance.procedures.belonging import FARTHEST
 from traverse.lab.acceptance.procedures.length_tests import LEAST_SHARE
 from traverse.lab.artefacts.materials import MATERIALS, TABLE_HOLDS_C, Expansion
 from traverse.lab.campaign.campaign_file import CampaignFile
@@ -195,7 +195,7 @@ STATEMENTS = (
     ),
     Statement(
         "limits",
-        f"permissible error in mm, below {LARGEST_MPE:.1%} of the reach, instead",
+        f"permissible error in mm, below {FARTHEST:.0%} of the reach, instead",
         "[mpe] of limits.toml",
         lambda stated: stated.too_large_limits or (),
     ),

@@ -17,7 +17,7 @@ from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
 
 # Of the arm's reach: no arm is off by more.
-_FARTHEST = 0.01
+FARTHEST = 0.01
 
 
 def contradictions(measured: Measurement, figures: Iterable[Figure]) -> Iterator[str]:
@@ -26,7 +26,7 @@ def contradictions(measured: Measurement, figures: Iterable[Figure]) -> Iterator
     Of the figures those with the measurement's tool.
     """
     tool = None if measured.tool is None else measured.tool.name
-    most_mm = _FARTHEST * measured.reach_mm
+    most_mm = FARTHEST * measured.reach_mm
     for name, touched in measured.touched.items():
         artefact = measured.artefacts.get(name)
         if artefact is None:
