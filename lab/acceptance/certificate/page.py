@@ -178,7 +178,8 @@ def _laboratory_rows(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         return
     replaced = stated.get("replaces")
     replaces = f", in place of {replaced}" if replaced else ""
-    yield "Certificate", f"{stated['number']}{replaces}"
+    label = "Number" if values["verdict"] == "withheld" else "Certificate"
+    yield label, f"{stated['number']}{replaces}"
     yield "Issued", stated.get("issued") or values["date_utc"][:10]
     yield "Laboratory", _address(stated["laboratory"])
     yield "Customer", _address(stated["customer"])
