@@ -152,6 +152,11 @@ class JumpMonitor:
         wraps, count_rad = self._wraps[places], self._count_rad[places]
         steps = (np.diff(counts, axis=0) + wraps // 2) % wraps - wraps // 2
         ways_rad, passed_ns = steps * count_rad, np.diff(times_ns, axis=0)
+        shortest_ns = passed_ns.min()
+        if shortest_ns > 0:  # mostly: no way, nor one that others suggest, is so long
+            most_alike = 1.0 + passed_ns.max() / shortest_ns
+            if np.abs(ways_rad).max() * most_alike < KNOCK_RAD:
+                return []
         is_near = (passed_ns > 0) & (passed_ns <= GAP_NS)
         passed_s = np.where(is_near, passed_ns, GAP_NS) * 1e-9
         speeds = ways_rad / passed_s
