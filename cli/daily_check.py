@@ -78,6 +78,7 @@ def daily_check(
         HistoryRefusedError,
         add_check,
         checks_of,
+        judged_with,
     )
 
     with refusals(HistoryRefusedError, sqlite3.Error):
@@ -88,6 +89,7 @@ def daily_check(
         model = read_arm(arm)
         path = _history(config, history)
         before = checks_of(path, model.name)
+        check = None
         if not show:
             folder = campaign
             if folder is None:
@@ -115,7 +117,7 @@ def daily_check(
             check = _checked(folder, model, arm, new_base or "")
             if not add_check(path, check):
                 typer.echo(f"{folder}: had been counted before", err=True)
-        checks = checks_of(path, model.name)
+        checks = judged_with(checks_of(path, model.name), check)
         if not checks:
             refuse(f"{path}: has no check of arm {model.name} yet")
         report = _report(checks, model.name, limits, acceptance)

@@ -19,12 +19,10 @@ from traverse.lab.measured_points.measurement import (
     IncompleteError,
     Measurement,
     certified_length,
+    copied_touches,
 )
 from traverse.lab.report.provenance import utc_text
 from traverse.lab.report.quantities import OMITTED
-
-# Part of the touches that may be second presses in one posture.
-_MOST_COPIED = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +167,9 @@ def administration_of(
         longest_mm=max(_lengths_mm(touched.values()), default=None),
         too_large_limits=tuple(_too_large(limits, measured[0].reach_mm)) or None,
         agreement=limits.agreement,
-        copied_touches=_copied(measured),
+        copied_touches=copied_touches(
+            of for each in measured for of in each.touched.values()
+        ),
         is_of_identification=_is_of_identification(arm, occasion.campaign_digest),
     )
 
@@ -196,16 +196,6 @@ def _tip_mm(measured: Sequence[Measurement], arm: Arm) -> float:
         for tip_mm in np.unique(touched.tip_mm)
     }
     return tips_mm.pop() if len(tips_mm) == 1 else arm.probe.radius_mm
-
-
-def _copied(measured: Sequence[Measurement]) -> int | None:
-    """Count touches at exactly the place of another; noise never repeats itself."""
-    touched = [of for each in measured for of in each.touched.values()]
-    if not touched:
-        return None
-    places_mm = np.vstack([of.places_mm for of in touched])
-    n_copied = len(places_mm) - len(np.unique(places_mm, axis=0))
-    return n_copied if n_copied > _MOST_COPIED * len(places_mm) else None
 
 
 def _is_of_identification(arm: Arm, digest: str | None) -> bool | None:

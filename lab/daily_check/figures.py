@@ -16,6 +16,7 @@ from traverse.lab.measured_points.measurement import (
     IncompleteError,
     Measurement,
     certified_sphere,
+    copied_touches,
     fitted_sphere,
     reach_of,
 )
@@ -146,6 +147,11 @@ def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
         if n < fewest:
             count_text = counted(n, "touch")
             raise IncompleteError(f"{name}: {count_text}, expected {fewest} or more")
+    if n_copied := copied_touches((seat, touched)):
+        raise IncompleteError(
+            f"{counted(n_copied, 'copy')} among the touches, exactly where another "
+            "is, which noise never repeats: touch anew, and move between two presses"
+        )
     scatter = spread_about_mean(seat.places_mm)
     fit = fitted_sphere(sphere, touched, ball)
     off_mm = off_seat(seat.places_mm, seat.places_mm)

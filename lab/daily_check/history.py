@@ -187,6 +187,17 @@ def _check_types(row: Sequence[object], number: int) -> None:
             raise sqlite3.DatabaseError(problem)
 
 
+def judged_with(checks: list[Check], check: Check | None) -> list[Check]:
+    """List those up to a check, which is the one to be judged; None: all.
+
+    It may have been computed after later ones.
+    """
+    digests = [entry.data_digest for entry in checks]
+    if check is None or check.data_digest not in digests:
+        return checks
+    return checks[: digests.index(check.data_digest) + 1]
+
+
 def since_base(checks: list[Check]) -> list[Check]:
     """Those that the charts are of: since the last new base."""
     begins = [place for place, check in enumerate(checks) if check.begins]

@@ -31,6 +31,8 @@ from traverse.strict_toml.problems import FileError
 
 SCHEMA = "traverse/interim/1"
 WORDS = Words("daily_check/words.jinja")
+# From check to check: more is another room, or another unit.
+_OTHER_C = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,6 +178,13 @@ def _changes(
                 f"{last.figures.sphere_radius_mm:g} mm instead of "
                 f"{before.figures.sphere_radius_mm:g} mm.",
                 "See whether its calibrated radius is right.",
+            )
+        now_c, then_c = last.figures.temperature_c, before.figures.temperature_c
+        if now_c is not None and then_c is not None and abs(now_c - then_c) > _OTHER_C:
+            yield (
+                f"It is {now_c:.1f} °C instead of {then_c:.1f} °C at the check before.",
+                "See whether the temperature is right, in °C; wait until arm and "
+                "sphere have that of the room.",
             )
     if len(touches) > 1:
         yield (

@@ -173,6 +173,20 @@ def measurement_of_touches(
     )
 
 
+# Part of the touches that may be second presses in one posture.
+_MOST_COPIED = 0.02
+
+
+def copied_touches(touched: Iterable[ArtefactTouches]) -> int | None:
+    """Count touches at exactly the place of another; None: not so many that it counts.
+
+    Noise never repeats itself.
+    """
+    places_mm = np.vstack([np.empty((0, 3)), *(of.places_mm for of in touched)])
+    n_copied = len(places_mm) - len(np.unique(places_mm, axis=0))
+    return n_copied if n_copied > _MOST_COPIED * len(places_mm) else None
+
+
 class IncompleteError(ValueError):
     """A figure cannot be computed; says what is missing or too much."""
 

@@ -80,6 +80,10 @@ def test_checks_go_into_the_history_and_a_bad_one_is_found(run, tmp_path):
     assert "articulation, 2 s: one check above 3.5 sigma." in result.output
     assert (tmp_path / "charts" / "chart.png").stat().st_size > 10_000
     assert run("--show", status=1).output == result.output
+    # Of those before it only, though computed after a bad one.
+    late = run("--campaign", campaign(tmp_path / "late", day=6), "--json")
+    assert json.loads(late.stdout)["time_utc"] == "2026-03-07T08:00:00Z"
+    assert json.loads(run("--show", "--json", status=1).stdout)["state"] == "bad"
 
 
 def test_an_incomplete_check_is_not_counted(run, tmp_path):
@@ -93,6 +97,16 @@ def test_nonsense_is_not_counted(run, tmp_path):
         "--campaign", campaign(tmp_path / "off", day=1, scatter_mm=9.0), status=1
     )
     assert "off the others; was it the right seat?" in result.stderr
+    run("--show", status=2)
+
+
+def test_copies_are_no_touches(run, tmp_path):
+    folder = campaign(tmp_path / "copies", day=1)
+    head, first, _, *others = (folder / "poses.csv").read_text().splitlines()
+    again = first.replace("0,", "1,", 1)
+    (folder / "poses.csv").write_text("\n".join([head, first, again, *others]) + "\n")
+    result = run("--campaign", folder, status=1)
+    assert "1 copy among the touches" in result.stderr
     run("--show", status=2)
 
 
