@@ -149,8 +149,8 @@ def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
             raise IncompleteError(f"{name}: {count_text}, expected {fewest} or more")
     if n_copied := copied_touches((seat, touched)):
         raise IncompleteError(
-            f"{counted(n_copied, 'copy')} among the touches, exactly where another "
-            "is, which noise never repeats: touch anew, and move between two presses"
+            f"{n_copied} of the touches lie exactly where another does, which noise "
+            "never repeats: touch anew, and move between two presses"
         )
     scatter = spread_about_mean(seat.places_mm)
     fit = fitted_sphere(sphere, touched, ball)

@@ -106,7 +106,7 @@ def test_copies_are_no_touches(run, tmp_path):
     again = first.replace("0,", "1,", 1)
     (folder / "poses.csv").write_text("\n".join([head, first, again, *others]) + "\n")
     result = run("--campaign", folder, status=1)
-    assert "1 copy among the touches" in result.stderr
+    assert "1 of the touches lie exactly where another does" in result.stderr
     run("--show", status=2)
 
 
