@@ -8,7 +8,7 @@ from typing import Any
 from traverse.lab.acceptance.certificate.pictures import paintings
 from traverse.lab.acceptance.certificate.values import SealedCertificate
 from traverse.lab.report.figures import painted
-from traverse.lab.report.quantities import millimetres, number
+from traverse.lab.report.quantities import millimetres, number, often
 from traverse.lab.report.templates import Words, page
 
 WIDTH_MM = 165.0
@@ -125,7 +125,7 @@ def _repeats(values: Mapping[str, Any]) -> str:
     times = sorted(set(repeats.values()))
     if not times:
         return ""
-    return f"; {len(repeats)} lengths, {' or '.join(map(str, times))} times each"
+    return f"; {len(repeats)} lengths, {' or '.join(map(often, times))} each"
 
 
 def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
