@@ -31,6 +31,7 @@ from traverse.strict_toml.problems import FileError, Problem
 
 LIMIT_RAD = 2.9  # of every turn, default of the configuration
 WIDEST_WORD = 2**32
+MOST_LEAP_RAD = 5e-3  # of a repeated recording: what a knock moves
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,10 +167,23 @@ def build_sources(
         message = f"no column {', '.join(missing)}; columns are named after the "
         message += "encoders' sources in the arm file"
         raise FileError(folder / first.file, [Problem("line 1", message)])
-    return [
+    sources = [
         recorded_counts(recording, columns, encoders.moduli, config.repeat)
         for columns, encoders in zip(names, arm.encoders, strict=True)
     ]
+    leaps = [
+        f"{name} by {leap_rad:.2g} rad"
+        for number, encoders in enumerate(arm.encoders)
+        for name, leap_rad in zip(
+            names[number], sources[number].leaps_rad(encoders), strict=True
+        )
+        if config.repeat and leap_rad > MOST_LEAP_RAD
+    ]
+    if leaps:
+        message = f"the recording ends elsewhere than it begins ({', '.join(leaps)}), "
+        message += "and its counts would jump; end it where it begins, or remove repeat"
+        raise FileError(folder / first.file, [Problem("repeat", message)])
+    return [*sources]
 
 
 def _wired(device: DeviceTable, arm: Arm) -> list[tuple[int, int, Encoder]]:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.arm_file.arm import Arm, read_arm
+from traverse.kinematics.arm_file.arm import Arm, geometry_digest, read_arm
 from traverse.simulator.arm.trajectory import Trajectory, move_pieces, rest_pieces
 from traverse.simulator.arm.truth import Deviations, true_arm
 from traverse.simulator.effects.faulty_arm import faulty_arm
@@ -98,7 +98,11 @@ def write_arm(
         for name, axis, link, zero_rad, source in tables
     ]
     text = f"{_arm_text(tables)}[home]\nangles_rad = {{ {home} }}\n"
-    (folder / "arm.toml").write_text(text + provenance)
+    path = folder / "arm.toml"
+    path.write_text(text)
+    if is_identified:
+        provenance += f'arm_digest = "{geometry_digest(read_arm(path))}"\n'
+    path.write_text(text + provenance)
     (folder / "true.toml").write_text(_arm_text(true))
     library = 'schema = "traverse/probes/1"\n'
     six = [PROBE_STD_MM**2 * part for part in (1, 0, 0, 1, 0, 1)]

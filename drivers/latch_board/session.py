@@ -107,6 +107,7 @@ class LatchBoardSession:
         self._counters = counters
         self.clock = clock
         self._held: list[Callable[[], None]] = []
+        self._last_ticks: int | None = None
         self._stream = self._request = 0
         self._sequence = StreamSequence()
         self._debounce_ns = debounce_ns
@@ -170,6 +171,7 @@ class LatchBoardSession:
                 clock.update(clock.unwrap_one(int(block.ticks[row])), at_ns)
         rows = slice(None) if kept is None else kept
         ticks = clock.unwrap(block.ticks[rows])
+        self._check_order(ticks)
         if not earlier or earlier[-1][0] < len(block.ticks) - 1:
             clock.update(int(ticks[-1]), received_ns)
         counters["samples_received"] += len(seq)
@@ -180,6 +182,23 @@ class LatchBoardSession:
             )
         else:
             self._deliver(block, rows, (stream, seq, ticks), received_ns)
+
+    def _check_order(self, ticks: Integers) -> None:
+        """Compare a board's counter with its successive samples.
+
+        Raises:
+            DeviceError: it has gone back.
+        """
+        last = ticks[0] - 1 if self._last_ticks is None else self._last_ticks
+        steps = np.diff(ticks, prepend=last)
+        self._last_ticks = int(ticks[-1])
+        if steps.min() <= 0:
+            raise DeviceError(
+                f"the counter of the board on {self._path} has gone back by "
+                f"{-int(steps.min())} ticks while its samples go on: it is not 32 bits "
+                "wide, or has begun anew",
+                "let the firmware count 32 bits of ticks; check the board's power",
+            )
 
     @property
     def holds(self) -> bool:

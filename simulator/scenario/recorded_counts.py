@@ -11,6 +11,7 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.plurals import counted
+from traverse.simulator.arm.truth import EncoderSet
 from traverse.strict_toml.problems import FileError
 from traverse.tables.reading import open_table
 
@@ -55,6 +56,12 @@ class RecordedCounts:
     unwrapped: Floats
     moduli: Integers
     repeat: bool
+
+    def leaps_rad(self, encoders: EncoderSet) -> Floats:
+        """Return how far its end is from its beginning, (n_channels,)."""
+        way, half = self.unwrapped[0] - self.unwrapped[-1], self.moduli // 2
+        leaps = np.abs((way + half) % self.moduli - half)
+        return np.asarray(2.0 * np.pi * leaps / encoders.counts_per_turn)
 
     def counts(self, script_s: Floats, noise: np.random.Generator) -> Integers:
         """Return counts (n, n_channels) at script times (n,)."""

@@ -168,6 +168,16 @@ def test_a_replay_without_a_channel_is_refused(folder, capsys):
     assert "no column base/2" in message
 
 
+def test_a_recording_that_would_leap_is_not_repeated(folder, capsys):
+    table = np.full((3, 8), 500)
+    table[:, 0], table[-1, 3] = [0, 1, 2], 400_000_000
+    head = ",".join(["time_s", *(f"base/{channel}" for channel in range(7))])
+    np.savetxt(folder / "r.csv", table, "%d", ",", header=head, comments="")
+    text = config_text('[[motion]]\nkind = "replay"\nfile = "r.csv"\n')
+    message = refuse(folder, capsys, text.replace("seed =", "repeat = true\nseed =", 1))
+    assert "ends elsewhere than it begins (base/2 by " in message
+
+
 def test_the_simulator_runs_without_scipy_and_the_code_under_test():
     foreign = (
         "scipy",

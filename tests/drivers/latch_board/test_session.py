@@ -3,6 +3,7 @@
 from collections import Counter
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from traverse.drivers.base.values import (
@@ -112,6 +113,14 @@ def test_presses_that_wait_long_for_the_boards_clock_are_reported_once(
     session.take(press, RECEIVED_NS + 13_000_000_000)
     assert [latch.token for latch in delivered] == [0]
     assert faults == ["edges_waiting"]
+
+
+@pytest.mark.parametrize("bits", [16, 24])
+def test_a_counter_of_fewer_bits_is_told_where_it_wraps(session, bits):
+    ticks = (1 << bits) - 25_000 + 10_000 * np.arange(3)
+    session._check_order(ticks)
+    with pytest.raises(DeviceError, match="not 32 bits wide"):
+        session._check_order(ticks[-1:] + 10_000 - (1 << bits))
 
 
 @pytest.fixture
