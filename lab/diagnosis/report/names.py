@@ -31,6 +31,8 @@ def candidate_label(candidate: Candidate) -> str:
     """Return what a candidate is, for example `encoder eccentricity, joint J3`."""
     if candidate.is_curve:
         return _curve(candidate)
+    if candidate.covariate == "force_n":
+        return "contacts that give way in proportion to the force"
     row = EFFECT_KINDS[candidate.kind]
     label = row.label
     if candidate.joint is None and row.whole_arm_label is not None:

@@ -7,7 +7,11 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS
-from traverse.kinematics.effects.contacts.touching import ArtefactLength
+from traverse.kinematics.effects.contacts.touching import (
+    ArtefactLength,
+    ProbeRadius,
+    StylusBending,
+)
 from traverse.lab.diagnosis.candidates.candidate_scores import (
     CandidateScores,
     score_banks,
@@ -106,10 +110,16 @@ def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
         status = "tentative"
     shown = names + [curve for curve in curves[:1] if curve.score > chosen.score - _SET]
     shown += _lengths_of_all(stage)
+    yielding = _yielding_contacts(stage, chosen)
+    shown += yielding
     rivals = rivals_of(chosen, shown, max(best.score, chosen.score))
     may_be_another = any(rival.candidate.is_length for rival in rivals)
     if status == "named" and chosen.candidate.is_length and may_be_another:
         # Whoever corrects a right certificate gives the arm another scale.
+        status = "tentative"
+    if status == "named" and any(
+        rival.score > chosen.score + DECIDED for rival in yielding
+    ):
         status = "tentative"
     return NamedTerm(added, chosen, status, harmonic, rivals, best, oversized, negative)
 
@@ -150,8 +160,44 @@ def _lengths_of_all(stage: CandidateScores) -> list[ScoredCandidate]:
         np.sum([rows.by_artefact_length(name) for name in names], axis=0)
         for names in shared
     ]
-    bank = Bank(candidates, _SHARED_PPM * np.hstack(columns))
-    findings = judge(rows, project(rows, bank))
+    return _judged(stage, Bank(candidates, _SHARED_PPM * np.hstack(columns)))
+
+
+def _yielding_contacts(
+    stage: CandidateScores, chosen: ScoredCandidate
+) -> list[ScoredCandidate]:
+    """Judge that contacts give way along their normal, in proportion to the force.
+
+    Strategy: a wrong radius shifts all contacts alike, a stylus that bends those across
+    it; what is touched, or a trigger, may give way as well, and looks like either. No
+    arm file has it, so that it is a rival only. With an unknown force, which then is
+    the same everywhere, it cannot be told from a radius.
+    """
+    if chosen.candidate.kind not in (ProbeRadius.kind, StylusBending.kind):
+        return []
+    rows, library = stage.rows, stage.banks[BankName.LIBRARY]
+    poses = rows.adjustment.network.campaign.poses
+    by_force = np.ones(len(poses))
+    if poses.force_n is not None and np.any(np.isfinite(poses.force_n)):
+        by_force = poses.force_n / np.nanmean(poses.force_n)
+        by_force[np.isnan(by_force)] = 1.0
+    return [
+        rival
+        for candidate, part in zip(library.candidates, library.slices, strict=True)
+        if candidate.kind == ProbeRadius.kind
+        for rival in _judged(
+            stage,
+            Bank(
+                (replace(candidate, covariate="force_n"),),
+                library.columns[:, part] * by_force[rows.poses, np.newaxis],
+            ),
+        )
+    ]
+
+
+def _judged(stage: CandidateScores, bank: Bank) -> list[ScoredCandidate]:
+    """Judge rivals that are in no bank."""
+    findings = judge(stage.rows, project(stage.rows, bank))
     stage = replace(stage, findings={BankName.LIBRARY: findings})
     return ranked(stage, (BankName.LIBRARY,), ())
 

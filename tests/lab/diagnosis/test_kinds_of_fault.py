@@ -26,7 +26,7 @@ from traverse.lab.diagnosis.report.files import (
 from traverse.lab.diagnosis.report.outcome import outcome_of
 from traverse.lab.diagnosis.search.decision import decide
 from traverse.lab.outcomes.base import State
-from traverse.simulator.campaigns import draw_noise
+from traverse.simulator.campaigns import draw_noise, with_effects
 
 COARSE = Noise(encoder_rad=5e-4, contact_mm=0.03)
 GAUGES = [
@@ -300,6 +300,35 @@ def test_distances_wrong_by_one_factor_are_rivals_of_the_probes_radius():
         for part in (diagnosis.other_scale, 0.0)
     ]
     assert spread_mm[0] > 0.9 * diagnosis.other_scale * longest_mm > spread_mm[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("force_is_known", [True, False])
+def test_contacts_that_give_way_are_no_radius_and_no_stylus_alone(force_is_known):
+    """Two operators, of 1 and 4 N, whose contacts yield by 4 um/N."""
+    soft, hard = (
+        campaign_from_simulation(
+            draw_noise(with_effects(poses(), [effect_from_table(table)]), 1).campaign
+        )
+        for table in (
+            {"kind": "probe_radius", "radius_error_mm": -0.004},
+            {"kind": "probe_radius", "radius_error_mm": -0.016},
+        )
+    )
+    is_hard = np.arange(len(soft.poses)) % 2 == 1
+    angles_rad = np.where(
+        is_hard[:, np.newaxis], hard.poses.angles_rad, soft.poses.angles_rad
+    )
+    force_n = np.where(is_hard, 4.0, 1.0) if force_is_known else None
+    both = replace(soft.poses, angles_rad=angles_rad, force_n=force_n)
+    diagnosis = diagnose(replace(soft, poses=both), poses().arm, DECISION)
+    assert diagnosis.terms
+    for term in diagnosis.terms:
+        rivals = [(rival.candidate, rival.alias) for rival in term.alternatives]
+        (rival,) = [each for each in rivals if each[0].covariate == "force_n"]
+        assert rival[0].kind == "probe_radius"
+        assert rival[1] is not force_is_known
+        assert not (force_is_known and term.status == "named")
 
 
 @pytest.mark.slow
