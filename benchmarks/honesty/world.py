@@ -71,6 +71,7 @@ DAY_S = 86_400.0
 SYNCHRONISED_S, ALONE_S = (1.0, 1.0), (60.0 + DAY_S + 60.0, 400.0 * DAY_S)
 STEP_S, QUICK_STEPS = 0.01, 15  # of joints that are seen to freeze
 SEEN_SLACK_S = 0.25  # of blocks and checks
+SLOW_HZ, SCAN_SLACK_S = 30.0, 1.0  # of a scan
 READINGS_THAT_TELL, NEARLY_RAD = 4.0, 1e-3  # of a jump
 CHANGE_S, RETRY_S = 0.1, 0.5  # of a probe that is changed; of a start that is refused
 
@@ -284,6 +285,11 @@ class World:
         if fault.kind == "frozen_device":
             n_others = is_quick[:-QUICK_STEPS].sum(axis=1) - of_device.sum(axis=1)
             enough &= n_others > 0
+        if min(self._family.scans_hz) < SLOW_HZ:  # in such a scan it may not show
+            scans = [a for a in self.plan.actions if a.kind == "scan"]
+            for begin_s, end_s in ((a.at_s, a.at_s + a.size) for a in scans):
+                outside_s = np.abs(times_s - np.clip(times_s, begin_s, end_s))
+                enough &= outside_s[: len(enough)] > SCAN_SLACK_S
         if not enough.any():
             return
         row = int(np.argmax(enough))
