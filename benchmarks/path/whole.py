@@ -14,7 +14,7 @@ from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.scans.plan import plan_scan
 from traverse.daemon.scans.scanner import Scanner, ScanSink
 from traverse.drivers.base.values import CountSamples
-from traverse.drivers.latch_board.session import StreamSequence
+from traverse.drivers.latch_board.sequences import StreamSequence
 from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import corrected_pose

@@ -15,14 +15,14 @@ from traverse.drivers.base.values import (
     LatchedCounts,
 )
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
-from traverse.drivers.latch_board.line import LatchBoardLine, PartialReads, Response
-from traverse.drivers.latch_board.session import (
-    LatchBoardSession,
+from traverse.drivers.latch_board.identification import (
     board_identity,
     check_identification,
     device_alarm,
 )
+from traverse.drivers.latch_board.line import LatchBoardLine, PartialReads, Response
+from traverse.drivers.latch_board.sequences import EdgeSequencer
+from traverse.drivers.latch_board.session import LatchBoardSession
 from traverse.drivers.timing.clock_report import ClockReporter
 from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.protocol.latch_board import messages as wire

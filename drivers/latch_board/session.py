@@ -4,21 +4,17 @@ from collections import Counter
 from collections.abc import Callable, Sized
 
 import numpy as np
-from numpy.typing import NDArray
 
 from traverse.arrays import Booleans, Integers
 from traverse.drivers.base.values import (
     STATUS_TIME_UNCERTAIN,
     STATUS_WARNING,
     CountSamples,
-    DeviceAlarm,
     DeviceError,
-    DeviceRefusedError,
-    Identity,
     LatchedCounts,
 )
-from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
 from traverse.drivers.latch_board.line import PartialReads
+from traverse.drivers.latch_board.sequences import EdgeSequencer, StreamSequence
 from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.plurals import counted
 from traverse.protocol.latch_board import messages as wire
@@ -28,7 +24,6 @@ NUMBERED_NS = 20_000_000  # from a level that has held to the number of its edge
 MAX_EARLY = 16  # edges, as many as a board repeats
 MAX_HELD = 64  # blocks that wait for an answer
 WAITING_NS = 3_000_000_000  # longer than a quiet line takes to tie a clock
-MAX_JUMP = 1 << 20  # a hundred seconds at 10 kHz: no gap of a living stream
 # The maker's own bits of a status byte are unspecified warnings.
 _MAKERS = 0xF0
 _STATUS_ARRAY = np.array(
@@ -37,44 +32,6 @@ _STATUS_ARRAY = np.array(
 )
 """Status of all drivers by the board's status byte."""
 _STATUS_BYTES = _STATUS_ARRAY.tobytes()
-
-
-class StreamSequence:
-    """Sequence numbers of one stream, 32 bits on the wire, unwrapped here."""
-
-    def __init__(self) -> None:
-        self._expected = 0
-
-    def accept(
-        self, seq: NDArray[np.uint32]
-    ) -> tuple[Integers, Booleans | None, int, int]:
-        """Judge the numbers (n,) of a block.
-
-        Returns:
-            The unwrapped numbers to be kept; a mask (n,) of them, None for all; how
-            many are missing before or between; how many are repeated or impossible.
-        """
-        n = len(seq)
-        numbers = np.arange(self._expected, self._expected + n)
-        if (seq == numbers.astype(np.uint32)).all():
-            self._expected += n
-            return numbers, None, 0, 0
-        ahead = (seq.astype(np.int64) - self._expected + WRAP // 2) % WRAP - WRAP // 2
-        possible = np.abs(ahead) < MAX_JUMP
-        reached = np.maximum.accumulate(np.where(possible, ahead, -1))
-        before = np.concatenate(([-1], np.maximum(reached[:-1], -1)))
-        kept = possible & (ahead > before)
-        numbers = self._expected + ahead[kept]
-        lost = self.reach(int(numbers[-1]) + 1) - len(numbers) if len(numbers) else 0
-        return numbers, kept, lost, n - len(numbers)
-
-    def reach(self, next_seq: int) -> int:
-        """Take the board's next number; return how many were skipped."""
-        ahead = (next_seq - self._expected + WRAP // 2) % WRAP - WRAP // 2
-        if not 0 < ahead < MAX_JUMP:
-            return 0
-        self._expected += ahead
-        return ahead
 
 
 class LatchBoardSession:
@@ -425,78 +382,3 @@ class LatchBoardSession:
                 "lower the rate, or use a faster line",
                 lost,
             )
-
-
-JITTER_NS = 50_000  # of the mapped time; see benchmarks/drivers/clock.py
-MIN_TICK_RATE_HZ, MAX_TICK_RATE_HZ = 100_000, 100_000_000
-
-REMEDIES = {
-    1: "clean the encoder's scale; check its distance, its plug and its supply",
-    2: "do not measure; clean the encoder's scale, check its plug and its supply",
-    3: "move slower; then touch a known point before you measure on",
-    4: "check the supply of the board and its cable",
-    5: "wait until the board is as warm as it may be; check its cooling",
-    6: "lower the rate, or raise baud_rate of the device",
-    7: "press again: these presses took no points",
-    8: "check the encoder's plug and cable",
-}
-"""Remedies for alarms of the board; texts are in `wire.ALARMS`."""
-
-
-def check_identification(hello: wire.Hello, path: str) -> None:
-    """Refuse a board with contradictory properties.
-
-    Raises:
-        DeviceRefusedError: another version, impossible channels or counter.
-    """
-    if hello.version[0] != wire.MAJOR:
-        raise DeviceRefusedError(
-            f"the board on {path} speaks version {hello.version[0]} of its "
-            f"protocol, this driver version {wire.MAJOR}",
-            "update the board's firmware or this program",
-        )
-    if not all(1 <= c.bits <= 32 for c in hello.channels):
-        raise DeviceRefusedError(
-            f"the board on {path} describes impossible channels: {hello.channels}",
-            "update the board's firmware",
-        )
-    if not hello.channels and not hello.n_inputs:
-        raise DeviceRefusedError(
-            f"the board on {path} has neither channels nor inputs",
-            "update the board's firmware",
-        )
-    if not MIN_TICK_RATE_HZ <= hello.tick_rate_hz <= MAX_TICK_RATE_HZ:
-        raise DeviceRefusedError(
-            f"the counter of the board on {path} runs at {hello.tick_rate_hz} Hz, "
-            f"expected {MIN_TICK_RATE_HZ} to {MAX_TICK_RATE_HZ} Hz",
-            "update the board's firmware",
-        )
-
-
-def board_identity(hello: wire.Hello) -> Identity:
-    return Identity(
-        f"latch board {hello.board_id.hex()}",
-        ".".join(map(str, hello.firmware)),
-        tuple(channel.modulus for channel in hello.channels),
-        hello.n_inputs,
-        hello.max_rate_hz if hello.channels else 0.0,
-        latches=bool(hello.channels),
-        jitter_ns=JITTER_NS,
-        boot=f"{hello.boot_id:x}",
-        # Bytes that are all the same were never written.
-        serials=(hello.board_id.hex() if len({*hello.board_id}) > 1 else "",),
-    )
-
-
-def device_alarm(device: str, alarm: wire.Alarm) -> DeviceAlarm:
-    channel = None if alarm.channel == wire.WHOLE_BOARD else alarm.channel
-    text = wire.ALARMS.get(alarm.code, f"maker's alarm {alarm.code}")
-    return DeviceAlarm(
-        device,
-        channel,
-        alarm.raised,
-        alarm.code,
-        text,
-        alarm.value,
-        REMEDIES.get(alarm.code, "look the number up in the manual of the board"),
-    )

@@ -293,7 +293,11 @@ def _adjusted(values: Mapping[str, Any]) -> str | None:
 
 
 def missing_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
-    return [(of["name"], what) for of in values["missing"] for what in of["what"]]
+    return [
+        (figure["name"], lack)
+        for figure in values["missing"]
+        for lack in figure["what"]
+    ]
 
 
 def certificate_page(certificate: SealedCertificate) -> str:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from traverse.drivers.base.values import DeviceError
-from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
 from traverse.drivers.latch_board.line import LatchBoardLine
+from traverse.drivers.latch_board.sequences import EdgeSequencer
 from traverse.drivers.latch_board.session import LatchBoardSession
 from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.protocol.latch_board import messages as latch_board

@@ -17,8 +17,7 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 from traverse.drivers.latch_board.driver import LatchBoardDriver, LatchBoardOptions
-from traverse.drivers.latch_board.edge_sequence import WRAP, EdgeSequencer
-from traverse.drivers.latch_board.session import StreamSequence
+from traverse.drivers.latch_board.sequences import WRAP, EdgeSequencer, StreamSequence
 from traverse.testing.deliveries import Deliveries
 from traverse.testing.driver_contract import streaming
 from traverse.testing.waiting import until

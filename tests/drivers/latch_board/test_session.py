@@ -11,12 +11,9 @@ from traverse.drivers.base.values import (
     DeviceError,
     LatchedCounts,
 )
-from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
-from traverse.drivers.latch_board.session import (
-    MAX_EARLY,
-    LatchBoardSession,
-    board_identity,
-)
+from traverse.drivers.latch_board.identification import board_identity
+from traverse.drivers.latch_board.sequences import EdgeSequencer
+from traverse.drivers.latch_board.session import MAX_EARLY, LatchBoardSession
 from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.protocol.latch_board.messages import Edge, Heartbeat, Hello, Latched
 

@@ -231,8 +231,10 @@ def test_an_eccentric_and_tilted_ring_is_named_by_both():
     for table in (ECCENTRIC, twice):
         ring = ring.with_effect(effect_from_table(table))
     diagnosis = decided(ring)
-    found = [(t.status, t.candidate.kind, t.candidate.joint) for t in diagnosis.terms]
-    assert sorted(found) == [
+    verdicts = [
+        (t.status, t.candidate.kind, t.candidate.joint) for t in diagnosis.terms
+    ]
+    assert sorted(verdicts) == [
         ("named", "encoder_eccentricity", "J3"),
         ("named", "encoder_harmonic", "J3"),
     ]

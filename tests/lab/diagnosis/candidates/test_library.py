@@ -267,8 +267,8 @@ def test_harmonics_are_waves_of_the_reading():
     scales = {1: 3e-5, 2: 2e-5, 3: 1e-5, 4: 1e-5, 5: 5e-6, 60: 5e-6}
     for order, scale in scales.items():
         for joint in (0, 4):
-            at = joint * HIGHEST_HARMONIC + order - 1
-            candidate = bank.candidates[at]
+            place = joint * HIGHEST_HARMONIC + order - 1
+            candidate = bank.candidates[place]
             assert candidate.joint == f"J{joint + 1}"
             assert candidate.scales == (scale, scale)
             kind = "encoder_eccentricity" if order == 1 else "encoder_harmonic"
@@ -276,7 +276,7 @@ def test_harmonics_are_waves_of_the_reading():
             phases_rad = order * rows.block.angles_rad[rows.poses, joint]
             waves = np.stack([np.cos(phases_rad), np.sin(phases_rad)], axis=1)
             expected = scale * rows.by_readings[:, [joint]] * waves
-            np.testing.assert_allclose(bank.columns[:, bank.slices[at]], expected)
+            np.testing.assert_allclose(bank.columns[:, bank.slices[place]], expected)
 
 
 def test_low_harmonics_are_those_of_the_library():

@@ -1,4 +1,4 @@
-"""Sequence of a latch board's edges: each once and in order.
+"""Sequences of a latch board's edges and samples: each once and in order.
 
 The board numbers its edges and repeats them until they are acknowledged; an
 acknowledgement covers all earlier edges too (docs/serial-protocol.md). An edge that
@@ -8,7 +8,13 @@ lost the earlier one. Then the oldest that the board repeats is next.
 
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
+from traverse.arrays import Booleans, Integers
+
 WRAP = 1 << 32
+MAX_JUMP = 1 << 20  # a hundred seconds at 10 kHz: no gap of a living stream
 PATIENCE_NS = 1_000_000_000  # the board repeats every 50 ms
 
 Verdict = Literal["next", "early", "waiting", "acknowledged"]
@@ -113,6 +119,44 @@ class EdgeSequencer:
         done = self._acknowledged
         if done is None or _signed(seq - done) > 0:
             self._acknowledged = seq
+
+
+class StreamSequence:
+    """Sequence numbers of one stream, 32 bits on the wire, unwrapped here."""
+
+    def __init__(self) -> None:
+        self._expected = 0
+
+    def accept(
+        self, seq: NDArray[np.uint32]
+    ) -> tuple[Integers, Booleans | None, int, int]:
+        """Judge the numbers (n,) of a block.
+
+        Returns:
+            The unwrapped numbers to be kept; a mask (n,) of them, None for all; how
+            many are missing before or between; how many are repeated or impossible.
+        """
+        n = len(seq)
+        numbers = np.arange(self._expected, self._expected + n)
+        if (seq == numbers.astype(np.uint32)).all():
+            self._expected += n
+            return numbers, None, 0, 0
+        ahead = (seq.astype(np.int64) - self._expected + WRAP // 2) % WRAP - WRAP // 2
+        possible = np.abs(ahead) < MAX_JUMP
+        reached = np.maximum.accumulate(np.where(possible, ahead, -1))
+        before = np.concatenate(([-1], np.maximum(reached[:-1], -1)))
+        kept = possible & (ahead > before)
+        numbers = self._expected + ahead[kept]
+        lost = self.reach(int(numbers[-1]) + 1) - len(numbers) if len(numbers) else 0
+        return numbers, kept, lost, n - len(numbers)
+
+    def reach(self, next_seq: int) -> int:
+        """Take the board's next number; return how many were skipped."""
+        ahead = _signed(next_seq - self._expected)
+        if not 0 < ahead < MAX_JUMP:
+            return 0
+        self._expected += ahead
+        return ahead
 
 
 def _signed(difference: int) -> int:
