@@ -2,6 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
+from traverse.arrays import Floats
+from traverse.kinematics.model.forward import probe_centre
+from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.outcomes.base import (
     Established,
     Finding,
@@ -18,6 +23,8 @@ _MOST_REPEATED = 0.1
 _MOST_EXCLUDED = 0.1
 # Plausible deviations from its design that a parameter of such an arm may have.
 _MOST_DEVIATION = 8.0
+# Of the arm's length: within less, places about the first axis are one.
+_ONE_REACH = 0.05
 # A bad reason of these codes: an arm file of the result might be measured with.
 _UNFIT = frozenset({"converged", "fit", "size", "redundancy", "scale"})
 # Offsets of zeros, found by a search, that are reported.
@@ -75,6 +82,44 @@ def like_design(changes: Mapping[str, float]) -> Finding:
         "times what is plausible. The arm file may be another arm's, or the arm was "
         "rebuilt.",
         "Compare the identified links with the arm.",
+        values,
+    )
+
+
+def several_reaches(geometry: Geometry, angles_rad: Floats) -> Finding:
+    """Compare places near the first axis with those far out, and high ones with low.
+
+    What the model lacks, as bending by weight, changes with the reach. At one reach
+    axes and links take its place, and no residual shows it.
+
+    Args:
+        geometry: The identified arm.
+        angles_rad: Readings, (n_poses, n_joints).
+    """
+    places_mm = probe_centre(geometry, angles_rad) - geometry.origin_mm
+    heights_mm = places_mm @ geometry.axes[0]
+    radii_mm = np.linalg.norm(
+        places_mm - heights_mm[:, np.newaxis] * geometry.axes[0], axis=1
+    )
+    (near_mm, far_mm), (low_mm, high_mm) = (
+        np.percentile(lengths_mm, (5.0, 95.0)).tolist()
+        for lengths_mm in (radii_mm, heights_mm)
+    )
+    values = {
+        "least_radius_mm": near_mm,
+        "largest_radius_mm": far_mm,
+        "least_height_mm": low_mm,
+        "largest_height_mm": high_mm,
+    }
+    arm_mm = float(np.sum(np.linalg.norm(geometry.links_mm, axis=1)))
+    if max(far_mm - near_mm, high_mm - low_mm) > _ONE_REACH * arm_mm:
+        return Established(values)
+    return doubt(
+        f"All poses are at one reach, {near_mm:.0f} to {far_mm:.0f} mm from the axis "
+        f"of the first joint, {low_mm:.0f} to {high_mm:.0f} mm along it: what "
+        "changes with the reach, as bending by weight, cannot show, and lengths "
+        "elsewhere may be wrong by more than their uncertainty.",
+        "Measure near the base and far out, high and low.",
         values,
     )
 

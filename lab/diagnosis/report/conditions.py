@@ -20,6 +20,7 @@ from traverse.lab.outcomes.common_conditions import (
     like_design,
     like_family,
     no_repeats,
+    several_reaches,
     signs_and_zeros,
 )
 from traverse.lab.report.quantities import length_mm
@@ -58,6 +59,11 @@ def _like_design(diagnosis: Diagnosis) -> Finding:
     changes = adjustment.changes(replace(estimated, geometry=diagnosis.design))
     names = adjustment.network.parameters.free_names
     return like_design(dict(zip(names, changes.tolist(), strict=True)))
+
+
+def _several_reaches(diagnosis: Diagnosis) -> Finding:
+    geometry = diagnosis.final.adjustment.state.arm.geometry
+    return several_reaches(geometry, diagnosis.campaign.poses.angles_rad)
 
 
 def _visible(diagnosis: Diagnosis) -> Finding:
@@ -285,5 +291,6 @@ CONDITIONS: tuple[Condition[Diagnosis], ...] = (
     Condition("determined", "the poses determine the arm", _determined),
     Condition("agreeing", "nearly all poses agree", _agreeing),
     Condition("repeated", "poses were measured anew", _independent),
+    Condition("reach", "poses are at several reaches", _several_reaches),
     Condition("in_family", "the arm is like its family", _in_family),
 )

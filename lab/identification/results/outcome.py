@@ -25,7 +25,11 @@ from traverse.lab.outcomes.base import (
     doubt,
     judge,
 )
-from traverse.lab.outcomes.common_conditions import like_design, may_be_measured_with
+from traverse.lab.outcomes.common_conditions import (
+    like_design,
+    may_be_measured_with,
+    several_reaches,
+)
 from traverse.lab.report.quantities import length_mm, probability
 from traverse.plurals import counted
 
@@ -260,6 +264,11 @@ def _well_determined(result: Identification) -> Finding:
     return shortfalls or Established()
 
 
+def _several_reaches(result: Identification) -> Finding:
+    geometry = result.adjustment.state.arm.geometry
+    return several_reaches(geometry, result.campaign.poses.angles_rad)
+
+
 CONDITIONS: tuple[Condition[Identification], ...] = (
     Condition("converged", "the adjustment converged", _converged),
     Condition("fit", "the model explains the measurements", _explained),
@@ -272,6 +281,7 @@ CONDITIONS: tuple[Condition[Identification], ...] = (
     *KEPT,
     Condition("determined", "all free parameters are determined", _determined),
     Condition("weak", "all free parameters are determined well", _well_determined),
+    Condition("reach", "poses are at several reaches", _several_reaches),
     *ALIKE,
 )
 

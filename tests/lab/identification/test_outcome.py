@@ -8,6 +8,7 @@ import pytest
 
 from tests.lab.simulated import DESIGN_ARM, bar, built, cones, simulate
 from traverse.kinematics.model.derivatives import probe_derivatives
+from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.identification.certificates import OF_RADII
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.results.files import identification_json
@@ -118,6 +119,19 @@ def test_poses_that_are_there_twice_are_in_doubt():
     assert outcome_of(result).outcome.codes == ("repeated",)
     (reason,) = outcome_of(result).outcome.reasons
     assert reason.values == {"n_repeated": len(campaign.poses), "n": len(twice.poses)}
+
+
+def test_poses_at_one_reach_are_in_doubt():
+    campaign = simulate(built(3), TABLES, 60, 7)
+    result = identify(campaign, DESIGN_ARM, NO_SEARCH)
+    assert "reach" in outcome_of(result).outcome.established
+    geometry = result.adjustment.state.arm.geometry
+    centres_mm = probe_centre(geometry, campaign.poses.angles_rad)
+    distances_mm = np.linalg.norm(centres_mm - centres_mm[0], axis=1)
+    alike = campaign.part(np.flatnonzero(distances_mm < 30.0))
+    outcome = outcome_of(replace(result, campaign=alike)).outcome
+    assert "reach" in outcome.codes
+    assert outcome.state is not State.GOOD
 
 
 @pytest.mark.parametrize("joint", [1, 3])
