@@ -107,14 +107,16 @@ def test_each_of_two_artefacts_that_creep_is_named():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cones", [[1], [0, 1, 2, 3]])
-def test_an_arm_of_cones_alone_has_no_scale_and_no_file(tmp_path, cones):
+@pytest.mark.parametrize(
+    ("cones", "lacks"), [([1], ("scale", "reach")), ([0, 1, 2, 3], ("scale",))]
+)
+def test_an_arm_of_cones_alone_has_no_scale_and_no_file(tmp_path, cones, lacks):
     """Of a single one there is no volume either, which noise could exceed."""
     start = measured()
     on_cones = start.campaign.part(np.isin(start.campaign.poses.artefacts, cones))
     diagnosis = diagnose(on_cones, start.arm, DECISION)
     assert (diagnosis.verdict, diagnosis.terms) == ("clean", ())
-    assert outcome_of(diagnosis).codes == ("scale",)
+    assert outcome_of(diagnosis).codes == lacks
     assert outcome_of(diagnosis).state is State.BAD
     source = tmp_path / "design.toml"
     write_arm(source, start.arm)
@@ -125,7 +127,7 @@ def test_an_arm_of_cones_alone_has_no_scale_and_no_file(tmp_path, cones):
     made = Identification(sigma0=1.0, redundancy=300)
     identified = start.arm.model_copy(update={"identification": made})
     known = replace(diagnosis, arm=identified)
-    assert outcome_of(known).codes == ("scale",)
+    assert outcome_of(known).codes == lacks
     assert outcome_of(known).state is State.DOUBT
     assert write_diagnosis(tmp_path, known, source) is not None
 
