@@ -93,6 +93,7 @@ async def run(service: Service, *, keep_trying: bool) -> None:
             finally:
                 await service.commands.close()
                 service.utc.close()
+                service.doubts.close()
                 for task in running:
                     task.cancel()
     if failure is not None:

@@ -25,7 +25,7 @@ from traverse.daemon.executor import JudgeUtc
 from traverse.daemon.inputs import REFUSED, Inputs, StartupError, address_of
 from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.doubt_file import DoubtFile
-from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.monitoring.events import EventLog, Occurrence
 from traverse.daemon.monitoring.latencies import latencies_by_name
 from traverse.daemon.monitoring.prometheus import exposition
 from traverse.daemon.mqtt.connection import BrokerConnection
@@ -91,22 +91,18 @@ class Service:
         self.health = HealthReporter(clock, latencies)
         self.status_line = StatusLine()
 
-        try:
-            files = recorded_files(path, configuration)
-        except OSError as error:
-            raise StartupError([f"{error}; was it moved just now?"], REFUSED) from error
+        files = _files_of(path, configuration)
         steps = StepRecorder(clock, flight=configuration.recording.flight)
         step_clock = FrozenClock(clock, steps.related)
-        active = ActiveSession(step_clock)
+        self._active = active = ActiveSession(step_clock)
         self.queue = queue = OutgoingQueue()
         self.publisher = publisher = MessagePublisher(
             arm, encoding, queue, clock, steps
         )
+        self.doubts = DoubtFile(state_path(path) / DOUBTS)
         self.events = events = EventLog(
             clock,
-            DoubtFile(state_path(path) / DOUBTS).following(
-                lambda each: publisher.publish_event(each, active.session.id)
-            ),
+            self._publish_event,
             arm,
             status_due.set,  # whoever connects later learns from it what lasts
         )
@@ -269,6 +265,10 @@ class Service:
         )
         return self.others.sending(message)
 
+    def _publish_event(self, event: Occurrence) -> None:
+        self.publisher.publish_event(event, self._active.session.id)
+        self.doubts.add(event.data)
+
     def _judge_utc(self, doubt: str, remedy: str) -> None:
         JudgeUtc(doubt, remedy).execute(self.measurement)
         self.outbox.trust_clock(not doubt)
@@ -344,6 +344,13 @@ class Service:
         if in_doubt and self.phase == "measuring":
             line += f", in doubt: {', '.join(in_doubt)}"
         self.notifier.status(line)
+
+
+def _files_of(path: Path, configuration: Configuration) -> dict[str, bytes]:
+    try:
+        return recorded_files(path, configuration)
+    except OSError as error:
+        raise StartupError([f"{error}; was it moved just now?"], REFUSED) from error
 
 
 def _take_probes(measurement: Measurement, inputs: Inputs) -> None:

@@ -22,7 +22,7 @@ from traverse.lab.acceptance.procedures.length_tests import (
 )
 from traverse.lab.acceptance.procedures.lengths import SET
 from traverse.lab.acceptance.standards import verified
-from traverse.lab.artefacts import artefact_from_table
+from traverse.lab.artefacts import ARTEFACT_KINDS
 from traverse.lab.artefacts.artefact import EXACT_MM
 from traverse.lab.measured_points.measurement import (
     ArtefactTouches,
@@ -38,6 +38,7 @@ from traverse.simulator.campaigns.acceptance.poses import (
 )
 from traverse.simulator.campaigns.campaign import SimulatedCampaign, StatedArtefact
 from traverse.simulator.campaigns.pose_set import PoseSet
+from traverse.strict_toml.reader import tuples_for_lists
 
 ARM = Path(__file__).parent.parent.parent / "cli" / "demo_data" / "arm.toml"
 STANDARD = "iso10360-12"
@@ -272,21 +273,18 @@ def _measured(
     """Compute places with the arm file; standards are of steel."""
     campaign = drawn.campaign
     places_mm = probe_centre(geometry_from_arm(arm), campaign.readings_rad)
-    tables = {
-        entry.id: artefact_from_table(
-            {
-                "id": entry.id,
-                "kind": entry.kind,
-                **entry.table,
-                "expansion_per_c": EXPANSION_PER_C,
-                "expansion_std_per_c": EXPANSION_LIMIT_PER_C / 3.0**0.5,
-                "reference_temperature_c": reference_c,
-            }
-        )
-        for entry in artefacts
+    steel = {
+        "expansion_per_c": EXPANSION_PER_C,
+        "expansion_std_per_c": EXPANSION_LIMIT_PER_C / 3.0**0.5,
+        "reference_temperature_c": reference_c,
     }
+    standards = {}
+    for entry in artefacts:
+        table = {"id": entry.id, "kind": entry.kind, **entry.table, **steel}
+        kind = ARTEFACT_KINDS[entry.kind]
+        standards[entry.id] = kind.model_validate(tuples_for_lists(table))
     touched = {}
-    for name in tables:
+    for name in standards:
         rows = np.flatnonzero(campaign.artefact == name)
         touched[name] = ArtefactTouches(
             places_mm[rows],
@@ -295,7 +293,7 @@ def _measured(
             np.full(len(rows), arm.probe.radius_mm),
         )
     shoulder_mm, reach_mm = reach_of(arm)
-    return Measurement(tables, touched, shoulder_mm, reach_mm)  # type: ignore[arg-type] # made from tables
+    return Measurement(standards, touched, shoulder_mm, reach_mm)
 
 
 def _stated(standard_mm: float | None) -> float:

@@ -249,7 +249,11 @@ class ArmSight:
 
     def _take_doubt(self, event: Event) -> None:
         """Flag what an event puts in doubt after it was published."""
-        if (doubt := LaterDoubt.of(event.data)) is None or doubt in self.doubts:
+        try:
+            doubt = LaterDoubt.of(event.data)
+        except ValueError:  # not written by a daemon of this version
+            return
+        if doubt is None or doubt in self.doubts:
             return
         self.doubts.append(doubt)
         for held in self.sessions.values():

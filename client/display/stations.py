@@ -34,7 +34,7 @@ class Stations:
         self.again, self.is_moved = dict(again), True
 
     def refuse_while_moved(self) -> None:
-        """Refuse what needs to know where the arm stands.
+        """Refuse an action that requires the place of the arm.
 
         Raises:
             ValueError: that is not known.

@@ -6,11 +6,10 @@ Points are stored as they were published; `traverse export` of an outbox marks t
 import json
 import logging
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
-from traverse.daemon.monitoring.events import Occurrence
 from traverse.strict_toml.problems import reason_of
 from traverse.strict_toml.writing import write_atomically
 
@@ -30,22 +29,13 @@ class DoubtFile:
         self._thread = ThreadPoolExecutor(1, "doubts")
         self._lines: deque[str] | None = None  # not read yet
 
-    def following(
-        self, publish: Callable[[Occurrence], None]
-    ) -> Callable[[Occurrence], None]:
-        """Return how to publish events, and note those that name earlier numbers."""
-
-        def publish_and_note(event: Occurrence) -> None:
-            publish(event)
-            self.add(event.data)
-
-        return publish_and_note
-
     def add(self, data: Mapping[str, object]) -> None:
+        """Note the data of an event that names earlier numbers; no other."""
         if "from_ns" in data:
             self._thread.submit(self._add, json.dumps(data)).add_done_callback(_report)
 
     def close(self) -> None:
+        """Write what waits."""
         self._thread.shutdown()
 
     def _add(self, line: str) -> None:

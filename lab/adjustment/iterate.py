@@ -14,6 +14,10 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.lab.adjustment.adjusted import Adjustment
+from traverse.lab.adjustment.mirrored_balls import (
+    MOST_TRIALS,
+    with_balls_on_the_right_side,
+)
 from traverse.lab.adjustment.noise import (
     Noise,
     a_priori_noise,
@@ -25,11 +29,7 @@ from traverse.lab.adjustment.pose_statistics import PoseStatistics
 from traverse.lab.adjustment.prepare import Options
 from traverse.lab.adjustment.problem import Network
 from traverse.lab.adjustment.solve import MOST_ITERATIONS, adjust
-from traverse.lab.adjustment.starting_values import (
-    MOST_TRIALS,
-    robust_state,
-    with_balls_on_the_right_side,
-)
+from traverse.lab.adjustment.starting_values import robust_state
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.outcomes.adjustment import Iteration, Progress
 from traverse.lab.statistics.distributions import (

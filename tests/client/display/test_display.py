@@ -172,6 +172,15 @@ def test_a_point_that_an_event_puts_in_doubt_is_flagged_afterwards(sight: ArmSig
     assert desk._points == {"p-3": sight.points["p-3"]}
 
 
+def test_an_event_whose_times_are_none_is_shown_and_flags_nothing(sight: ArmSight):
+    sight.take_point(point(1, quality=FINE))
+    frozen = event("condition.channels", True, severity="error", text="it froze")
+    data = {"flags": "stale", "from_ns": "soon", "until_ns": "later"}
+    sight.take_event(frozen.model_copy(update={"data": data}))
+    assert sight.points["p-1"].quality.ok
+    assert verdict(sight).sentence.endswith("it froze")
+
+
 def test_the_worst_of_several_is_first_and_the_others_are_counted(
     sight: ArmSight,
 ) -> None:

@@ -20,8 +20,9 @@ from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
-from traverse.lab.diagnosis.scans.decimation import decimated, with_speeds_since
+from traverse.lab.diagnosis.scans.decimation import decimated
 from traverse.lab.diagnosis.scans.harmonics import first_significant, stream_harmonics
+from traverse.lab.diagnosis.scans.latencies import with_speeds_since
 from traverse.lab.diagnosis.scans.scan_diagnosis import diagnose_stream
 from traverse.simulator.campaigns.dense.scan import simulate_scan
 from traverse.simulator.campaigns.dense.spec import DenseFile
