@@ -196,7 +196,7 @@ class LatchBoardDriver(Driver):
         """
         clock, now_ns = session.clock, self._now_ns()
         if self._can_latch:
-            pause_ns = MEASURE_DELAY_NS if clock.is_known else TIE_AGAIN_NS
+            pause_ns = MEASURE_DELAY_NS if clock.is_well_known else TIE_AGAIN_NS
             if session.holds or now_ns - self._exchanged_ns > pause_ns:
                 self._exchange_times(line, clock)
         session.release()

@@ -133,7 +133,8 @@ class LatchBoardSession:
             clock.update(int(ticks[-1]), received_ns)
         counters["samples_received"] += len(seq)
         stream = self._stream
-        if self._held or (clock.is_late and len(self._held) < MAX_HELD):
+        is_unsure = clock.is_late or clock.lacks_answer
+        if self._held or (is_unsure and len(self._held) < MAX_HELD):
             self._held.append(
                 lambda: self._deliver(block, rows, (stream, seq, ticks), received_ns)
             )

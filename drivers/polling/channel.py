@@ -169,6 +169,14 @@ class PolledChannel:
         self._unconfirmed = None
         return None
 
+    def unknown_rad(self, answer: EncoderReading) -> float:
+        """Return how far the joint turns while an answer may have been read."""
+        if self.time_ns is None or answer.time_ns <= self.time_ns:
+            return 0.0
+        steps = self._steps(EncoderReading(self.count, self.time_ns), answer)
+        share = answer.bound_ns / (answer.time_ns - self.time_ns)
+        return abs(steps) * share * math.tau / self.counts_per_turn
+
     def doubt(self, now_ns: int) -> None:
         """Put readings in doubt for a while: bytes were spoilt, and others may be."""
         if not self.is_checked:

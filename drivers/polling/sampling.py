@@ -10,6 +10,7 @@ from traverse.drivers.polling.channel import EncoderReading
 
 BLOCK_NS = 10_000_000
 MOST_HELD_NS = 15_000_000  # far below what a sample waits for those of other devices
+MOST_LATE = 0.5  # periods that a sample may begin late; after one it is skipped
 MAX_SKEW_NS = 2**31 - 1
 
 
@@ -24,6 +25,11 @@ class SampleSchedule:
     @property
     def next_ns(self) -> int:
         return self._instant_ns(self._next)
+
+    @property
+    def skipped_ns(self) -> int:
+        """When the next sample will have been skipped, with a margin."""
+        return self._instant_ns(self._next) + round(MOST_LATE * self._period_ns)
 
     def take(self, now_ns: int) -> tuple[int, int, int]:
         """Return the latest due sample: number, instant, how many were skipped."""

@@ -16,6 +16,7 @@ that drifts.
 """
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 Point = tuple[float, float]
@@ -88,7 +89,8 @@ class DelayFloor:
         _push(hull, (time_ns, offset_ns))
         return is_new
 
-    def line(self) -> FloorLine:
+    def lines(self) -> tuple[FloorLine, Sequence[FloorLine]]:
+        """Return the line of the best window, and those of all."""
         bins = list(self._bins)
         lengths = [n for n in WINDOWS if n < len(bins)]
         lines = [
@@ -98,7 +100,7 @@ class DelayFloor:
         best = [line for line in lines if line.bound_ns <= most_ns][-1]
         if len(bins) >= KNOWN_BINS:
             self._slope = best.slope
-        return best
+        return best, lines
 
     def _pruned(self, hull: list[Point]) -> list[Point]:
         """Drop corners of a bin that no line of nearly the present slope can touch."""

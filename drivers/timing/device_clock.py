@@ -25,13 +25,14 @@ bound is one at once: it would have arrived before its latch.
 """
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from traverse.arrays import Integers
-from traverse.drivers.timing.delay_floor import LEAST_BINS, DelayFloor
+from traverse.drivers.timing.delay_floor import LEAST_BINS, DelayFloor, FloorLine
 
 WRAP = 1 << 32
 BIN_S = 0.25
@@ -53,6 +54,7 @@ LEARNED_RATE_ERROR = 1e-3  # long after it was learned
 LEAST_GAP_NS = 5_000_000_000  # a computer that sleeps for less is no loss of power
 GENERATION_NS = 16_000_000_000  # for two of these the usual delays are remembered
 LATE_MARGIN, LATE_SLACK_NS = 2.0, 3_000_000
+WELL_KNOWN_NS = 1_000_000  # 0.1 mm of a hand that moves at 100 mm/s
 PROOF_SLACK_NS = 500_000  # 0.1 mm of a hand that moves at 200 mm/s
 UNDERCUT = 4.0  # bounds below the line: no luck with the delays explains it
 LEAST_RUN, RUN_MARGIN = 6, 3
@@ -134,7 +136,8 @@ class DeviceClock:
         self._late_ns = 0.0  # of the last reading
         self._run = self._read_ns = self._read_ticks = self._proven_ns = 0
         self._run_late_ns = self._height_ns = self._jump_ns = 0.0
-        self._line_bound_ns, self._line_span_ns = UNKNOWN_NS, BIN_S * 1e9
+        self._line_bound_ns, self._rate_bound = UNKNOWN_NS, MAX_RATE_ERROR
+        self._lines: Sequence[FloorLine] = ()
         self.state_latency(latency_ns)
         self._restart(0, 0)
 
@@ -149,6 +152,18 @@ class DeviceClock:
     def is_known(self) -> bool:
         """Whether rate and smallest delay have been learned since the last step."""
         return self._line_bound_ns < MAX_BOUND_NS
+
+    @property
+    def lacks_answer(self) -> bool:
+        """Whether answers bounded the smallest delay, and hold no longer."""
+        return self._best is None and self._forgotten_late_ns > 0.0
+
+    @property
+    def is_well_known(self) -> bool:
+        """Whether an answer bounds the times closely enough for an arm that moves."""
+        if self._best is None or not self.is_known:
+            return False
+        return self._late_by_ns(self._best) < WELL_KNOWN_NS
 
     @property
     def is_uncertain(self) -> bool:
@@ -210,12 +225,23 @@ class DeviceClock:
         """Bound the same by an exchange and the rate's uncertainty since then."""
         last = self._last or 0
         passed_ns = abs(last - exchange.ticks) * self._ns_per_tick
-        open_ns = FRAME_MARGIN * self._grain_ns + BEND_MARGIN * self._line_bound_ns
-        rate_error = min(MAX_RATE_ERROR, open_ns / self._line_span_ns)
         jump_ns = self._jump_ns * self._share_left(last)
         requested_ns = exchange.sent_ns - jump_ns
         late_ns = self._on_line_ns(exchange.ticks) - requested_ns
-        return max(0.0, late_ns) + rate_error * passed_ns
+        return max(0.0, late_ns) + self._rate_bound * passed_ns
+
+    def _state_rate_bound(self, least_bound_ns: float) -> None:
+        """Bound how far the line's slope may be off, by the lines of all windows.
+
+        Args:
+            least_bound_ns: of each line.
+        """
+        frame_ns, self._rate_bound = FRAME_MARGIN * self._grain_ns, MAX_RATE_ERROR
+        for line in self._lines:
+            bound_ns = max(line.bound_ns, least_bound_ns)
+            open_ns = frame_ns + BEND_MARGIN * bound_ns
+            slope_bound = abs(line.slope - self._slope) + open_ns / line.span_ns
+            self._rate_bound = min(self._rate_bound, slope_bound)
 
     def is_before_step(self, ticks: int) -> bool:
         """Return whether a latch precedes the last step: no line holds there now."""
@@ -281,6 +307,7 @@ class DeviceClock:
             if late_ns < -bound_ns and self._line_bound_ns < UNKNOWN_NS:
                 # Delays have been smaller than was seen until now.
                 self._line_bound_ns = -2.0 * late_ns
+                self._state_rate_bound(self._line_bound_ns)
                 # Or the counter has gained, by more the later this reading is.
                 self._forget_exchanges(self._usual.limit_ns - late_ns)
             elif late_ns < 0.0 and -late_ns > self._most_late_ns() + self._ns_per_tick:
@@ -357,7 +384,8 @@ class DeviceClock:
         self._reads = []
         self._height_ns = self._jump_ns = 0.0
         self._fit_ticks = 0
-        self._line_bound_ns = UNKNOWN_NS
+        self._line_bound_ns, self._rate_bound = UNKNOWN_NS, MAX_RATE_ERROR
+        self._lines = ()
         self._tie = None
         self._usual = _UsualDelays()
         self._run, self._read_ns, self._proven_ns = 0, 0, received_ns
@@ -375,11 +403,11 @@ class DeviceClock:
         if self._run > LEAST_RUN and n_bins > LEAST_BINS:
             return  # a step, if nothing proves the present line: none lies below both
         self._bins_waited = 0
-        line = self._floor.line()
+        line, self._lines = self._floor.lines()
         was_known = self._line_bound_ns < UNKNOWN_NS
         self._line_bound_ns = min(line.bound_ns, UNKNOWN_NS)
-        self._line_span_ns = line.span_ns
         self._enter(ticks, line.slope, line.height_ns)
+        self._state_rate_bound(0.0)
         if not was_known and self._line_bound_ns < UNKNOWN_NS:
             self._learn_usual()
         self._choose_exchange()

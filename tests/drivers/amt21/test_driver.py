@@ -57,6 +57,25 @@ def test_a_reading_is_stamped_in_the_middle_of_its_exchange():
     assert np.abs(off).max() <= 1
 
 
+@pytest.mark.parametrize("speed_counts_s", [0.0, 10.0, 1e5])
+def test_an_encoder_that_turns_is_read_again_where_its_reply_was_late(speed_counts_s):
+    def delay(run: Played) -> None:
+        run.line.encoders[0x58].late_s = 0.003
+
+    moving = line(3, speed_counts_s=speed_counts_s)
+    times_s = 0.3 + 0.03 * np.arange(20)
+    run = Played(
+        moving,
+        rate_hz=50.0,
+        at=dict.fromkeys(times_s.tolist(), delay),
+        max_speed_rad_s=100.0,
+    )
+    was_late = run.joined("skew_bound_ns") > 1_500_000
+    assert was_late.sum() == (0 if speed_counts_s > 1e4 else len(times_s))
+    assert not run.missing().any()
+    assert (np.diff(run.joined("seq")) == 1).all()
+
+
 def test_models_of_12_bits_send_their_value_times_four():
     made = line(2)
     made.encoders[0x54].count = 4 * 1234

@@ -15,7 +15,13 @@ from traverse.drivers.latch_board.identification import board_identity
 from traverse.drivers.latch_board.sequences import EdgeSequencer
 from traverse.drivers.latch_board.session import MAX_EARLY, LatchBoardSession
 from traverse.drivers.timing.device_clock import DeviceClock
-from traverse.protocol.latch_board.messages import Edge, Heartbeat, Hello, Latched
+from traverse.protocol.latch_board.messages import (
+    Edge,
+    Heartbeat,
+    Hello,
+    Latched,
+    SampleBlock,
+)
 
 UP_TICKS = 1_000_000  # a second since the board was switched on
 RECEIVED_NS = 5_000_000_000
@@ -181,6 +187,30 @@ def test_a_press_that_is_read_late_waits_for_the_clock(
     true_ns = received_at_ns(ticks) + (late_ns if has_stood else 200_000)
     assert latch.sample_time_ns == pytest.approx(true_ns, abs=latch.time_bound_ns)
     assert session.clock.steps == has_stood
+
+
+def test_samples_wait_for_an_answer_where_the_last_one_holds_no_more(
+    session, delivered, known
+):
+    """One came earlier than any latch can have: the counter has gained time."""
+    session.begin_stream(1, 7)
+    clock, ticks = session.clock, known + 10_000
+    sent_ns = received_at_ns(ticks)
+    clock.update(ticks, sent_ns + 300_000, sent_ns)
+    early_ns = received_at_ns(ticks + 10_000) - 800_000
+    session.take(block_of_one(ticks + 10_000), early_ns)
+    assert delivered == []
+    assert session.holds
+    clock.update(ticks + 11_000, early_ns + 1_000_000, early_ns + 700_000)
+    session.release()
+    assert delivered[-1].time_bound_ns < 500_000
+
+
+def block_of_one(ticks: int) -> SampleBlock:
+    (seq, status), counts = np.zeros((2, 1), np.uint32), np.zeros((1, 2), np.uint32)
+    instants = np.array([ticks], np.uint32)
+    bits = status.astype(np.uint8)
+    return SampleBlock(7, seq, instants, bits, counts, counts.astype(np.uint8))
 
 
 def test_a_press_of_before_a_step_is_in_doubt_when_the_clock_is_known_again(
