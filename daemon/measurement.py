@@ -385,7 +385,6 @@ class Measurement(MeasurementContext):
                 self.states.on_clock(device, delivery)
             case DeviceFault():
                 self.states.on_fault(device, delivery)
-                self.quality.references.on_fault(delivery)
 
     def _take_samples(
         self, device: Device, samples: CountSamples, has_edges: bool

@@ -24,7 +24,7 @@ from traverse.drivers.polling.channel import HAND_RAD_S2, START_RAD_S3
 KNOCK_RAD = 5e-3  # that an arm swings between two readings
 ALIKE_RAD_S = 1.0  # speeds before and after, beside what a hand changes meanwhile
 SLACK_COUNTS = 4
-GAP_NS = 150_000_000  # after a longer one a joint may be anywhere
+GAP_NS = 250_000_000  # after a longer one a joint may be anywhere
 ABRUPT = 4.0  # of what is no hand's motion just before and after
 KEPT_ROWS = 5
 ARRIVALS = 32  # from which the delay of blocks is known
@@ -173,8 +173,7 @@ class JumpMonitor:
         # Of each way between two and two others.
         before, after, way_s = speeds[1:-3], speeds[3:-1], passed_s[2:-2]
         slack_rad = slack_rad[1:-2]
-        abrupt_rad = ABRUPT * (abrupt_rad_s[:-3] + abrupt_rad_s[3:]) * way_s
-        slack_rad += abrupt_rad
+        slack_rad += ABRUPT * (abrupt_rad_s[:-3] + abrupt_rad_s[3:]) * way_s
         ways_rad = ways_rad[2:-2]
         low_rad = np.minimum(before, after) * way_s - slack_rad
         high_rad = np.maximum(before, after) * way_s + slack_rad
@@ -183,10 +182,14 @@ class JumpMonitor:
         has_jumped = np.abs(after - before) <= hand_rad_s
         has_jumped &= (ways_rad < low_rad) | (ways_rad > high_rad)
         most_rad_s = self._max_speed_rad_s
-        most_rad = KNOCK_RAD + most_rad_s * (way_s + late_s) + abrupt_rad
-        is_too_quick = np.abs(ways_rad) > most_rad
-        is_too_quick &= np.maximum(np.abs(before), np.abs(after)) < most_rad_s
+        most_rad = KNOCK_RAD + most_rad_s * (way_s + late_s)
+        is_too_quick = np.abs(ways_rad) > most_rad  # however abruptly it is led
+        beside_rad_s = np.maximum(np.abs(before), np.abs(after))
+        is_too_quick &= beside_rad_s < most_rad_s
         has_jumped |= is_too_quick
+        # Nor may a hand lead it half way round meanwhile, which looks like the other.
+        led_rad = (beside_rad_s + HAND_RAD_S2 * way_s) * way_s
+        has_jumped &= led_rad < wraps * count_rad / 2.0
         has_jumped &= are_near[:-3] & is_near[2:-2] & are_near[3:]
         jumps = []
         for row, column in np.argwhere(has_jumped).tolist():

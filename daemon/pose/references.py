@@ -30,7 +30,6 @@ from traverse.daemon.pose.reference_memory import (
 )
 from traverse.drivers.base.values import (
     CountSamples,
-    DeviceFault,
     DeviceUp,
     Identity,
 )
@@ -200,7 +199,14 @@ class ReferenceMonitor:
             )
 
     def _take_jumps(self, samples: CountSamples, jumps: Sequence[Jump]) -> None:
+        """Doubt a device of which counts have jumped, also after a restart."""
         device, names = samples.device, self._model.effects.joint_names
+        if device not in self.devices.identities:
+            return
+        if known := self.devices.confirmed(device):
+            self.devices.memory.add({device: replace(known, encoders="")})
+        if self._doubts.get(device) == PLACE:
+            return
         places = self.devices.joints_of(device)
         ways_rad = {places[jump.place]: jump.by_rad for jump in jumps}
         named = ", ".join(f"{names[j]} by {way:.2g} rad" for j, way in ways_rad.items())
@@ -209,33 +215,11 @@ class ReferenceMonitor:
             int(samples.sample_time_ns[-1]),
             QualityFlag.TURNS_UNCERTAIN,
         )
-        text = f"{device} has jumped as no joint moves ({named}){text}"
-        self._take_jump(device, text, [*ways_rad], data)
-
-    def on_fault(self, fault: DeviceFault) -> None:
-        """Take a driver's report that a count has jumped."""
-        if fault.code == "count_jumped":
-            joints = self.devices.joints_of(fault.device)
-            self._take_jump(fault.device, f"{fault.device}: {fault.text}", joints)
-
-    def _take_jump(
-        self,
-        device: str,
-        text: str,
-        joints: Sequence[int],
-        data: Mapping[str, float | str] | None = None,
-    ) -> None:
-        """Doubt a device of which a count has jumped, also after a restart."""
-        if device not in self.devices.identities or not joints:
-            return
-        if known := self.devices.confirmed(device):
-            self.devices.memory.add({device: replace(known, encoders="")})
-        if self._doubts.get(device) != PLACE:
-            cause = (
-                f"{text}: it was set anew, its counter was reset, a coupling slips, or "
-                "a reading was spoilt"
-            )
-            self._doubt_place(device, cause, joints, data)
+        cause = (
+            f"{device} has jumped as no joint moves ({named}){text}: it was set anew, "
+            "its counter was reset, a coupling slips, or a reading was spoilt"
+        )
+        self._doubt_place(device, cause, [*ways_rad], data)
 
     def _new_monitors(
         self, device: str, max_speed_rad_s: float

@@ -253,16 +253,6 @@ class MicroscribeDriver(Driver):
         self._old_before = session.line.old
         self._counters["packets_received"] += 1
         sample, implausible = session.sample_of(packet)
-        for channel in session.channels:
-            if channel.has_jumped:
-                channel.has_jumped = False
-                self._fault(
-                    "count_jumped",
-                    f"{channel.name} has jumped further than a joint can turn, and "
-                    "stays there",
-                    "put the arm into its home position, switch it off and on; then "
-                    "confirm it",
-                )
         for number in implausible:
             self._read_errors.add(number, session.channels[number], IMPLAUSIBLE)
         if sample.complete:

@@ -1,13 +1,14 @@
 """One polled encoder: last count, and validity of readings.
 
-Check bits pass some bad words. A reading must therefore be within reach of the shaft
-since the last good one; and the first one, also after an encoder was missing, is
+Check bits pass some bad words. A reading out of the shaft's reach since the last good
+one is therefore left out until the next one tells: a count that has jumped stays there,
+which is for the daemon to see. The first one, also after an encoder was missing, is
 accepted once the next confirms it.
 
 Strategy: where no check sum protects readings, a spoilt one may be a place that the
 shaft could have reached. A spoilt reading leaves the motion and the next one is back on
 it; a shaft that is stopped stays where it is. So a reading off the motion so far is
-left out, and the next one tells which it was. What is off by less than a hand's motion
+left out, too. What is off by less than a hand's motion
 explains passes; of a joint that rests that is little. Hence every sign of spoilt bytes
 puts all readings of the next seconds in doubt: where one was spoilt visibly, others may
 have been invisibly.
@@ -78,7 +79,6 @@ class PolledChannel:
         count: the last good one; 0 before the first.
         time_ns: of that; None before the first, and after it was missing.
         away_ns: since the good one before it, if it was missing meanwhile; else 0.
-        has_jumped: its last readings are elsewhere, and agree with each other.
     """
 
     def __init__(
@@ -96,8 +96,6 @@ class PolledChannel:
         self.count = 0
         self.time_ns: int | None = None
         self.misses = self.away_ns = 0
-        self.has_jumped = False
-        self._elsewhere: list[EncoderReading] = []  # successive ones
         self._good_ns: int | None = None
         counts_per_rad = counts_per_turn / math.tau
         self._counts_per_ns = max_speed_rad_s * counts_per_rad * 1e-9
@@ -108,7 +106,7 @@ class PolledChannel:
         self.is_checked = is_checked
         self._earlier: EncoderReading | None = None  # the good one before the last
         self._resting: EncoderReading | None = None  # since when it has stayed there
-        self._left_motion = False
+        self._left_out: EncoderReading | None = None  # which the next one judges
         self._bound_ns = 0  # of the last time
         self._doubted_until_ns = 0
 
@@ -138,27 +136,23 @@ class PolledChannel:
         if before is None:
             self._ask_again_ns = now_ns
             return UNCONFIRMED
+        left_out, self._left_out = self._left_out, None
         if not self._reachable(before, answer):
             self.doubt(now_ns)
-            self._note_elsewhere(answer)
-            return self._failed(IMPLAUSIBLE, now_ns)
-        left, self._left_motion = self._left_motion, False
-        if not self.is_checked:
-            follows = self._follows(before, answer)
-            if not follows and not left:
-                self._left_motion = True
+            if left_out is None or not self._agree(left_out, answer):
+                self._left_out = answer
                 return self._failed(IMPLAUSIBLE, now_ns)
-            if follows and left:
+            before, self._resting = left_out, None
+        elif not self.is_checked:
+            follows = self._follows(before, answer)
+            if not follows and left_out is None:
+                self._left_out = answer
+                return self._failed(IMPLAUSIBLE, now_ns)
+            if follows and left_out is not None:
                 self.doubt(now_ns)
-            self._earlier = before
-            if (
-                self._resting is None
-                or abs(self._steps(self._resting, answer)) > REST_COUNTS
-            ):
-                self._resting = answer
-        # After some time a joint may be where it has jumped to.
-        self.has_jumped = self.has_jumped or self._agrees_elsewhere(answer)
-        self._elsewhere.clear()
+        self._earlier, resting = before, self._resting
+        if resting is None or abs(self._steps(resting, answer)) > REST_COUNTS:
+            self._resting = answer
         self.away_ns = 0
         if self.missing and self._good_ns is not None:
             self.away_ns = answer.time_ns - self._good_ns
@@ -187,7 +181,7 @@ class PolledChannel:
         return STATUS_WARNING if now_ns < self._doubted_until_ns else 0
 
     def reset(self) -> None:
-        self.time_ns = self._unconfirmed = None
+        self.time_ns = self._unconfirmed = self._left_out = None
 
     def _failed(self, miss: ReadError, now_ns: int) -> ReadError:
         self.misses += 1
@@ -196,21 +190,11 @@ class PolledChannel:
             self._ask_again_ns = now_ns + ASK_AGAIN_NS
         return miss
 
-    def _note_elsewhere(self, answer: EncoderReading) -> None:
-        """Detect a jump: spoilt readings do not agree with each other."""
-        if not self._agrees_elsewhere(answer):
-            self._elsewhere.clear()
-        self._elsewhere.append(answer)
-        if len(self._elsewhere) == READ_ERRORS_FOR_ALARM:
-            self.has_jumped = True
-
-    def _agrees_elsewhere(self, answer: EncoderReading) -> bool:
-        if not self._elsewhere:
-            return False
-        before = self._elsewhere[-1]
-        passed_ns = answer.time_ns - before.time_ns
+    def _agree(self, before: EncoderReading, after: EncoderReading) -> bool:
+        """Return whether readings elsewhere are a jump: spoilt ones differ."""
+        passed_ns = after.time_ns - before.time_ns
         near_counts = SLACK_COUNTS + passed_ns * self._counts_per_ns * JUMP_SHARE
-        return abs(self._steps(before, answer)) <= near_counts
+        return abs(self._steps(before, after)) <= near_counts
 
     def _reachable(self, before: EncoderReading, after: EncoderReading) -> bool:
         elapsed_ns = after.time_ns - before.time_ns + SLACK_NS

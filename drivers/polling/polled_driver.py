@@ -301,14 +301,6 @@ class PolledDriver(Driver, Generic[LineT]):
         miss = channel.accept(answer, self._now_ns())
         if miss is not None:
             self._read_errors.add(number, channel, miss)
-        if channel.has_jumped:
-            channel.has_jumped = False
-            self._fault(
-                "count_jumped",
-                f"{channel.name} has jumped further than a joint can turn, and stays "
-                "there",
-                "see whether it was set anew, or slips; then confirm the arm",
-            )
         if miss is not None or not isinstance(answer, EncoderReading):
             return None
         doubts = channel.status(self._now_ns())

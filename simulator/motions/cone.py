@@ -46,7 +46,6 @@ class Cone(Motion):
         approach = hard_approach(stage)
         targets = seats_mm + approach.distances_mm[:, None, None] * axis
         entries = stage.reach.along(seated, targets[::-1])[::-1]
-        times_s = stage.operator.move_s * np.linspace(0.0, 1.0, N_KNOTS)
 
         def leave() -> None:
             way_rad = stage.reach.path(stage.posture_rad, targets[::-1, 0])
@@ -55,7 +54,7 @@ class Cone(Motion):
         for number in range(self.postures):
             path = _articulation(stage, seats_mm[0], -axis) if number else None
             if path is not None:
-                stage.follow(path, times_s)
+                stage.lead(path, stage.operator.move_s)
             else:  # in from outside, as at the beginning
                 if number:
                     leave()

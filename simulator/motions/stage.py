@@ -21,13 +21,15 @@ from traverse.strict_toml.reader import StrictModel
 
 IsClear = Callable[[Floats, float], Booleans]
 N_DETOURS = 40
+N_ACCELERATIONS = 20  # of a piece, that are looked at
 
 
 class Operator(StrictModel):
     """How the arm is led.
 
     Attributes:
-        move_s: from one target to the next.
+        move_s: from one target to the next, unless `acceleration_rad_s2` forbids it.
+        acceleration_rad_s2: of a joint on that way, at most; a hand's by default.
         approach_s: from the clearance to the contact.
         dwell_s: in contact, besides the press.
         press_s: duration of a press.
@@ -38,6 +40,7 @@ class Operator(StrictModel):
     """
 
     move_s: float = Field(default=0.8, gt=0.0)
+    acceleration_rad_s2: float = Field(default=50.0, gt=0.0)
     approach_s: float = Field(default=0.4, gt=0.0)
     dwell_s: float = Field(default=0.3, gt=0.0)
     press_s: float = Field(default=0.1, gt=0.0)
@@ -74,9 +77,8 @@ class CourseBuilder:
         self._append([self.time_s + duration_s], rest_pieces(self.posture_rad))
 
     def move(self, posture_rad: Floats, duration_s: float) -> None:
-        """Go to a posture on the smoothest way of the joints."""
-        pieces = move_pieces(self.posture_rad, posture_rad)
-        self._append([self.time_s + duration_s], pieces)
+        """Go to a posture on the smoothest way of the joints, in as long at least."""
+        self._lead(move_pieces(self.posture_rad, posture_rad), duration_s)
         self.posture_rad = posture_rad
 
     def move_clear(self, posture_rad: Floats, is_clear: IsClear) -> None:
@@ -107,6 +109,12 @@ class CourseBuilder:
         self._append([self.time_s + float(t) for t in times_s[1:]], pieces)
         self.posture_rad = postures_rad[-1]
 
+    def lead(self, postures_rad: Floats, duration_s: float) -> None:
+        """Pass through postures in equal steps of time, in as long at least."""
+        times_s = np.linspace(0.0, 1.0, len(postures_rad))
+        self._lead(spline_pieces(times_s, postures_rad), duration_s)
+        self.posture_rad = postures_rad[-1]
+
     def press(self, change: Callable[[float, str, int], ScriptEvent]) -> None:
         """Press and release the button while the arm rests in contact.
 
@@ -123,6 +131,18 @@ class CourseBuilder:
         turns_rad = start_rad + between * (end_rad - start_rad)
         places_mm, _ = probe_pose(self.reach.mechanism, turns_rad)
         return bool(np.all(is_clear(places_mm, self.radius_mm)))
+
+    def _lead(self, pieces: Floats, duration_s: float) -> None:
+        """Append pieces of equal durations, no quicker than the operator leads."""
+        u = np.linspace(0.0, 1.0, N_ACCELERATIONS)
+        powers = np.arange(2, pieces.shape[1])
+        weights = powers * (powers - 1) * u[:, None] ** (powers - 2)
+        fastest = float(np.abs(np.einsum("up,npj->unj", weights, pieces[:, 2:])).max())
+        limit_rad_s2 = self.operator.acceleration_rad_s2
+        quickest_s = len(pieces) * (fastest / limit_rad_s2) ** 0.5
+        duration_s = max(duration_s, quickest_s)
+        ends_s = self.time_s + duration_s * np.arange(1, len(pieces) + 1) / len(pieces)
+        self._append(ends_s.tolist(), pieces)
 
     def _append(self, ends_s: list[float], pieces: Floats) -> None:
         self._ends_s += ends_s

@@ -18,8 +18,8 @@ from traverse.daemon.state_dir import REFERENCES
 DEMO_ARM = Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml"
 BOARD_SERIAL = (b"SIM" + bytes(5) + bytes((11, 0, 0, 0))).hex()  # of seed 11
 QUICK = (
-    "move_s = 0.1\napproach_s = 0.05\ndwell_s = 0.06\npress_s = 0.03\n"
-    "switch_speed_mm_s = 150.0"
+    "move_s = 0.1\nacceleration_rad_s2 = 300.0\napproach_s = 0.05\n"
+    "dwell_s = 0.06\npress_s = 0.03\nswitch_speed_mm_s = 150.0"
 )
 
 

@@ -52,6 +52,16 @@ def test_a_count_that_goes_on_elsewhere_is_seen(row, by_rad):
     assert jump.since_ns == before.sample_time_ns[-1]
 
 
+def test_no_motion_excuses_a_way_that_no_joint_is_quick_enough_for():
+    """A script brakes by 640 rad/s^2 while the count jumps."""
+    device, path_rad = Device(), np.zeros(200)
+    speeds = np.clip(16.0 - 6.4 * np.abs(np.arange(200) - 100), 0.0, None)
+    path_rad += np.cumsum(speeds) * PERIOD_S
+    path_rad[102:] += 0.3
+    device.read(path_rad)
+    assert [jump.place for jump in device.jumps] == [0]
+
+
 @pytest.mark.parametrize("missing", [(), (100,), (100, 101)])
 @pytest.mark.parametrize("share", [0.5, 2.0])
 def test_the_least_jump_of_a_joint_at_rest(share, missing):
@@ -90,11 +100,13 @@ def test_a_spoilt_reading_is_no_jump(by_rad):
     assert device.jumps == []
 
 
-def test_a_gap_says_nothing():
-    device, path_rad = Device(), np.zeros(200)
-    path_rad[100:] += 1.0
-    device.read(path_rad, missing=tuple(range(90, 110)))
-    assert device.jumps == []
+@pytest.mark.parametrize(("lost", "by_rad"), [(20, 2.5), (28, 2.5), (22, 0.0)])
+def test_a_gap_says_less_the_quicker_the_joint_may_be(lost, by_rad):
+    device, speed_rad_s = Device(), 0.0 if by_rad else 15.0
+    path_rad = speed_rad_s * PERIOD_S * np.arange(200)
+    path_rad[100:] += by_rad
+    device.read(path_rad, missing=tuple(range(100 - lost, 100)))
+    assert len(device.jumps) == (lost == 20)
 
 
 def test_a_counter_that_stood_still_has_not_jumped():

@@ -33,7 +33,6 @@ from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_MISSING,
     STATUS_STALE,
-    DeviceFault,
     DeviceUp,
 )
 from traverse.protocol.messages import QualityFlag, ReferenceArgs
@@ -553,9 +552,11 @@ def test_a_device_whose_count_jumped_has_to_be_confirmed(tmp_path, is_over_a_res
     absolute = ARM.replace("sign =", "absolute = true\nsign =")
     rig = Rig(tmp_path, absolute, memory)
     rig.accept(up(absolute=True))
-    rig.monitor.on_fault(DeviceFault("base", "samples_lost", "1 sample lost", ""))
+    counts = np.full((60, 3), 1000)
+    rig.monitor.add(count_samples(counts[:30]))
     assert not rig.is_doubtful
-    rig.monitor.on_fault(DeviceFault("base", "count_jumped", "encoder 1 jumped", ""))
+    counts[30:, 0] += 3000  # 18 mrad
+    rig.monitor.add(count_samples(counts[30:], first=30))
     assert rig.is_doubtful
     if is_over_a_restart:
         rig = Rig(tmp_path, absolute, memory)

@@ -86,15 +86,16 @@ def test_three_misses_in_a_row_make_it_missing_and_two_readings_bring_it_back():
     assert encoder.count == 9001
 
 
+@pytest.mark.parametrize("is_checked", [True, False])
 @pytest.mark.parametrize("spread", [0, TURN // 4])
-def test_readings_elsewhere_are_a_jump_only_if_they_agree(spread):
+def test_readings_elsewhere_are_handed_on_only_if_they_agree(spread, is_checked):
     """It was set anew; spoilt readings differ from each other."""
     encoder = channel()
+    encoder.is_checked = is_checked
     for n in range(1, 4):
-        assert not encoder.has_jumped
-        count = TURN // 2 + (n % 2) * spread
-        assert encoder.accept(EncoderReading(count, n * 10 * MS), 0) is not None
-    assert encoder.has_jumped == (not spread)
+        answer = EncoderReading(TURN // 2 + (n % 2) * spread, n * 10 * MS)
+        is_left_out = n == 1 or spread
+        assert encoder.accept(answer, 0) is (IMPLAUSIBLE if is_left_out else None)
 
 
 def test_readings_that_do_not_agree_do_not_bring_it_back():

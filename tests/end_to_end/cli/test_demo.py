@@ -39,7 +39,7 @@ async def measure_one_round(folder: Path, broker: Mosquitto) -> None:
         assert abs(deviation_mm) < 0.2
         for expected in ("ball  ", "seat  ", "latency", "Hz achieved", " 0 missing"):
             assert expected in demo.output
-        assert len(re.findall(r" point +\d", demo.output)) == 48
+        assert len(re.findall(r" point +\d", demo.output)) == 36
         assert demo.log == ""
 
 
