@@ -14,6 +14,7 @@ from traverse.client.errors import Counters
 from traverse.client.feeds import Feed, Feeds, ScanBlocks
 from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
 from traverse.client.points.cursor import held_cursor, read_cursor, write_cursor
+from traverse.client.points.doubts import KnownDoubts
 from traverse.client.points.reorder_buffer import ReorderBuffer
 from traverse.client.points.stream import PointIterator, PointStream
 from traverse.client.requests import CommandClient
@@ -30,6 +31,7 @@ from traverse.protocol.messages import (
     Scan,
     Status,
 )
+from traverse.protocol.messages.later_doubt import LaterDoubt
 from traverse.protocol.messages.scan import ScanMode
 
 log = logging.getLogger(__name__)
@@ -79,8 +81,9 @@ class Arm(ArmCommands):
         self._link = ReconnectingConnection(address)
         super().__init__(CommandClient(name, self._link), reply_timeout_s)
         self._order = ReorderBuffer(cursor, is_whole=is_whole)
+        self._doubts = KnownDoubts()
         self._stream = PointStream(
-            self._order, self._link, self._requests, max(2, max_waiting)
+            self._order, self._link, self._requests, self._doubts, max(2, max_waiting)
         )
         # Answers arrive with quality of service 0: they must not wait behind points
         # that are held back, and a command without an answer is sent again.
@@ -97,7 +100,9 @@ class Arm(ArmCommands):
         self._events = Feeds[Event](MAX_EVENTS, keep_newest=True)
         self._clocks = Feeds[Clock](1, keep_newest=True)
         self._lives = Feeds[Live](1, keep_newest=True)
-        self._scans = Feeds[Scan](MAX_BLOCKS, keep_newest=False)
+        self._scans = Feeds[Scan](
+            MAX_BLOCKS, keep_newest=False, last=self._doubts.flagged_scan
+        )
         self._kinds: dict[str, Callable[[IncomingMessage], None]] = {
             "clock": self._take_clock,
             "status": self._take_status,
@@ -185,6 +190,13 @@ class Arm(ArmCommands):
         """Iterate over events from now on."""
         return self._events.open()
 
+    def doubts(self) -> Feed[LaterDoubt]:
+        """Iterate over what is in doubt since it was sent, the known ones first.
+
+        Points and blocks of scans that are handed on later have their flags.
+        """
+        return self._doubts.open()
+
     def clocks(self) -> Feed[Clock]:
         """Iterate over the daemon's clock, twice a second."""
         return self._clocks.open()
@@ -247,6 +259,7 @@ class Arm(ArmCommands):
 
     def _take_status(self, arrived: IncomingMessage) -> None:
         status = decode(Status, arrived.payload)
+        self._doubts.take(status.doubts)
         self._statuses.put(status)
         if status.session is not None:
             self._stream.notice(status.session)
@@ -266,7 +279,7 @@ class Arm(ArmCommands):
         self._stream.close(error)
         for feeds in (
             *(self._statuses, self._healths, self._events),
-            *(self._clocks, self._lives, self._scans),
+            *(self._clocks, self._lives, self._scans, self._doubts.feeds),
         ):
             feeds.close(error)
 

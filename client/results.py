@@ -8,6 +8,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages.fields import MAX_TIME_NS, Count, Vector
+from traverse.protocol.messages.later_doubt import LaterDoubt
 from traverse.protocol.messages.point import Covariance
 
 if TYPE_CHECKING:
@@ -66,6 +67,20 @@ class StoredSession(CommandResult):
         if not isinstance(sessions, list | tuple):
             raise MessageError.of("result.sessions", repr(sessions)[:80], "a list")
         return tuple(cls.read(session) for session in sessions)
+
+
+def doubts_of(result: Mapping[str, Any]) -> list[LaterDoubt]:
+    """Read what is in doubt since it was sent, from a result of `resend`.
+
+    Raises:
+        MessageError: it is none.
+    """
+    stated = result.get("doubts", ())
+    try:
+        return [doubt for data in stated if (doubt := LaterDoubt.of(dict(data)))]
+    except (TypeError, ValueError) as error:
+        expected = "a list of data of events"
+        raise MessageError.of("result.doubts", repr(stated)[:80], expected) from error
 
 
 class StoredScan(CommandResult):

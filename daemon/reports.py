@@ -3,7 +3,7 @@
 import resource
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
@@ -31,10 +31,12 @@ from traverse.protocol.messages import (
     SpoolHealth,
     Status,
 )
+from traverse.protocol.messages.later_doubt import LaterDoubt
 
 MAX_ALARMS = 64  # in a status
 MAX_PROBES = 64
 MAX_CONDITIONS = 256
+MAX_DOUBTS = 16
 MAX_TEXT = 2000
 SUMMED = (
     "samples_received",
@@ -55,6 +57,7 @@ def status_message(
     *,
     keeps_points: bool,
     active: Sequence[Occurrence] = (),
+    doubts: Iterable[LaterDoubt] = (),
     public_key: str | None = None,
     online: bool = True,
 ) -> Status:
@@ -65,6 +68,7 @@ def status_message(
         alignment = measurement.alignment.alignment
         arrangement = {
             "alarms": tuple(_alarm(alarm, clock) for alarm in active[:MAX_ALARMS]),
+            "doubts": tuple(doubts)[-MAX_DOUBTS:],
             "probe": None if probe is None else probe.name,
             "probes": None if probes is None else probes[:MAX_PROBES],
             "label": measurement.capture.label,

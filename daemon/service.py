@@ -25,7 +25,7 @@ from traverse.daemon.executor import JudgeUtc
 from traverse.daemon.inputs import REFUSED, Inputs, StartupError, address_of
 from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.doubt_file import DoubtFile
-from traverse.daemon.monitoring.events import EventLog, Occurrence
+from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import latencies_by_name
 from traverse.daemon.monitoring.prometheus import exposition
 from traverse.daemon.mqtt.connection import BrokerConnection
@@ -94,7 +94,7 @@ class Service:
         files = _files_of(path, configuration)
         steps = StepRecorder(clock, flight=configuration.recording.flight)
         step_clock = FrozenClock(clock, steps.related)
-        self._active = active = ActiveSession(step_clock)
+        active = ActiveSession(step_clock)
         self.queue = queue = OutgoingQueue()
         self.publisher = publisher = MessagePublisher(
             arm, encoding, queue, clock, steps
@@ -102,9 +102,10 @@ class Service:
         self.doubts = DoubtFile(state_path(path) / DOUBTS)
         self.events = events = EventLog(
             clock,
-            self._publish_event,
+            lambda event: publisher.publish_event(event, active.session.id),
             arm,
             status_due.set,  # whoever connects later learns from it what lasts
+            self.doubts.add,
         )
         self.recorder = recorder = Recorder(
             configuration.recording,
@@ -223,7 +224,11 @@ class Service:
             response_topics=broker.response_topics,
             offer=lambda answer: queue.offer("reply", answer),
             carry_out=handlers_of(
-                points, scans, reloader, ResendCommands(outbox, spool), recorder
+                points,
+                scans,
+                reloader,
+                ResendCommands(outbox, spool, self.doubts.latest),
+                recorder,
             ),
         )
 
@@ -260,14 +265,11 @@ class Service:
             self.publisher.encoding,
             keeps_points=self.outbox.is_ready,
             active=self.events.active,
+            doubts=self.doubts.latest,
             public_key=None if signer is None else signer.public_key,
             online=online,
         )
         return self.others.sending(message)
-
-    def _publish_event(self, event: Occurrence) -> None:
-        self.publisher.publish_event(event, self._active.session.id)
-        self.doubts.add(event.data)
 
     def _judge_utc(self, doubt: str, remedy: str) -> None:
         JudgeUtc(doubt, remedy).execute(self.measurement)

@@ -7,7 +7,8 @@ import sys
 import termios
 import tty
 from collections import deque
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,8 @@ from traverse.lab.collection.collection import CollectedTouch, Collection, touch
 from traverse.lab.collection.figures import implausible_mm, same_place
 from traverse.lab.collection.plan import Target
 from traverse.plurals import counted
-from traverse.protocol.messages import Event, Live, Point
+from traverse.protocol.messages import Live, Point, Status
+from traverse.protocol.messages.later_doubt import LaterDoubt, flagged_by
 from traverse.strict_toml.reader import read_strict
 
 APPROACH_BAND_RAD = 5e-4  # hands that rest tremble less
@@ -96,6 +98,7 @@ class _Session:
         self._ended = asyncio.Event()
         self._current: Target | None = None
         self._suspect: CollectedTouch | None = None
+        self._doubts: Sequence[LaterDoubt] = ()
         self._question = ""  # about the suspect
         self._go_on()
         self.reached = False
@@ -118,15 +121,15 @@ class _Session:
             try:
                 async with ConfiguredClient(broker) as client:
                     self.reached = True
-                    await subscribe(client, arm, ("point", "live", "event"))
+                    await subscribe(client, arm, ("point", "live", "status"))
                     self._say(f"following {arm} on {broker}")
                     async for item in received(client):
                         if isinstance(item.message, Live):
                             self._follow(item.message)
                         elif isinstance(item.message, Point):
                             self._take(item.message)
-                        elif isinstance(item.message, Event):
-                            self._doubt(item.message)
+                        elif isinstance(item.message, Status):
+                            self._doubt(item.message.doubts)
                         else:
                             self._say(f"{item.kind}: {item.error}")
                         if self._ended.is_set():
@@ -163,7 +166,7 @@ class _Session:
 
     def _take(self, point: Point) -> None:
         self._watch_numbers(point)
-        number = f"point {point.seq}"
+        point, number = flagged_by(self._doubts, point), f"point {point.seq}"
         if point.retracts is not None:
             if self._suspect is not None and self._suspect.id == point.retracts:
                 self._undo()
@@ -183,7 +186,7 @@ class _Session:
             if target is None:
                 self._say(f"{number} is labelled {label.artefact}: not in the campaign")
                 return
-        if bad := self.flagged.leaves_out(point):
+        if bad := self.flagged.leaves_out(point.quality.flags):
             self._say(
                 f"{number} left out: flagged {', '.join(bad)}; {remedy_of(bad[0])}"
             )
@@ -210,15 +213,22 @@ class _Session:
         )
         self._say(self._question)
 
-    def _doubt(self, event: Event) -> None:
-        """Leave out points that an event puts in doubt after they were taken."""
-        for point_id in str(event.data.get("points", "")).split():
-            if self._suspect is not None and self._suspect.id == point_id:
-                self._suspect = None
-            elif not self._collection.retract(point_id):
+    def _doubt(self, doubts: Sequence[LaterDoubt]) -> None:
+        """Leave out points that are in doubt since they were taken."""
+        self._doubts = doubts
+        suspects = [] if self._suspect is None else [self._suspect]
+        for touch in [*suspects, *self._collection.touches.values()]:
+            meant = (d.flags for d in doubts if d.means(touch.id, touch.time_ns))
+            flags = dict.fromkeys(chain.from_iterable(meant))
+            if not (bad := self.flagged.leaves_out(flags)):
                 continue
-            number = point_id.rpartition("-")[2]
-            self._say(f"point {number} is left out again: {event.text}")
+            if touch is self._suspect:
+                self._suspect = None
+            self._collection.retract(touch.id)
+            self._say(
+                f"point {touch.seq} is left out again: flagged {', '.join(bad)} since; "
+                f"{remedy_of(bad[0])}"
+            )
             self._go_on()
 
     def _believe(self, suspect: CollectedTouch, *, without_others: bool) -> None:

@@ -9,7 +9,6 @@ from traverse.plurals import counted
 from traverse.protocol.messages import (
     FLAG_MEANINGS,
     REMARKS,
-    Point,
     QualityFlag,
     flag_names,
 )
@@ -49,9 +48,9 @@ class FlaggedPoints:
         self.n_points = 0
         self.by_flag: Counter[str] = Counter()
 
-    def leaves_out(self, point: Point) -> list[str]:
-        """Return the flags for which a point is left out, and count it."""
-        flags = [flag for flag in point.quality.flags if flag not in self._allowed]
+    def leaves_out(self, flags: Iterable[str]) -> list[str]:
+        """Return those flags for which a point is left out, and count it."""
+        flags = [flag for flag in flags if flag not in self._allowed]
         self.by_flag.update(flags)
         self.n_points += bool(flags)
         return flags

@@ -89,7 +89,7 @@ def _touches(
                 f"{counted(n_joints, 'joint')}; give the arm file that it was taken "
                 "with"
             )
-        if bad := flagged.leaves_out(point):
+        if bad := flagged.leaves_out(point.quality.flags):
             left_out.append(f"{name} is flagged {', '.join(bad)}")
             continue
         yield touch_of(point, target, None, None)

@@ -91,7 +91,7 @@ class ArmSight:
         absence: message that the broker has no arm of this name; else empty.
         listeners: called with each change.
         scan_listeners: called with each block of a scan.
-        doubts: the latest of numbers that had been published.
+        doubts: the latest of numbers that are here, or in a feature.
         doubt_listeners: called with each of them.
     """
 
@@ -228,7 +228,6 @@ class ArmSight:
         key = (event.code, event.source)
         if event.active is True:
             self.alarms[key] = event
-            self._take_doubt(event)
             if event.severity != "info":
                 self._notify(Change("alarm", event.text))
         elif event.active is False:
@@ -247,14 +246,8 @@ class ArmSight:
         elif event.code == "capture.alignment":
             self.aligned_ns = event.last_ns
 
-    def _take_doubt(self, event: Event) -> None:
-        """Flag what an event puts in doubt after it was published."""
-        try:
-            doubt = LaterDoubt.of(event.data)
-        except ValueError:  # not written by a daemon of this version
-            return
-        if doubt is None or doubt in self.doubts:
-            return
+    def take_doubt(self, doubt: LaterDoubt) -> None:
+        """Flag what is in doubt since it was taken."""
         self.doubts.append(doubt)
         for held in self.sessions.values():
             for point in [*held.values()]:
@@ -303,8 +296,6 @@ class ArmSight:
         self.health, self._health_s = health, self.now_s()
 
     def take_scan(self, block: Scan) -> None:
-        for doubt in self.doubts:  # a block may come after what it is in doubt by
-            block = doubt.flagged_scan(block)
         self.scan = ScanProgress(
             block.scan,
             not block.last,

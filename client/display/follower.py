@@ -77,6 +77,7 @@ class Follower:
                         _each(arm.live(), self.sight.take_live),
                         _each(arm.clocks(), self.sight.take_clock),
                         _each(arm.events(), self.sight.take_event),
+                        _each(arm.doubts(), self.sight.take_doubt),
                         self._points(arm),
                         self._scans(arm),
                         self._absence(),

@@ -7,9 +7,10 @@ from collections.abc import Callable
 from traverse.client.change_signal import ChangeSignal
 from traverse.client.errors import ClientError, CommandRefused
 from traverse.client.mqtt.connection import ReconnectingConnection
+from traverse.client.points.doubts import KnownDoubts
 from traverse.client.points.reorder_buffer import ReorderBuffer, ResendRequest
 from traverse.client.requests import CommandClient
-from traverse.client.results import Resent, StoredSession
+from traverse.client.results import Resent, StoredSession, doubts_of
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import ResendArgs
 
@@ -29,6 +30,7 @@ class GapFiller:
 
     Args:
         requests: sends requests to the outbox.
+        doubts: takes those of what the outbox has.
         room: how many points may be requested now.
     """
 
@@ -37,12 +39,15 @@ class GapFiller:
         order: ReorderBuffer,
         link: ReconnectingConnection,
         requests: CommandClient,
+        doubts: KnownDoubts,
+        *,
         room: Callable[[], int],
         arrived: ChangeSignal,
     ) -> None:
         self._order = order
         self._link = link
         self._requests = requests
+        self._doubts = doubts
         self._room = room
         self._arrived = arrived
         self._questions = ChangeSignal()
@@ -111,6 +116,7 @@ class GapFiller:
     async def _carry_out(self, ask: ResendRequest, arrival_s: float) -> None:
         if ask.session is None:
             result = await self._requests.result(ResendArgs(), ASK_S)
+            self._doubts.take(doubts_of(result))
             self._order.listed(StoredSession.read_all(result))
             self._arrived.notify()
             return

@@ -12,6 +12,7 @@ from typing import Self
 
 from traverse.client.change_signal import ChangeSignal
 from traverse.client.mqtt.connection import ReconnectingConnection
+from traverse.client.points.doubts import KnownDoubts
 from traverse.client.points.gap_filler import GapFiller
 from traverse.client.points.reorder_buffer import ReorderBuffer
 from traverse.client.points.session_order import Lost
@@ -30,6 +31,7 @@ class PointStream:
     Args:
         link: the connection; points are acknowledged on it.
         requests: sends requests to the outbox.
+        doubts: what is in doubt since it was sent; points have its flags.
         limit: most points waiting for the reader.
 
     Attributes:
@@ -42,15 +44,22 @@ class PointStream:
         order: ReorderBuffer,
         link: ReconnectingConnection,
         requests: CommandClient,
+        doubts: KnownDoubts,
         limit: int,
     ) -> None:
         self._order = order
+        self._doubts = doubts
         self._link = link
         self._limit = limit
         self._unacknowledged: list[int] = []
         self._arrived = ChangeSignal()
         self._gap_filler = GapFiller(
-            order, link, requests, self._room_for_more, self._arrived
+            order,
+            link,
+            requests,
+            doubts,
+            room=self._room_for_more,
+            arrived=self._arrived,
         )
         self.follow = self._gap_filler.run
         self._has_reader = False
@@ -133,7 +142,8 @@ class PointStream:
             self._flush_acks()
         if isinstance(item, Lost):
             self._report_lost(item)
-        return item
+            return item
+        return self._doubts.flagged(item)
 
     async def begun(self) -> None:
         """Wait until the first point to be followed is known."""

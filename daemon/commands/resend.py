@@ -1,5 +1,7 @@
 """The command `resend`: list stored points and scans, or send them again."""
 
+from collections.abc import Iterable
+
 from traverse.daemon.command_handlers import handles
 from traverse.daemon.errors import Result
 from traverse.daemon.store.durable_queue import DurableQueue
@@ -11,8 +13,10 @@ from traverse.daemon.store.queries import (
 )
 from traverse.daemon.store.records import StoredSession
 from traverse.protocol.messages import ResendArgs
+from traverse.protocol.messages.later_doubt import LaterDoubt
 
 MAX_SESSIONS = 1000
+MAX_DOUBTS = 200
 LAST = 2**53 - 1
 
 
@@ -21,11 +25,15 @@ class ResendCommands:
 
     Args:
         scans: store of scan blocks, perhaps not open.
+        doubts: what is in doubt since it was stored, oldest first.
     """
 
-    def __init__(self, points: DurableQueue, scans: DurableQueue) -> None:
+    def __init__(
+        self, points: DurableQueue, scans: DurableQueue, doubts: Iterable[LaterDoubt]
+    ) -> None:
         self._points = points
         self._scans = scans
+        self._doubts = doubts
 
     @handles(ResendArgs)
     async def carry_out(self, args: ResendArgs) -> Result:
@@ -59,6 +67,7 @@ class ResendCommands:
                 }
                 for scan in await _sessions(self._scans)
             ],
+            "doubts": [d.data for d in self._doubts][-MAX_DOUBTS:],
         }
 
     async def _send_points(self, args: ResendArgs, session: str, to_seq: int) -> Result:

@@ -54,12 +54,14 @@ class EventLog:
         publish: called with occurrences, times monotonic.
         arm: name, for a log with fields.
         changed: called when begin or end of a lasting condition was published.
+        begun: called with the data of each that begins, however often it does.
     """
 
     clock: HostClock
     publish: Callable[[Occurrence], None]
     arm: str = ""
     changed: Callable[[], None] = lambda: None
+    begun: Callable[[Mapping[str, int | float | str]], None] = lambda data: None
 
     def __post_init__(self) -> None:
         self._held: dict[tuple[str, str], Occurrence] = {}
@@ -131,6 +133,8 @@ class EventLog:
         key = (code, source)
         if active == (key in self._active):
             return
+        if active and data:
+            self.begun(data)
         if active and len(self._active) >= MAX_KINDS:
             self.report(severity, code, text, source=source, remedy=remedy, data=data)
             return

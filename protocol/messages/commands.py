@@ -208,8 +208,9 @@ class ResendArgs(Args):
       "complete"`. Result `{scan, session, from_seq, to_seq, blocks, first_seq,
       last_seq, total}`; the total is null before the scan's end.
     - With neither: nothing is sent. Result `{sessions: [{session, begun_ns, first_seq,
-      last_seq}], scans: [{scan, session, begun_ns, first_seq, last_block_seq}]}`,
-      oldest first, the latest 1000 of each; times are strings of digits.
+      last_seq}], scans: [{scan, session, begun_ns, first_seq, last_block_seq}],
+      doubts}`, oldest first, the latest 1000 of each; times are strings of digits. The
+      latest 200 `doubts` are `data` of events that name numbers sent before.
     """
 
     command = "resend"

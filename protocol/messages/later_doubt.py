@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import reduce
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
+from pydantic import Field
 
 from traverse.arrays import Booleans, Integers
+from traverse.protocol.messages.fields import Name, TimeNs, Value
 from traverse.protocol.messages.point import Point
 from traverse.protocol.messages.quality import Quality, QualityFlag
 from traverse.protocol.messages.scan import Scan
@@ -16,20 +17,17 @@ from traverse.protocol.messages.scan import Scan
 PointT = TypeVar("PointT", bound=Point)
 
 
-@dataclass(frozen=True, slots=True)
-class LaterDoubt:
-    """Numbers that an event names, and the flags that they should have had.
+class LaterDoubt(Value):
+    """Numbers that were sent before an event put them in doubt."""
 
-    Attributes:
-        ids: of points.
-        from_ns, until_ns: UTC of the first and last reading concerned.
-        flags: names of quality flags.
-    """
-
-    ids: frozenset[str]
-    from_ns: int
-    until_ns: int
-    flags: tuple[str, ...]
+    points: Annotated[tuple[Name, ...], Field(max_length=64)]
+    """Ids of points; all others of the time below are meant, too."""
+    from_ns: TimeNs
+    """Of the first reading concerned. [UTC]"""
+    until_ns: TimeNs
+    """Of the last reading concerned. [UTC]"""
+    flags: tuple[Name, ...]
+    """Quality flags that they should have had."""
 
     @classmethod
     def of(cls, data: Mapping[str, object]) -> "LaterDoubt | None":
@@ -41,9 +39,21 @@ class LaterDoubt:
         flags = tuple(str(data.get("flags", "")).split())
         if not flags:
             return None
-        ids = frozenset(str(data.get("points", "")).split())
-        from_ns, until_ns = (str(data.get(f"{k}_ns", 0)) for k in ("from", "until"))
-        return cls(ids, int(from_ns), int(until_ns), flags)
+        points = tuple(str(data.get("points", "")).split())
+        from_ns, until_ns = (
+            int(str(data.get(f"{k}_ns", 0))) for k in ("from", "until")
+        )
+        return cls(points=points, from_ns=from_ns, until_ns=until_ns, flags=flags)
+
+    @property
+    def data(self) -> dict[str, str]:
+        """As in an event."""
+        times = {"from_ns": str(self.from_ns), "until_ns": str(self.until_ns)}
+        return {
+            **times,
+            "flags": " ".join(self.flags),
+            "points": " ".join(self.points),
+        }
 
     @property
     def bits(self) -> int:
@@ -56,14 +66,17 @@ class LaterDoubt:
         """Return which samples were taken meanwhile, (n,)."""
         return np.asarray((times_ns >= self.from_ns) & (times_ns <= self.until_ns))
 
+    def means(self, point_id: str, time_ns: int) -> bool:
+        """Return whether a point is meant."""
+        return point_id in self.points or self.from_ns <= time_ns <= self.until_ns
+
     def flagged(self, point: PointT) -> PointT:
         """Return a point with its flags, if it is meant."""
-        if (
-            point.id not in self.ids
-            and not self.from_ns <= point.time_ns <= self.until_ns
-        ):
+        if not self.means(point.id, point.time_ns):
             return point
         every = tuple(dict.fromkeys((*point.quality.flags, *self.flags)))
+        if every == point.quality.flags:
+            return point
         return point.model_copy(update={"quality": Quality(ok=False, flags=every)})
 
     def flagged_scan(self, scan: Scan) -> Scan:

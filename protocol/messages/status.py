@@ -16,6 +16,7 @@ from traverse.protocol.messages.fields import (
     Word,
     schema_field,
 )
+from traverse.protocol.messages.later_doubt import LaterDoubt
 from traverse.protocol.messages.plain import PlainMap
 from traverse.protocol.messages.point import Label
 
@@ -103,6 +104,9 @@ class Status(Message):
         tuple[ConditionStanding, ...], Field(max_length=256, fail_fast=True)
     ] = ()
     """All conditions that numbers rest on; empty in the last will."""
+    doubts: Annotated[tuple[LaterDoubt, ...], Field(max_length=16)] = ()
+    """The latest 16, oldest first; empty in the last will. Those of what is sent again
+    are in the reply to `resend`."""
     probe: Name | None = None
     """Probe of the library that measures; null: that of the arm file."""
     probes: Annotated[tuple[Name, ...], Field(max_length=64)] | None = None

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.browser.conftest import OpenPage, PosedDaemon
 from tests.client.display.test_inspection_desk import scan_of
-from tests.client.display.values import event
+from tests.client.display.values import doubt
 from tests.client.inspection.touched import ARM, touched_points
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.helmert.transformation import Helmert
@@ -156,11 +156,8 @@ async def test_a_plate_and_a_hole_are_measured_by_scans(
         await touch_all(posed, by_feature["hole a"][:1], shared)
         await expect(rows).to_have_count(2)
         await picture(page, "scanned")
-        # An event that comes later names the time of the last scan.
-        times = {"from_ns": str(begun_ns), "until_ns": str(time.time_ns() + 10**10)}
-        named = event("condition.channels", True, text="frozen", arm=posed.arm)
-        data = {**times, "flags": "stale"}
-        await posed.publish(named.model_copy(update={"data": data}))
+        # What shows later names the time of the last scan.
+        await posed.put_in_doubt(doubt(begun_ns, time.time_ns() + 10**10))
         await page.wait_for_function("traverse_scene.doubts.length > 0")
         await expect(part.locator(".touches")).to_contain_text("in doubt")
         await picture(page, "in-doubt")

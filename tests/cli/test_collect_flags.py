@@ -2,8 +2,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.client.display.values import doubt
 from tests.lab.collection.test_collection import CAMPAIGN
-from tests.protocol.message_examples import EVENT, POINT
+from tests.protocol.message_examples import POINT
 from traverse.cli.collect.session import _Session
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.collection.collection import Collection
@@ -41,15 +42,18 @@ def test_what_concerns_geometry_or_utc_alone_disqualifies_no_point(session):
     assert session.flagged.lines() == []
 
 
-def test_points_that_an_event_puts_in_doubt_afterwards_are_left_out(session, capsys):
+def test_points_that_are_in_doubt_since_they_were_taken_are_left_out(session, capsys):
     assert take(session, 0) == 1
     assert take(session, 1) == 2
-    session._doubt(EVENT.model_copy(update={"data": {"constant_s": 0.6}}))
+    later = doubt(points=f"{POINT.session}-1 {POINT.session}-7")
+    session._doubt([later.model_copy(update={"flags": ("utc_uncertain",)})])
     assert len(session._collection.touches) == 2
-    ids = {"points": f"{POINT.session}-1 {POINT.session}-7"}
-    session._doubt(EVENT.model_copy(update={"data": ids, "text": "it froze"}))
+    for _ in range(2):  # each status has it
+        session._doubt([later])
     assert [touch.seq for touch in session._collection.touches.values()] == [0]
-    assert "point 1 is left out again: it froze" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert said.count("point 1 is left out again: flagged stale since") == 1
+    assert take(session, 7) == 1
 
 
 def test_flagged_points_are_counted_with_the_reason_and_the_remedy(session, capsys):

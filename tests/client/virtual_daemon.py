@@ -36,6 +36,7 @@ from traverse.protocol.messages import (
     Status,
     UndoArgs,
 )
+from traverse.protocol.messages.later_doubt import LaterDoubt
 
 RECORDED = {"file": "a.mcap", "seconds": 0.1, "bytes": 9, "messages": 4, "gaps": 0}
 
@@ -45,7 +46,8 @@ class VirtualDaemon:
 
     Attributes:
         outbox: points by session, then by number; sessions in the order of their begin.
-        probe, probes: as in its status.
+        probe, probes, doubts: as in its status.
+        earlier_doubts: in its list of sessions only.
         is_mute: points go into the outbox only.
         can_resend: whether the command is supported.
         is_deaf: commands are not carried out.
@@ -68,6 +70,8 @@ class VirtualDaemon:
         self.session = ""
         self.probe: str | None = None
         self.probes: tuple[str, ...] | None = None
+        self.doubts: tuple[LaterDoubt, ...] = ()
+        self.earlier_doubts: tuple[LaterDoubt, ...] = ()
         self.is_mute = False
         self.is_deaf = False
         self.heard = 0
@@ -162,11 +166,17 @@ class VirtualDaemon:
             "session": self.session or None,
             "alarms": (),
             "conditions": (),
+            "doubts": self.doubts,
             "probe": self.probe,
             "probes": self.probes,
             "label": None,
         }
         return encode(Status(**fields), "msgpack")
+
+    async def put_in_doubt(self, doubt: LaterDoubt) -> None:
+        """Say what is in doubt since it was sent."""
+        self.doubts += (doubt,)
+        await self._say_status(online=True)
 
     async def _say_status(self, *, online: bool) -> None:
         assert self._client is not None
@@ -253,7 +263,11 @@ class VirtualDaemon:
         self.resends.append((args.session, args.from_seq, args.to_seq))
         if args.session is None:
             held_sessions = [self._held(session) for session in self.outbox]
-            return {"sessions": held_sessions, "scans": list(self.scans)}
+            return {
+                "sessions": held_sessions,
+                "scans": list(self.scans),
+                "doubts": [doubt.data for doubt in self.earlier_doubts],
+            }
         held = self.outbox.get(args.session, {})
         last = max(held, default=-1) if args.to_seq is None else args.to_seq
         points = [p for seq, p in held.items() if args.from_seq <= seq <= last]

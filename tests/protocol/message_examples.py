@@ -48,6 +48,7 @@ from traverse.protocol.messages import (
     Status,
     UndoArgs,
 )
+from traverse.protocol.messages.later_doubt import LaterDoubt
 
 GOLDEN = Path(__file__).parent / "golden"
 ARM = "bench-7"
@@ -100,6 +101,14 @@ STATUS = Status(
             cause="base has been without power",
             remedy="touch a point that you know, then confirm",
             command="reference",
+        ),
+    ),
+    doubts=(
+        LaterDoubt(
+            points=(f"{SESSION}-17",),
+            from_ns=TIME_NS,
+            until_ns=TIME_NS + 10**9,
+            flags=("turns_uncertain",),
         ),
     ),
     probe="ball-6",

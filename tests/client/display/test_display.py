@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.client.display.values import (
+    doubt,
     event,
     golden,
     health,
@@ -18,7 +19,7 @@ from tests.client.display.values import (
     retraction,
     status,
 )
-from tests.protocol.message_examples import CLOCK, SCAN
+from tests.protocol.message_examples import CLOCK
 from traverse.arrays import Integers
 from traverse.client.display.arm_state import MAX_POINTS, ArmSight, Change
 from traverse.client.display.condition import obstacle, verdict, wanted_commands
@@ -161,24 +162,14 @@ def test_a_point_that_an_event_puts_in_doubt_is_flagged_afterwards(sight: ArmSig
     desk, seen = InspectionDesk(sight), changes(sight)
     desk.begin("plane")
     sight.take_point(point(3, quality=FINE))
-    frozen = event("condition.channels", True, severity="error", text="it froze")
-    data = {"points": "p-2 p-3 p-99", "flags": "stale", "constant_s": 0.6}
-    sight.take_event(frozen.model_copy(update={"data": data}))
+    for _ in range(2):  # a new connection tells all of them again
+        sight.take_doubt(doubt(points="p-2 p-3 p-99"))
     assert sight.points["p-1"] == first
     for name in ("p-2", "p-3"):
         assert sight.points[name].quality == Quality(ok=False, flags=("stale",))
     kinds = [change.kind for change in seen]
-    assert kinds[-3:] == ["doubt", "doubt", "alarm"]
+    assert kinds == ["point", "doubt", "doubt"]
     assert desk._points == {"p-3": sight.points["p-3"]}
-
-
-def test_an_event_whose_times_are_none_is_shown_and_flags_nothing(sight: ArmSight):
-    sight.take_point(point(1, quality=FINE))
-    frozen = event("condition.channels", True, severity="error", text="it froze")
-    data = {"flags": "stale", "from_ns": "soon", "until_ns": "later"}
-    sight.take_event(frozen.model_copy(update={"data": data}))
-    assert sight.points["p-1"].quality.ok
-    assert verdict(sight).sentence.endswith("it froze")
 
 
 def test_the_worst_of_several_is_first_and_the_others_are_counted(
@@ -481,24 +472,12 @@ def test_what_an_event_puts_in_doubt_is_marked(sight: ArmSight, budget: int) -> 
         add(cloud, np.arange(n, n + 30))
     held = point(1, quality=FINE)
     sight.take_point(held)
-    jumped = event("device.turns_uncertain", True, severity="error", text="it jumped")
-    data = {"from_ns": "20", "until_ns": str(held.time_ns), "flags": "turns_uncertain"}
     version = cloud.version
-    sight.take_event(jumped.model_copy(update={"data": data}))
+    sight.take_doubt(doubt(20, held.time_ns))
     assert cloud.version != version
     assert (kept(cloud)[:, 3] == (kept(cloud)[:, 0] >= 20)).all()
-    assert sight.points[held.id].quality.flags == ("turns_uncertain",)
-    assert [change.kind for change in seen] == ["point", "doubt", "alarm"]
-    later = {"quality": np.zeros_like(SCAN.quality), "time_ns": held.time_ns + 10**9}
-    scan = SCAN.model_copy(update=later)
-    late = {"from_ns": str(scan.time_ns + int(scan.dtime_ns[-1])), "flags": "stale"}
-    data = {**late, "until_ns": str(scan.time_ns + 10**10)}
-    sight.take_event(jumped.model_copy(update={"data": data}))
-    n = len(scan.dtime_ns)
-    cloud = Cloud()
-    sight.scan_listeners.append(cloud.take)
-    sight.take_scan(scan)  # sent after the event
-    assert kept(cloud)[:, 3].tolist() == [0.0] * (n - 1) + [1.0]
+    assert sight.points[held.id].quality.flags == ("stale",)
+    assert [change.kind for change in seen] == ["point", "doubt"]
 
 
 def test_another_scan_begins_anew() -> None:

@@ -4,6 +4,7 @@ from typing import Any, TypeVar
 
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Event, Health, Live, Message, Point, Status
+from traverse.protocol.messages.later_doubt import LaterDoubt
 
 GOLDEN = Path(__file__).parents[2] / "protocol" / "golden"
 M = TypeVar("M", bound=Message)
@@ -32,6 +33,11 @@ def status(**changes: Any) -> Status:
     ]
     usual = {"state": "ready", "drivers": drivers, "alarms": [], "conditions": []}
     return golden(Status, "status", **{**usual, **changes})
+
+
+def doubt(from_ns: int = 0, until_ns: int = 0, points: str = "") -> LaterDoubt:
+    ids = tuple(points.split())
+    return LaterDoubt(points=ids, from_ns=from_ns, until_ns=until_ns, flags=("stale",))
 
 
 def event(code: str, active: bool | None, **changes: Any) -> Event:

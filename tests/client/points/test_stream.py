@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.tools.network import Network
+from tests.client.display.values import doubt
 from tests.client.reading import read
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.mosquitto import Mosquitto, free_port
@@ -34,6 +35,31 @@ async def test_the_whole_session_comes_and_nothing_of_those_before(
             points = await read(arm, 4)
             assert points == list(virtual.outbox[session].values())
             assert arm.counters.lost == 0
+
+
+async def test_what_is_in_doubt_since_it_was_sent_is_marked(
+    virtual: VirtualDaemon, broker: str
+) -> None:
+    async with virtual.running():
+        sent = await virtual.take(3)
+        async with Arm(virtual.arm, broker) as early:
+            await virtual.take(1)
+            await read(early, 1)
+            later = doubt(points=sent[1].id)
+            await virtual.put_in_doubt(later)
+            async with asyncio.timeout(5.0):
+                assert await anext(early.doubts()) == later
+        virtual.earlier_doubts = (doubt(points=sent[2].id),)
+        async with Arm(virtual.arm, broker, since="session") as arm:
+            marked = await read(arm, 4)
+            async with asyncio.timeout(5.0):
+                feed = arm.doubts()
+                assert [await anext(feed), await anext(feed)] == [
+                    later,
+                    *virtual.earlier_doubts,
+                ]
+        are_stale = ["stale" in point.quality.flags for point in marked]
+        assert are_stale == [False, True, True, False]
 
 
 async def test_no_point_is_lost_or_doubled_over_twenty_reconnections(

@@ -61,7 +61,7 @@ class OutboxOnLoop:
 
     async def resend(self, **args):
         scans = Bench(self.path.parent).spool
-        commands = ResendCommands(self.outbox, scans)
+        commands = ResendCommands(self.outbox, scans, ())
         return await commands.carry_out(ResendArgs(**args))
 
     async def take_all(self, n):

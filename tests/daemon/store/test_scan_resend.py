@@ -25,7 +25,7 @@ async def test_a_range_of_points_is_repeated_in_whole_blocks(
 ):
     """Block 3, points 15 to 19, has never been: it was dropped."""
     bench = Bench(tmp_path)
-    requests = ResendCommands(OutboxOnLoop(tmp_path).outbox, bench.spool)
+    requests = ResendCommands(OutboxOnLoop(tmp_path).outbox, bench.spool, ())
     async with bench.spool.running():
         await bench.offer(0, 1, 2)
         await bench.offer(4, last=True)
@@ -49,7 +49,7 @@ async def test_a_range_of_points_is_repeated_in_whole_blocks(
 
 async def test_scans_are_listed_and_unknown_ones_are_nothing(tmp_path):
     bench = Bench(tmp_path)
-    requests = ResendCommands(OutboxOnLoop(tmp_path).outbox, bench.spool)
+    requests = ResendCommands(OutboxOnLoop(tmp_path).outbox, bench.spool, ())
     async with bench.spool.running():
         await bench.offer(0, 1, scan="a")
         await bench.offer(0, scan="b")

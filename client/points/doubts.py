@@ -1,0 +1,41 @@
+"""What an arm has put in doubt after it was sent, as its clients know it."""
+
+from collections.abc import Iterable
+
+from traverse.client.feeds import Feed, Feeds
+from traverse.protocol.messages import Point, Scan
+from traverse.protocol.messages.later_doubt import LaterDoubt, flagged_by
+
+MAX_DOUBTS = 1000
+
+
+class KnownDoubts:
+    """Marks what is handed on from now on; who has it already reads them."""
+
+    def __init__(self) -> None:
+        self._known: dict[LaterDoubt, None] = {}  # the newest last
+        self.feeds = Feeds[LaterDoubt](MAX_DOUBTS, keep_newest=True)
+
+    def open(self) -> Feed[LaterDoubt]:
+        """Return a feed that begins with those that are known."""
+        feed = self.feeds.open()
+        for doubt in self._known:
+            feed.put(doubt)
+        return feed
+
+    def take(self, doubts: Iterable[LaterDoubt]) -> None:
+        """Take what the arm says; it says the same again and again."""
+        for doubt in doubts:
+            if doubt not in self._known:
+                self._known[doubt] = None
+                self.feeds.put(doubt)
+        while len(self._known) > MAX_DOUBTS:
+            del self._known[next(iter(self._known))]
+
+    def flagged(self, point: Point) -> Point:
+        return flagged_by(self._known, point)
+
+    def flagged_scan(self, block: Scan) -> Scan:
+        for doubt in self._known:
+            block = doubt.flagged_scan(block)
+        return block
