@@ -61,7 +61,8 @@ async def send(arm: "Arm", kind: Kind, sender: "LineGateway") -> None:
     report(
         f"{counted(counts.sent, 'line')} sent, "
         f"{counted(counts.held_back, 'point')} held back, "
-        f"{counts.undone} taken back after they were sent, {counts.lost} lost"
+        f"{counts.undone} taken back and {counts.doubted} in doubt after they were "
+        f"sent, {counts.lost} lost"
     )
 
 

@@ -1,12 +1,16 @@
 """Points and scans as lines of text, for programs that take text."""
 
+import asyncio
+import contextlib
 from dataclasses import dataclass
 
 from traverse.client.arm import Arm
+from traverse.client.cancel_tasks import run_together
 from traverse.client.exports.line_template import LineTemplate
 from traverse.client.exports.point_table import Coordinates, block_table
 from traverse.client.exports.text import SPECIMEN, scan_values, values_of
 from traverse.client.gateways.outlets import NotTakenError, Outlet, Report
+from traverse.client.points.doubts import SentPoints
 from traverse.client.points.session_order import Lost
 from traverse.plurals import counted
 from traverse.protocol.messages import Point, Scan
@@ -20,7 +24,6 @@ TEMPLATES = {
 """PC-DMIS: a line of a machine of type "Generic CMM"; LinuxCNC: a line of a probe log,
 X Y Z A B C U V W; MTConnect: SHDR of an adapter; a spreadsheet: columns with tabs, the
 flags of doubt last."""
-MAX_IDS = 10_000  # a point that was taken back is looked for among the latest
 UNITS_MM = {"mm": 1.0, "inch": 25.4}
 
 
@@ -63,6 +66,7 @@ class LineCounts:
     sent: int = 0
     held_back: int = 0
     undone: int = 0
+    doubted: int = 0
     lost: int = 0
 
 
@@ -78,25 +82,44 @@ class LineGateway:
         self._form = form
         self.outlet = outlet
         self._report = report
-        self._sent_ids: dict[str, None] = {}  # the newest last
+        self._sent = SentPoints()
+        self._turn = asyncio.Lock()  # of the outlet
         self.counts = LineCounts()
 
     async def send_points(self, arm: Arm) -> None:
-        """Send points until the arm's client is closed.
+        """Send points until the arm's client is closed."""
+        await run_together(self._send_each(arm), self._send_doubts(arm))
 
-        The next point is requested when the last one is sent: `Arm` keeps the place.
-        """
+    async def _send_each(self, arm: Arm) -> None:
+        """Request the next point when the last one is sent: `Arm` keeps the place."""
         async for item in arm.points_and_losses():
             if isinstance(item, Lost):
                 self.counts.lost += (item.to_seq or item.from_seq) - item.from_seq + 1
                 self._report(str(item))
             elif (line := self._line(item)) is not None:
                 try:
-                    await self.outlet.send(line.encode())
+                    async with self._turn:
+                        await self.outlet.send(line.encode())
                 except NotTakenError as error:
                     self._held_back(1, f"point {item.seq}: {error}")
                 else:
                     self._note_sent(item)
+
+    async def _send_doubts(self, arm: Arm) -> None:
+        form = self._form
+        async for doubt in arm.doubts():
+            for point in self._sent.doubt(doubt):
+                flags = ", ".join(point.quality.flags)
+                self._report(
+                    f"point {point.seq} is in doubt since it was sent ({flags})"
+                )
+                if form.undo is not None and not form.passes_doubtful:
+                    undone = point.model_copy(update={"retracts": point.id})
+                    values = values_of(undone, form.coordinates, form.unit_mm)
+                    with contextlib.suppress(NotTakenError):  # as it was reported
+                        async with self._turn:
+                            await self.outlet.send(form.undo.filled(values).encode())
+                self.counts.doubted += 1
 
     async def send_scans(self, arm: Arm) -> None:
         scan, next_seq = "", 0
@@ -114,7 +137,7 @@ class LineGateway:
         """Return the line of a point; None, with a report, if none is sent."""
         form, template = self._form, self._form.template
         if point.retracts is not None:
-            if point.retracts not in self._sent_ids:
+            if point.retracts not in self._sent.by_id:
                 self._report(f"{point.retracts} was taken back; it was not sent by now")
                 return None
             if form.undo is None:
@@ -134,11 +157,10 @@ class LineGateway:
 
     def _note_sent(self, point: Point) -> None:
         self.counts.sent += 1
-        self._sent_ids[point.id] = None
-        if point.retracts is not None:
+        if point.retracts is None:
+            self._sent.add(point)
+        else:
             self.counts.undone += 1
-        if len(self._sent_ids) > MAX_IDS:
-            del self._sent_ids[next(iter(self._sent_ids))]
 
     def _scan_lines(self, block: Scan) -> list[str]:
         form, n = self._form, len(block.dtime_ns)

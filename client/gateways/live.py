@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Any, Self
 
@@ -26,6 +26,7 @@ from traverse.client.gateways.live_scene import (
     point_entity,
 )
 from traverse.client.gateways.outlets import Report, url_of
+from traverse.client.points.doubts import SentPoints
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages import Health, Message, Point, Status
 from traverse.recording.views import (
@@ -119,7 +120,7 @@ class LiveServer:
             )
             for kind in (Status, Health)
         }
-        self._shown: dict[str, Point] = {}  # the newest last
+        self._shown = SentPoints(MAX_POINTS)
         self._latest: dict[type[Message], Message] = {}
         self._alarms: dict[str, tuple[str, StatusLevel]] = {}
         self._subscribed = asyncio.Event()
@@ -161,6 +162,7 @@ class LiveServer:
         await run_together(
             *(self._show_points(), self._show_arm(), self._show_scans()),
             *(self._show_events(), self._show_state(), self._repeat()),
+            self._show_doubts(),
         )
 
     async def _show_points(self) -> None:
@@ -170,21 +172,26 @@ class LiveServer:
                 continue
             self._views["point"].log(point_to_bytes(item), log_time=item.time_ns)
             if item.retracts is not None:
-                self._take_away(item.retracts)
+                if (gone := self._shown.by_id.pop(item.retracts, None)) is not None:
+                    self._take_away(gone)
                 continue
             self._views["pose"].log(pose_to_bytes(item), log_time=item.time_ns)
             self.points += 1
-            self._shown[item.id] = item
-            if len(self._shown) > MAX_POINTS:
-                self._take_away(next(iter(self._shown)))
-            self._scene_of_points.log(
-                SceneUpdate(entities=[point_entity(item, self._times)])
-            )
+            if (forgotten := self._shown.add(item)) is not None:
+                self._take_away(forgotten)
+            self._draw([item])
 
-    def _take_away(self, point_id: str) -> None:
-        if self._shown.pop(point_id, None) is not None:
-            deletions = [deletion(point_id, time.time_ns())]
-            self._scene_of_points.log(SceneUpdate(deletions=deletions))
+    async def _show_doubts(self) -> None:
+        async for doubt in self._arm.doubts():
+            self._draw(self._shown.doubt(doubt))
+
+    def _draw(self, points: Iterable[Point]) -> None:
+        entities = [point_entity(point, self._times) for point in points]
+        self._scene_of_points.log(SceneUpdate(entities=entities))
+
+    def _take_away(self, point: Point) -> None:
+        deletions = [deletion(point.id, time.time_ns())]
+        self._scene_of_points.log(SceneUpdate(deletions=deletions))
 
     async def _show_arm(self) -> None:
         async for live in self._arm.live():
@@ -221,10 +228,7 @@ class LiveServer:
             await self._subscribed.wait()
             await asyncio.sleep(LOOK_S)  # a viewer subscribes to its topics one by one
             self._subscribed.clear()
-            entities = [
-                point_entity(point, self._times) for point in self._shown.values()
-            ]
-            self._scene_of_points.log(SceneUpdate(entities=entities))
+            self._draw(self._shown.by_id.values())
             self._alarms.clear()
             for message in self._latest.values():
                 self._log_state(message)

@@ -27,6 +27,7 @@ from asyncua.ua.status_codes import StatusCodes
 from traverse.client.arm import Arm
 from traverse.client.cancel_tasks import run_together
 from traverse.client.gateways.outlets import Report, url_of
+from traverse.client.points.doubts import SentPoints
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages import Live, Point, Status
 from traverse.protocol.messages.point import Covariance
@@ -95,6 +96,7 @@ class OpcUaServer:
         self._live: Live | None = None
         self._live_at_s = -math.inf
         self._online = False
+        self._sent = SentPoints()
         self.points = 0
 
     @property
@@ -147,7 +149,8 @@ class OpcUaServer:
     async def serve(self) -> None:
         """Serve messages until the arm's client is closed."""
         await run_together(
-            self._serve_points(), self._serve_pose(), self._serve_state()
+            *(self._serve_points(), self._serve_doubts()),
+            *(self._serve_pose(), self._serve_state()),
         )
 
     async def _serve_points(self) -> None:
@@ -155,19 +158,31 @@ class OpcUaServer:
             if isinstance(item, Lost):
                 self._report(str(item))
                 continue
-            values = _point_values(item)
-            when = _date(item.time_ns)
-            code = _code(item.quality)
             if item.retracts is None:
                 self.points += 1
-                await self._write_all(self._point, _POINT_FIELDS, values, code, when)
-            await self._send_event(item, values, when)
+                self._sent.add(item)
+                await self._write_point(item)
+            else:
+                self._sent.by_id.pop(item.retracts, None)
+            await self._send_event(item)
 
-    async def _send_event(
-        self, point: Point, values: Mapping[str, Any], when: ua.DateTime
-    ) -> None:
+    async def _serve_doubts(self) -> None:
+        """Say of points that clients have that they are in doubt."""
+        async for doubt in self._arm.doubts():
+            for point in self._sent.doubt(doubt):
+                if point.id == next(reversed(self._sent.by_id)):
+                    await self._write_point(point)
+                await self._send_event(point)
+
+    async def _write_point(self, point: Point) -> None:
+        values, code = _point_values(point), _code(point.quality)
+        when = _date(point.time_ns)
+        await self._write_all(self._point, _POINT_FIELDS, values, code, when)
+
+    async def _send_event(self, point: Point) -> None:
         if self._events is None:
             return
+        values, when = _point_values(point), _date(point.time_ns)
         event = self._events.event
         for name, kind in _EVENT_FIELDS.items():
             setattr(event, name, ua.Variant(values[name], kind))

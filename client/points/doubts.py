@@ -7,6 +7,7 @@ from traverse.protocol.messages import Point, Scan
 from traverse.protocol.messages.later_doubt import LaterDoubt, flagged_by
 
 MAX_DOUBTS = 1000
+MAX_SENT = 10_000
 
 
 class KnownDoubts:
@@ -39,3 +40,25 @@ class KnownDoubts:
         for doubt in self._known:
             block = doubt.flagged_scan(block)
         return block
+
+
+class SentPoints:
+    """The latest points that a program has, of which more may be said later."""
+
+    def __init__(self, at_most: int = MAX_SENT) -> None:
+        self._at_most = at_most
+        self.by_id: dict[str, Point] = {}  # the newest last
+
+    def add(self, point: Point) -> Point | None:
+        """Add a point; return one that is forgotten for it."""
+        self.by_id[point.id] = point
+        if len(self.by_id) <= self._at_most:
+            return None
+        return self.by_id.pop(next(iter(self.by_id)))
+
+    def doubt(self, doubt: LaterDoubt) -> list[Point]:
+        """Flag those that are meant; return them."""
+        flagged = [doubt.flagged(point) for point in self.by_id.values()]
+        changed = [point for point in flagged if point is not self.by_id[point.id]]
+        self.by_id.update((point.id, point) for point in changed)
+        return changed

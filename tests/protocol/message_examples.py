@@ -105,9 +105,9 @@ STATUS = Status(
     ),
     doubts=(
         LaterDoubt(
-            points=(f"{SESSION}-17",),
-            from_ns=TIME_NS,
-            until_ns=TIME_NS + 10**9,
+            points=("4f1a-9",),
+            from_ns=TIME_NS - 2 * 10**9,
+            until_ns=TIME_NS - 10**9,
             flags=("turns_uncertain",),
         ),
     ),

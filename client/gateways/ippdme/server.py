@@ -20,6 +20,7 @@ from traverse.client.gateways.ippdme.session import Session
 from traverse.client.gateways.outlets import Report
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages import Event, Live, Point
+from traverse.protocol.messages.later_doubt import LaterDoubt
 
 LOOK_S = 0.2  # how often the arm's state is looked at
 MAX_WAITING = 1 << 20  # bytes that a client may leave unread
@@ -68,6 +69,7 @@ class IppServer:
                 _each(self._arm.points_and_losses(), self._take),
                 _each(self._arm.live(), self._take_live),
                 _each(self._arm.events(), self._take_event),
+                _each(self._arm.doubts(), self._take_doubt),
                 self._look_on(),
             )
         finally:
@@ -106,6 +108,9 @@ class IppServer:
     async def _take_event(self, event: Event) -> None:
         if event.code == "button.pressed":
             self._session.press(event.source)
+
+    async def _take_doubt(self, doubt: LaterDoubt) -> None:
+        self._session.take_doubt(doubt)
 
     async def _serve(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter

@@ -32,11 +32,12 @@ from traverse.client.gateways.ippdme.machine import (
 from traverse.client.gateways.ippdme.move_report import MoveReport, requested_report
 from traverse.client.gateways.ippdme.options import Options
 from traverse.client.gateways.ippdme.transactions import WAITS, Lines, Transactions
+from traverse.client.points.doubts import SentPoints
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages import Live, Point, Status
+from traverse.protocol.messages.later_doubt import LaterDoubt
 
 VERSION = "1.4.3"
-MAX_IDS = 10_000  # a point that was taken back is looked for among the latest
 WHILE_LOCKED = ("GetErrStatusE", "GetXtdErrStatus", "ClearAllErrors", "EndSession")
 """What is carried out in a state of error. `EndSession`, since a client that sends it
 and `StartSession` has a session in any case (6.3.1)."""
@@ -79,7 +80,7 @@ class Session:
         self._new_tool = self._new_model = ""
         self._radius_mm: float | None = None  # as the client knows it
         self._is_radius_new = False
-        self._sent_ids: dict[str, None] = {}
+        self._sent = SentPoints()
         self._end()
 
     def disconnected(self) -> None:
@@ -215,7 +216,7 @@ class Session:
         self._reported: tuple[str, ...] = AXES
         self._moves: MoveReport | None = None
         self._tools.found_tool = tools.UNDEFINED
-        self._sent_ids.clear()
+        self._sent = SentPoints()
 
     def _note_radius(self, radius_mm: float) -> None:
         if self._tools.active == tools.NONE or self._new_tool:
@@ -237,18 +238,22 @@ class Session:
             return error
 
     def _note_sent(self, point: Point) -> None:
-        self._sent_ids[point.id] = None
-        if len(self._sent_ids) > MAX_IDS:
-            del self._sent_ids[next(iter(self._sent_ids))]
+        self._sent.add(point)
 
     def _take_back(self, point_id: str) -> None:
-        if point_id not in self._sent_ids:
+        if self._sent.by_id.pop(point_id, None) is None:
             return
-        del self._sent_ids[point_id]
         if not self._event(property_text("KeyPress", "Del")):
             # No key may be sent now, and the client holds the point for good.
             why = f"{point_id} was sent, and is taken back"
             self._transactions.report_unsolicited("Undo", IppError(1001, why))
+
+    def take_doubt(self, doubt: LaterDoubt) -> None:
+        """Say of which points that the client has it has become known."""
+        for point in self._sent.doubt(doubt):
+            flags = ", ".join(point.quality.flags)
+            why = f"point {point.seq} was sent, and is in doubt ({flags})"
+            self._transactions.report_unsolicited("PtMeas", IppError(1001, why))
 
     def _activate(self, name: str) -> None:
         self._tools.activate(name)

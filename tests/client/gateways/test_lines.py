@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.client.display.values import doubt
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import POINT, SCAN
 from traverse.client import Arm
@@ -37,7 +38,9 @@ class Sending:
         self.reports: list[str] = []
         self._n = itertools.count()
 
-    async def send(self, points: list[Point], lines: LineForm) -> LineGateway:
+    async def send(
+        self, points: list[Point], lines: LineForm, doubtful: str = ""
+    ) -> LineGateway:
         outlet = FileOutlet(self._path, self.reports.append)
         gateway = LineGateway(lines, outlet, self.reports.append)
         async with self._virtual.running(), outlet, self._arm:
@@ -47,6 +50,9 @@ class Sending:
             session, n = self._virtual.session, len(points)
             # The place after the last is reached when the one after it is requested.
             await until(lambda: self._arm.cursor.get(session) == n)
+            if doubtful:
+                await self._virtual.put_in_doubt(doubt(points=doubtful))
+                await until(lambda: gateway.counts.doubted > 0)
             await cancel_tasks([task])
         return gateway
 
@@ -135,10 +141,20 @@ async def test_a_point_that_was_taken_back_has_a_line_of_its_own_or_is_reported(
     assert sending.reports[1] == f"{POINT.id} was taken back; it was not sent by now"
 
 
+async def test_so_has_one_that_is_in_doubt_since(sending: Sending) -> None:
+    await sending.send([good("a"), good("b")], form("{id}\\n", undo="-{id}\\n"), "b c")
+    assert sending.lines == "a\nb\n-b\n"
+    assert sending.reports == ["point 1 is in doubt since it was sent (stale)"]
+
+
 async def test_without_such_a_line_people_are_told(sending: Sending) -> None:
-    await sending.send([good("a"), retraction("a", "b")], form("{seq}\\n"))
-    assert sending.lines == "0\n"
-    assert sending.reports == ["a was taken back after it was sent"]
+    points = [good("a"), good("c"), retraction("a", "b")]
+    await sending.send(points, form("{seq}\\n"), "c")
+    assert sending.lines == "0\n1\n"
+    assert sending.reports == [
+        "a was taken back after it was sent",
+        "point 1 is in doubt since it was sent (stale)",
+    ]
 
 
 async def test_names_from_outside_make_no_lines_of_their_own(sending: Sending) -> None:

@@ -9,6 +9,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from tests.client.display.values import doubt as later_doubt
 from tests.client.gateways.foxglove_viewer import Viewer
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import EVENT, HEALTH, LIVE, POINT, SCAN, STATUS
@@ -125,9 +126,13 @@ async def test_a_point_has_its_place_and_its_ellipsoid_to_scale(
         for topic in ("point", "pose"):
             schema = json.loads(viewer.channels[topic]["schema"])
             jsonschema.validate(viewer.newest(topic), schema)
+        await b.take(3, id="p3")
+        await until(lambda: "p3" in entities(viewer, "points"))
+        await virtual.put_in_doubt(later_doubt(points="p3"))
+        await until(lambda: "texts" in entities(viewer, "points")["p3"])
         # A late viewer sees what is shown.
         async with Viewer(b.server.address) as late:
-            await until(lambda: set(entities(late, "points")) == {"p1"})
+            await until(lambda: set(entities(late, "points")) == {"p1", "p3"})
 
 
 async def test_the_arm_its_scans_its_state_and_its_events_are_shown(

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from asyncua import Client, ua
 
+from tests.client.display.values import doubt
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import LIVE, POINT, STATUS
 from traverse.client import Arm
@@ -122,6 +123,11 @@ async def test_a_points_doubt_is_the_status_code_of_its_values(virtual, broker):
         await b.take(2, part_xyz_mm=None)
         await b.becomes("LastPoint/X", ua.StatusCodes.Good)
         await b.becomes("LastPoint/PartX", ua.StatusCodes.BadNoData)
+        await virtual.put_in_doubt(doubt(points="p0 p2"))
+        await b.becomes("LastPoint/X", uncertain)
+        await until(lambda: len(b.events) == 5)
+        assert [event.Id for event in b.events[3:]] == ["p0", "p2"]
+        assert {event.Severity for event in b.events[3:]} == {500}
 
 
 async def test_each_point_and_what_takes_it_back_is_an_event(virtual, broker):

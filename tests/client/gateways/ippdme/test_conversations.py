@@ -7,6 +7,7 @@ is answered, in order, `*` what happens at the arm:
     * point X Y Z [id=a] [flags=a,b] [out=0,0,1] [age=1]   a touch; the last one
       was taken before the latest pose
     * undo ID                    a point is taken back
+    * doubt ID                   a point is in doubt since it was sent
     * probe NAME                 the arm has another probe
     * changed / refused          the answer to a requested change of the probe
     * offline / online           the arm goes, and is back
@@ -22,6 +23,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.client.display.values import doubt
 from tests.client.gateways.ippdme.transcripts import write
 from tests.protocol.message_examples import LIVE, POINT, STATUS
 from traverse.client.gateways.ippdme.grammar import IppError
@@ -64,6 +66,7 @@ class Bench:
             "live": self._live,
             "point": self._point,
             "undo": self._undo,
+            "doubt": lambda point: self.session.take_doubt(doubt(points=point)),
             "probe": lambda name: self._say(probe=None if name == "-" else name),
             "changed": lambda: self.session.tool_changed("b"),
             "refused": lambda: self.session.tool_refused(IppError(1502)),
