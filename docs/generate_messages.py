@@ -76,7 +76,7 @@ Made from `protocol/messages` by `make schemas` (do not edit): one file for ever
 [message](../mqtt-messages.md) and every command, `point.schema.json` or
 `command-scan.schema.json`, in JSON Schema 2020-12, for payloads in JSON.
 """
-DELIVERY = "[Four rules](../how-to/read-points-in-your-program.md) hold for points.\n"
+DELIVERY = "[Five rules](../how-to/read-points-in-your-program.md) hold for points.\n"
 FLAGS = """\
 ## Quality flags
 

@@ -8,16 +8,14 @@ import numpy as np
 
 from traverse.arrays import Integers
 from traverse.cli.points.command import LAST
-from traverse.cli.points.outbox import opened_outbox
+from traverse.cli.points.outbox import doubts_beside, opened_outbox
 from traverse.client.exports.point_table import PointTable, scan_table
-from traverse.daemon.state_dir import DOUBTS
 from traverse.daemon.store.queries import iter_messages, read_sessions
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Point
 from traverse.protocol.messages.later_doubt import (
     LaterDoubt,
-    doubts_of_lines,
     flagged_by,
 )
 from traverse.recording.run_reader import RunReader
@@ -48,7 +46,7 @@ def points_of(source: Path) -> Iterator[Point]:
     with open_regular(source) as file:
         head = file.read(16)
     if head == SQLITE:
-        doubts = _doubts_beside(source)
+        doubts = doubts_beside(source)
         yield from (flagged_by(doubts, point) for point in _of_outbox(source))
     elif head.startswith(MCAP):
         doubts = _doubts_of(source)
@@ -99,18 +97,6 @@ def _doubts_of(recording: Path) -> list[LaterDoubt]:
     with RunReader(recording) as run:
         events = (bytes_to_doubt(e.content) for e in run if e.topic == "log")
         return [doubt for doubt in events if doubt is not None]
-
-
-def _doubts_beside(outbox: Path) -> list[LaterDoubt]:
-    """What the daemon wrote beside its outbox."""
-    path = outbox.with_name(DOUBTS)
-    try:
-        with open_regular(path) as file:
-            return doubts_of_lines(file.read().decode())
-    except FileNotFoundError:
-        return []
-    except ValueError as error:
-        raise ValueError(f"{path}: is damaged; restore or remove it") from error
 
 
 def _doubted_cloud(cloud: Cloud, doubts: Sequence[LaterDoubt]) -> Cloud:

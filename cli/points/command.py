@@ -235,10 +235,8 @@ def list_points(
     from traverse.cli.points import outbox
     from traverse.daemon.store import queries
 
-    with (
-        refusals(ValueError),
-        outbox.opened_outbox(outbox_of(db, config)) as connection,
-    ):
+    path = outbox_of(db, config)
+    with refusals(ValueError), outbox.opened_outbox(path) as connection:
         if session is None:
             for held in queries.read_sessions(connection, LAST):
                 n, unsent = queries.counts_of(connection, held.session)
@@ -246,8 +244,9 @@ def list_points(
             return
         _check(connection, session)
         last = LAST if to_seq is None else to_seq
+        doubts = outbox.doubts_beside(path)
         for message in queries.iter_messages(connection, session, from_seq, last):
-            typer.echo(outbox.point_line(message, as_json=as_json))
+            typer.echo(outbox.point_line(message, doubts, as_json=as_json))
 
 
 @points.command("export")
@@ -282,9 +281,11 @@ def export(
     if as_json and out is None:
         refuse("--json needs --out; without it --format jsonl is JSON")
     last = LAST if to_seq is None else to_seq
+    path = outbox_of(db, config)
     check_target(out, force=force)
     with refusals(ValueError), ExitStack() as stack:
-        connection = stack.enter_context(outbox.opened_outbox(outbox_of(db, config)))
+        connection = stack.enter_context(outbox.opened_outbox(path))
+        doubts = outbox.doubts_beside(path)
         if session is not None:
             _check(connection, session)
         file: IO[bytes] = sys.stdout.buffer
@@ -296,7 +297,7 @@ def export(
             for name in (names if session is None else [session])
             for message in queries.iter_messages(connection, name, from_seq, last)
         )
-        n, unreadable = outbox.write_points(messages, file, as_format)
+        n, unreadable = outbox.write_points(messages, doubts, file, as_format)
     for text in unreadable:
         typer.echo(text, err=True)
     if as_json:

@@ -2,7 +2,7 @@
 
 import json
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import IO
 
 from traverse.client.exports.text import Csv, JsonLines
+from traverse.daemon.state_dir import DOUBTS
 from traverse.daemon.store.queries import open_read_only
 from traverse.daemon.store.records import (
     DatabaseRefusedError,
@@ -19,7 +20,13 @@ from traverse.daemon.store.records import (
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Point
+from traverse.protocol.messages.later_doubt import (
+    LaterDoubt,
+    doubts_of_lines,
+    flagged_by,
+)
 from traverse.protocol.printable import printable
+from traverse.strict_toml.files import open_regular
 from traverse.strict_toml.ownership import refused_owner
 
 FORMATS = {"csv": Csv, "jsonl": JsonLines}
@@ -43,6 +50,22 @@ def opened_outbox(path: Path) -> Iterator[sqlite3.Connection]:
         raise ValueError(f"{path}: cannot be read: {text}; {remedy}") from error
 
 
+def doubts_beside(outbox: Path) -> list[LaterDoubt]:
+    """Read what is in doubt since it was stored.
+
+    Raises:
+        ValueError: the file beside the outbox is damaged.
+    """
+    path = outbox.with_name(DOUBTS)
+    try:
+        with open_regular(path) as file:
+            return doubts_of_lines(file.read().decode())
+    except FileNotFoundError:
+        return []
+    except ValueError as error:
+        raise ValueError(f"{path}: is damaged; restore or remove it") from error
+
+
 def session_line(
     session: StoredSession, points: int, unsent: int, *, as_json: bool
 ) -> str:
@@ -58,7 +81,9 @@ def session_line(
     )
 
 
-def point_line(message: StoredMessage, *, as_json: bool) -> str:
+def point_line(
+    message: StoredMessage, doubts: Sequence[LaterDoubt] = (), *, as_json: bool
+) -> str:
     if not message.is_whole:
         if as_json:
             return json.dumps({"damaged": True, "seq": str(message.seq)})
@@ -75,15 +100,16 @@ def point_line(message: StoredMessage, *, as_json: bool) -> str:
         )
     moment = datetime.fromtimestamp(message.time_ns // 10**9, UTC)
     sent = "sent    " if message.is_sent else "not sent"
-    content = _content(message)
+    content = _content(message, doubts)
     return f"{message.seq:7d}  {moment:%Y-%m-%d %H:%M:%S} UTC  {sent}  {content}"
 
 
-def _content(message: StoredMessage) -> str:
+def _content(message: StoredMessage, doubts: Sequence[LaterDoubt]) -> str:
     try:
-        point = decode(Point, message.payload, message.encoding)
+        stored = decode(Point, message.payload, message.encoding)
     except MessageError as error:
         return f"cannot be read: {error}"
+    point = flagged_by(doubts, stored)
     if point.retracts is not None:
         return f"retracts {point.retracts}"
     x, y, z = point.xyz_mm
@@ -94,9 +120,15 @@ def _content(message: StoredMessage) -> str:
 
 
 def write_points(
-    messages: Iterable[StoredMessage], file: IO[bytes], as_format: str
+    messages: Iterable[StoredMessage],
+    doubts: Sequence[LaterDoubt],
+    file: IO[bytes],
+    as_format: str,
 ) -> tuple[int, list[str]]:
-    """Write messages; return how many were written, and errors of the others."""
+    """Write messages; return how many were written, and errors of the others.
+
+    Signed points in JSON remain as they were signed.
+    """
     unreadable = []
     sink = FORMATS[as_format](file)
     sink.points([])
@@ -105,7 +137,8 @@ def write_points(
         if isinstance(point, str):
             unreadable.append(point)
         else:
-            sink.points([point])
+            is_evidence = as_format == "jsonl" and point.signature is not None
+            sink.points([point if is_evidence else flagged_by(doubts, point)])
     return sink.n, unreadable
 
 

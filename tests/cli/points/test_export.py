@@ -9,7 +9,7 @@ from click.testing import Result
 import traverse.cli
 from tests.campaign_texts import ONE_CONE
 from tests.client.display.values import event, point
-from tests.protocol.message_examples import SCAN
+from tests.protocol.message_examples import SCAN, SESSION
 from tests.running import invoke
 from traverse.daemon.monitoring.doubt_file import DoubtFile
 from traverse.daemon.store.database import MessageDatabase
@@ -121,6 +121,9 @@ def test_an_outbox_is_marked_by_what_the_daemon_wrote_beside_it(
     beside.close()
     marked = [json.loads(line) for line in lines_of(outbox, out)]
     assert ["stale" in p["quality"]["flags"] for p in marked] == [True, True, False]
+    listed = [invoke("points", "export", "--db", outbox, "--format", "jsonl").stdout]
+    listed.append(invoke("points", "list", "--db", outbox, "--session", SESSION).stdout)
+    assert [text.count("stale") for text in listed] == [2, 2]
 
 
 def lines_of(source: Path, out: Path) -> list[str]:
