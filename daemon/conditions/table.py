@@ -197,13 +197,16 @@ CONDITIONS = (
     Condition(
         "temperature_band",
         "arm",
-        "the arm's temperature, and its rate, are within [quality]",
+        "the arm's temperature, and its rate, are within [quality]; without limits "
+        "there, and without an effect that corrects for it, within 3 °C of those of "
+        "the identification",
         "a temperature within the band",
-        "one outside, a quick change, or no temperature",
+        "one outside, a quick change, or no temperature where [quality] has limits",
         QualityFlag.TEMPERATURE,
         "all",
         "limit.temperature",
-        "wait until the temperature has settled",
+        "wait until the temperature has settled; or identify the arm at this one, or "
+        "with its expansion",
         severity="warning",
     ),
     Condition(

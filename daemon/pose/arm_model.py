@@ -37,6 +37,7 @@ from traverse.strict_toml.problems import FileError, Problem
 log = logging.getLogger("traverse.daemon.service")
 
 LARGEST_TIME_S = 9.2e9  # since 1970, in nanoseconds 63 bits
+IDENTIFIED_MARGIN_C = 3.0  # beyond the temperatures of the identification
 WITHOUT_DIRECTION: tuple[Compensation, ...] = ("none", "shank")
 _NEVER_KNOWN = {
     Covariate.CAMPAIGN_TIME: "the time since the start of a campaign that is over",
@@ -187,6 +188,21 @@ class ArmModel:
     @property
     def uses_temperature(self) -> bool:
         return any(n.covariate is Covariate.TEMPERATURE for n in self.effects.needs)
+
+    @property
+    def temperature_limits_c(self) -> tuple[float | None, float | None]:
+        """Between which the geometry holds, where no effect corrects for temperature.
+
+        Aluminium grows by 23e-6 a degree: by 0.07 mm at a metre in 3 degrees.
+        """
+        identified = self.arm.identification
+        if identified is None or self.uses_temperature:
+            return None, None
+        low_c, high_c = identified.temperature_low_c, identified.temperature_high_c
+        return (
+            None if low_c is None else low_c - IDENTIFIED_MARGIN_C,
+            None if high_c is None else high_c + IDENTIFIED_MARGIN_C,
+        )
 
     @property
     def effect_names(self) -> list[str]:

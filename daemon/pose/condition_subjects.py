@@ -23,7 +23,8 @@ def subjects_by_condition(
         "temperature": not model.uses_temperature,
         "temperature_band": section.temperature_low_c is None
         and section.temperature_high_c is None
-        and section.temperature_change_c is None,
+        and section.temperature_change_c is None
+        and model.temperature_limits_c == (None, None),
         "identification_age": section.identification_days is None,
     }
     return {

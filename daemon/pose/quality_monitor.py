@@ -12,7 +12,7 @@ from traverse.daemon.config.filters import flag_bits
 from traverse.daemon.config.schema import QualitySection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.arm_model import IDENTIFIED_MARGIN_C, ArmModel
 from traverse.daemon.pose.limits import PoseLimits, SpeedTracker
 from traverse.daemon.pose.poses import LatchedPose, PoseBlock
 from traverse.daemon.pose.references import ReferenceMonitor
@@ -63,6 +63,10 @@ class PersistentFlags:
         """Use other limits, for another arm; history is kept."""
         self._section = section
         self._identified_s = model.identified_s
+        self._limits_c = section.temperature_low_c, section.temperature_high_c
+        self._are_configured = self._limits_c != (None, None)
+        if not self._are_configured:
+            self._limits_c = model.temperature_limits_c
         self._channels = set(
             zip(model.joint_devices, model.channels.tolist(), strict=True)
         )
@@ -114,14 +118,27 @@ class PersistentFlags:
         return int(quality)
 
     def _is_out_of_band(self, temperature_c: float | None) -> bool:
-        low_c = self._section.temperature_low_c
-        high_c = self._section.temperature_high_c
-        if low_c is None and high_c is None:
-            return False
+        low_c, high_c = self._limits_c
         if temperature_c is None:
-            return True
-        too_cold = low_c is not None and temperature_c < low_c
-        return too_cold or (high_c is not None and temperature_c > high_c)
+            return self._are_configured
+        is_cold = low_c is not None and temperature_c < low_c
+        return is_cold or (high_c is not None and temperature_c > high_c)
+
+    def cause(self, flag: QualityFlag, temperature_c: float | None) -> str:
+        """State why a limit is exceeded."""
+        if flag is not QualityFlag.TEMPERATURE or not self._is_out_of_band(
+            temperature_c
+        ):
+            return FLAG_MEANINGS[flag]
+        shown = "unknown" if temperature_c is None else f"{temperature_c:.1f} °C"
+        low, high = ("none" if c is None else f"{c:.1f} °C" for c in self._limits_c)
+        basis = "as [quality] states"
+        if not self._are_configured:
+            basis = (
+                f"{IDENTIFIED_MARGIN_C:g} °C beyond those of the identification, and "
+                "no effect of the arm file corrects for the temperature"
+            )
+        return f"the temperature is {shown}, its limits {low} and {high}: {basis}"
 
     def _has_changed(self, temperature_c: float | None) -> bool:
         """Return whether it rose or fell too much within the configured time."""
@@ -224,7 +241,7 @@ class QualityMonitor:
         if model is not self._model:
             self.use_model(model)
         lasting = self.persistent.bits(temperature_c)
-        self._feed_limits(lasting)
+        self._feed_limits(lasting, temperature_c)
         persistent = lasting | self._conditions.bits
         flags = persistent
         if self._has_pose_limits:
@@ -251,7 +268,7 @@ class QualityMonitor:
     ) -> LatchedPose:
         """Flag a pose outside the stream; speeds are (n_joints,), None: unknown."""
         lasting = self.persistent.bits(temperature_c)
-        self._feed_limits(lasting)
+        self._feed_limits(lasting, temperature_c)
         self._conditions.add_samples(pose.quality | lasting)
         pose_flags = lasting | self._conditions.bits
         if self.persistent.is_before_step(pose.sample_time_ns):
@@ -303,13 +320,14 @@ class QualityMonitor:
                     joints = self._limits.joints_near_stops(poses.angles_rad)
                 self._report_momentary(flag, joints)
 
-    def _feed_limits(self, flags: int) -> None:
+    def _feed_limits(self, flags: int, temperature_c: float | None) -> None:
         limits = flags & LIMITS
         if limits == self._last_limits:
             return
         self._last_limits = limits
         for flag, condition in LASTING.items():
             if limits & flag:
-                self._conditions.doubt(condition, cause=FLAG_MEANINGS[flag])
+                cause = self.persistent.cause(flag, temperature_c)
+                self._conditions.doubt(condition, cause=cause)
             else:
                 self._conditions.establish(condition, text="within its limits again")

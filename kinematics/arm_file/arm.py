@@ -105,6 +105,8 @@ class Identification(StrictModel):
     redundancy: int | None = None
     date: Moment | None = None  # no plain `date`: this key would hide the type
     campaign_digest: str | None = None
+    temperature_low_c: float | None = None
+    temperature_high_c: float | None = None
     design_digest: str | None = None
     parameters: tuple[str, ...] | None = None
     covariance_file: str | None = None

@@ -131,6 +131,17 @@ class Campaign:
             self.start + timedelta(seconds=last_s) + _MARGIN,
         )
 
+    @property
+    def temperature_range_c(self) -> dict[str, float]:
+        """The arm's lowest and highest temperature, as keys of the arm file."""
+        known_c = self.poses.temperature_c
+        if known_c is None or np.isnan(known_c).all():
+            return {}
+        return {
+            "temperature_low_c": float(np.nanmin(known_c)),
+            "temperature_high_c": float(np.nanmax(known_c)),
+        }
+
     def touched_cells(self, row: int) -> tuple[str, str]:
         """Write artefact and feature of a pose as cells of a table for people."""
         artefact = int(self.poses.artefacts[row])

@@ -207,6 +207,7 @@ def arm_with_provenance(
         redundancy=diagnosis.after.redundancy,
         date=(when or datetime.now(UTC)).replace(microsecond=0),
         campaign_digest=campaign.digest or None,
+        **campaign.temperature_range_c,
         design_digest=arm_digest(diagnosis.arm),
         parameters=diagnosis.after.network.parameters.free_names,
         covariance_file=None if covariance is None else COVARIANCE_FILE,

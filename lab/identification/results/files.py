@@ -70,6 +70,7 @@ def identified_arm(result: Identification, when: datetime, covariance: str) -> A
         redundancy=result.redundancy,
         date=when.replace(microsecond=0),
         campaign_digest=result.campaign.digest or None,
+        **result.campaign.temperature_range_c,
         design_digest=arm_digest(result.design),
         parameters=tuple(entry.name for entry in result.parameters),
         covariance_file=COVARIANCE_FILE,

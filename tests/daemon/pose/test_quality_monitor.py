@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.daemon.effect_entries import effect
+from tests.daemon.values import ARM as ARM_FILE
 from tests.daemon.values import NOTHING_PUBLISHED, PoseMaker, SetClock, arm_model
 from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.conditions.table import ARM
@@ -13,6 +15,7 @@ from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.quality_monitor import QualityMonitor
 from traverse.daemon.pose.references import ReferenceMemory, ReferenceMonitor
+from traverse.kinematics.arm_file.arm import Identification
 from traverse.protocol.messages import QualityFlag
 
 STOP = EndStopSection(joint="J1", low_rad=-1.0, high_rad=1.0, margin_rad=0.0)
@@ -80,6 +83,29 @@ def test_a_temperature_out_of_its_band_lasts_until_it_is_back(model):
         ("limit.temperature", False),
         ("limit.temperature", True),
     ]
+
+
+def test_without_limits_the_temperatures_of_the_identification_count(model):
+    known_c = {"temperature_low_c": 19.5, "temperature_high_c": 21.0}
+    arm = model.arm.model_copy(update={"identification": Identification(**known_c)})
+    seen_c = (21.0, 23.9, 24.1, None, 16.4, 16.6)
+    bench = Bench(replace(model, arm=arm), temperature_change_c=None)
+    flags = [bench.block(0.0, celsius)[0] for celsius in seen_c]
+    marked = QualityFlag.TEMPERATURE
+    assert flags == [0, 0, marked, 0, marked, 0]
+    lost = [event.text for event in bench.events if event.active]
+    assert "24.1 °C, its limits 16.5 °C and 24.0 °C" in lost[0]
+    wide = Bench(replace(model, arm=arm), temperature_high_c=40.0)
+    assert wide.block(0.0, 39.0) == [0] * 4
+
+
+def test_an_arm_that_corrects_for_its_temperature_has_no_limits_of_it(tmp_path):
+    warm = arm_model(
+        tmp_path, ARM_FILE + effect("thermal_expansion", expansion_per_c=2e-5)
+    )
+    known = Identification(temperature_low_c=19.5, temperature_high_c=21.0)
+    arm = warm.arm.model_copy(update={"identification": known})
+    assert replace(warm, arm=arm).temperature_limits_c == (None, None)
 
 
 def test_three_degrees_within_five_minutes_are_too_many(model):

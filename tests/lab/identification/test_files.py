@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -13,7 +14,11 @@ from traverse.kinematics.arm_file.arm import geometry_digest, read_arm
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.lab.identification.identify import Options, identify
-from traverse.lab.identification.results.files import identification_json, write_result
+from traverse.lab.identification.results.files import (
+    identification_json,
+    identified_arm,
+    write_result,
+)
 
 NAMES = [f"J{k}" for k in range(1, 8)]
 WHEN = datetime(2026, 11, 21, 8, 0, tzinfo=UTC)
@@ -42,6 +47,16 @@ def test_the_files_of_a_campaign_give_the_same_as_its_arrays(folders):
     direct = identify(campaign, DESIGN_ARM)
     assert result.sigma0 == direct.sigma0
     assert result.arm.joints == direct.arm.joints
+
+
+def test_the_arm_states_at_which_temperatures_it_was_identified(folders):
+    result, arm, _, campaign = folders
+    assert arm.identification.temperature_low_c is None
+    temperature_c = np.linspace(19.5, 22.0, len(campaign.poses.time_s))
+    temperature_c[3] = np.nan
+    warm = replace(result, campaign=campaign.with_poses(temperature_c=temperature_c))
+    known = identified_arm(warm, WHEN, "").identification
+    assert (known.temperature_low_c, known.temperature_high_c) == (19.5, 22.0)
 
 
 def test_the_arm_is_written_with_its_provenance(folders):
