@@ -117,8 +117,10 @@ class JumpMonitor:
     def _late_ns(self, samples: CountSamples) -> int:
         """Return for how long the device's counter may have stood unseen.
 
-        Blocks are later than before by as much.
+        Blocks are later than before by as much. Polled readings have the host's times.
         """
+        if samples.device_ticks[-1] == samples.sample_time_ns[-1]:
+            return 0
         delay_ns = samples.received_ns - int(samples.sample_time_ns[-1])
         self._delays_ns.append(delay_ns)
         return delay_ns - min(self._delays_ns)

@@ -23,12 +23,14 @@ class Device:
         self.monitor = JumpMonitor(np.array([0, 1]), turns, turns * 0.0 + RAD, 0, 20.0)
         self.n, self.jumps = 0, []
 
-    def read(self, path_rad, late_ns=0, missing=()):
+    def read(self, path_rad, late_ns=0, missing=(), *, has_clock=True):
         counts = np.rint(np.column_stack([path_rad, 0.0 * path_rad]) / RAD) % TURN
         for begin in range(0, len(counts), 7):
             first = self.n + begin
             block = count_samples(counts[begin : begin + 7], first=first)
             block = replace(block, received_ns=block.received_ns + late_ns)
+            if not has_clock:
+                block = replace(block, device_ticks=block.sample_time_ns)
             rows = np.isin(block.seq, missing)
             block.status[rows, 0] = STATUS_MISSING
             self.jumps += self.monitor.add(block)
@@ -109,9 +111,10 @@ def test_a_gap_says_less_the_quicker_the_joint_may_be(lost, by_rad):
     assert len(device.jumps) == (lost == 20)
 
 
-def test_a_counter_that_stood_still_has_not_jumped():
+@pytest.mark.parametrize("has_clock", [True, False])
+def test_a_counter_that_stood_still_has_not_jumped(has_clock):
     """It turns for half a second, of which the board knows nothing."""
     device = Device()
-    device.read(np.zeros(200))
-    device.read(np.full(200, 1.6), late_ns=500_000_000)
-    assert device.jumps == []
+    device.read(np.zeros(200), has_clock=has_clock)
+    device.read(np.full(200, 1.6), late_ns=500_000_000, has_clock=has_clock)
+    assert len(device.jumps) == (not has_clock)  # polled: late, at times that are known
