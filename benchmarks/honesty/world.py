@@ -26,6 +26,11 @@ from benchmarks.honesty.daemon import (
 from benchmarks.honesty.devices import Freeze, MountedDevice, mount
 from benchmarks.honesty.families import FAMILIES
 from benchmarks.honesty.hub import Housed, Hub
+from benchmarks.honesty.interruptions import (
+    device_timeline,
+    host_timeline,
+    restarts,
+)
 from benchmarks.honesty.judge import Judge, Tally
 from benchmarks.honesty.loop import VirtualLoop
 from benchmarks.honesty.plan import (
@@ -40,7 +45,6 @@ from benchmarks.honesty.plan import (
     draw_plan,
     least_delay_s,
 )
-from benchmarks.honesty.timeline import ClockFault, Timeline
 from benchmarks.trials.lines import Line
 from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.config.schema import (
@@ -99,7 +103,7 @@ class World:
         self.plan, self._folder, self._is_verbose = plan, folder, is_verbose
         self._family = FAMILIES[plan.family]
         self._rng = np.random.default_rng([plan.seed, 0x576F])
-        self.hub = Hub(_host_timeline(plan))
+        self.hub = Hub(host_timeline(plan))
         self._cables: dict[str, Cable] = {}
         sources = self._family.sources(is_incremental=plan.is_incremental)
         write_arm(folder, sources, self._rng, is_identified=plan.is_identified)
@@ -204,7 +208,7 @@ class World:
                 self.truth.nominal,
                 self.truth.course,
                 self._script,
-                timeline=_device_timeline(plan, number),
+                timeline=device_timeline(plan, number),
                 faults=self._device_faults(table, number),
                 seed=(plan.seed % 60_000, number),
                 clock=self._script_clock,
@@ -229,7 +233,7 @@ class World:
             else:
                 continue
             faults.append(Fault.from_table(entry))
-        for begin_s, end_s, kind in _restarts(self.plan):
+        for begin_s, end_s, kind in restarts(self.plan):
             if kind:
                 lasts_s = end_s - begin_s - 0.2
                 faults.append(
@@ -422,7 +426,7 @@ class World:
             self._build_devices()
             for fault in self.plan.faults:
                 self._schedule(fault)
-            for begin_s, end_s, kind in _restarts(self.plan):
+            for begin_s, end_s, kind in restarts(self.plan):
                 if kind:
                     self._restart_devices(begin_s, end_s - 0.2, kind)
             loop = VirtualLoop(self.hub)
@@ -443,7 +447,7 @@ class World:
     async def _live(self) -> None:
         plan = self.plan
         begin_s, last = 0.0, (plan.duration_s, plan.duration_s, "")
-        for end_s, next_s, _ in [*_restarts(plan), last]:
+        for end_s, next_s, _ in [*restarts(plan), last]:
             await self._run_daemon(begin_s, end_s)
             begin_s = next_s
             if next_s < plan.duration_s:
@@ -566,46 +570,6 @@ class World:
 def _each(cables: list[Cable], act: Any) -> None:  # noqa: ANN401 - a method of Cable
     for cable in cables:
         act(cable)
-
-
-def _restarts(plan: Plan) -> list[tuple[float, float, str]]:
-    """Return when the daemon ends and begins again, and a board's change meanwhile."""
-    restarts: list[tuple[float, float, str]] = []
-    for fault in sorted(plan.faults, key=lambda fault: fault.at_s):
-        if fault.kind in ("daemon_restart", "computer_restart"):
-            begin_s = max(fault.at_s, restarts[-1][1] + 1.0 if restarts else 0.0)
-            lasts_s = max(fault.lasts_s, 0.5)
-            kind = ("", "board_restart", "exchange")[int(fault.size)]
-            restarts.append((begin_s, begin_s + lasts_s, kind))
-    return restarts
-
-
-def _host_timeline(plan: Plan) -> Timeline:
-    stands = [
-        ClockFault(f.at_s, stands_s=f.lasts_s)
-        for f in plan.faults
-        if f.kind == "host_freeze"
-    ]
-    slews = [
-        ClockFault(f.at_s, stands_s=f.lasts_s, rate=1.0 + 1e-6 * f.size)
-        for f in plan.faults
-        if f.kind == "host_slew"
-    ]
-    return Timeline(faults=[*stands, *slews])
-
-
-def _device_timeline(plan: Plan, number: int) -> Timeline:
-    stands = [
-        ClockFault(f.at_s, stands_s=f.lasts_s)
-        for f in sorted(plan.faults, key=lambda fault: fault.at_s)
-        if f.kind in ("device_stall", "timer_loss") and f.device == number
-    ]
-    return Timeline(
-        1.0 + 1e-6 * plan.rates_ppm[number],
-        1e-6 * plan.drifts_ppm_s[number],
-        plan.duration_s,
-        stands,
-    )
 
 
 def run_world(plan: Plan, *, is_verbose: bool = False) -> Outcome:
