@@ -4,6 +4,7 @@ import asyncio
 import logging
 from collections.abc import Callable, Coroutine, Mapping
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Self, Unpack
 
@@ -95,13 +96,14 @@ class Arm(ArmCommands):
             topics.event_topic(name): 1,
             topics.point_topic(name): 1,
         }
-        self._statuses = Feeds[Status](1, keep_newest=True)
-        self._healths = Feeds[Health](1, keep_newest=True)
-        self._events = Feeds[Event](MAX_EVENTS, keep_newest=True)
-        self._clocks = Feeds[Clock](1, keep_newest=True)
-        self._lives = Feeds[Live](1, keep_newest=True)
+        self._statuses = Feeds[Status](partial(Feed[Status], 1, keep_newest=True))
+        self._healths = Feeds[Health](partial(Feed[Health], 1, keep_newest=True))
+        self._events = Feeds[Event](partial(Feed[Event], MAX_EVENTS, keep_newest=True))
+        self._clocks = Feeds[Clock](partial(Feed[Clock], 1, keep_newest=True))
+        self._lives = Feeds[Live](partial(Feed[Live], 1, keep_newest=True))
+        flagged_scan = self._doubts.flagged_scan
         self._scans = Feeds[Scan](
-            MAX_BLOCKS, keep_newest=False, last=self._doubts.flagged_scan
+            partial(Feed[Scan], MAX_BLOCKS, keep_newest=False, prepare=flagged_scan)
         )
         self._kinds: dict[str, Callable[[IncomingMessage], None]] = {
             "clock": self._take_clock,

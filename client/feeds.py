@@ -21,7 +21,7 @@ class Feed(Generic[T]):
 
     Args:
         keep_newest: drop the oldest beyond it, otherwise the newest.
-        last: what becomes of a message as it is handed on.
+        prepare: makes of a message what is handed on, at that moment.
 
     Attributes:
         missed: messages for which there was no room.
@@ -32,9 +32,9 @@ class Feed(Generic[T]):
         limit: int,
         *,
         keep_newest: bool,
-        last: Callable[[T], T] = lambda message: message,
+        prepare: Callable[[T], T] = lambda message: message,
     ) -> None:
-        self._last = last
+        self._prepare = prepare
         self._waiting: deque[T] = deque()
         self._limit = limit
         self._keep_newest = keep_newest
@@ -67,29 +67,25 @@ class Feed(Generic[T]):
             if self._is_closed:
                 raise StopAsyncIteration
             await self._changed.wait()
-        return self._last(self._waiting.popleft())
+        return self._prepare(self._waiting.popleft())
 
 
 class Feeds(Generic[T]):
-    """All readers of one kind of message; unreferenced ones are removed."""
+    """All readers of one kind of message; unreferenced ones are removed.
 
-    def __init__(
-        self,
-        limit: int,
-        *,
-        keep_newest: bool,
-        last: Callable[[T], T] = lambda message: message,
-    ) -> None:
-        self._limit = limit
-        self._keep_newest = keep_newest
-        self._last = last
+    Args:
+        new_feed: makes the feed of a reader.
+    """
+
+    def __init__(self, new_feed: Callable[[], Feed[T]]) -> None:
+        self._new_feed = new_feed
         self._feeds: weakref.WeakSet[Feed[T]] = weakref.WeakSet()
         self._changed = ChangeSignal()
         self._end: tuple[BaseException | None] | None = None
         self.latest: T | None = None
 
     def open(self) -> Feed[T]:
-        feed = Feed[T](self._limit, keep_newest=self._keep_newest, last=self._last)
+        feed = self._new_feed()
         if self._end is not None:
             feed.close(*self._end)
         self._feeds.add(feed)

@@ -73,6 +73,18 @@ class Plan:
         return (0.0, *sorted(ends_s))
 
     @property
+    def restarts(self) -> list[tuple[float, float, str]]:
+        """When the daemon ends and begins again, and a board's change meanwhile."""
+        pauses: list[tuple[float, float, str]] = []
+        for fault in sorted(self.faults, key=lambda fault: fault.at_s):
+            if fault.kind in ("daemon_restart", "computer_restart"):
+                begin_s = max(fault.at_s, pauses[-1][1] + 1.0 if pauses else 0.0)
+                lasts_s = max(fault.lasts_s, 0.5)
+                kind = ("", "board_restart", "exchange")[int(fault.size)]
+                pauses.append((begin_s, begin_s + lasts_s, kind))
+        return pauses
+
+    @property
     def kinds(self) -> tuple[str, ...]:
         """The kinds of its faults, each once; ("none",) without any."""
         before = "scan+" if self.in_scan else ""

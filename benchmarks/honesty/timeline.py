@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.honesty.plan import Plan
 from traverse.arrays import Floats
 
 FAR_S = 1e5
@@ -93,3 +94,31 @@ def _along(knots: list[float], values: list[float], position: float) -> float:
     length = knots[place + 1] - knots[place]
     share = (position - knots[place]) / length if length else 1.0
     return values[place] + share * (values[place + 1] - values[place])
+
+
+def host_timeline(plan: Plan) -> Timeline:
+    stands = [
+        ClockFault(f.at_s, stands_s=f.lasts_s)
+        for f in plan.faults
+        if f.kind == "host_freeze"
+    ]
+    slews = [
+        ClockFault(f.at_s, stands_s=f.lasts_s, rate=1.0 + 1e-6 * f.size)
+        for f in plan.faults
+        if f.kind == "host_slew"
+    ]
+    return Timeline(faults=[*stands, *slews])
+
+
+def device_timeline(plan: Plan, number: int) -> Timeline:
+    stands = [
+        ClockFault(f.at_s, stands_s=f.lasts_s)
+        for f in sorted(plan.faults, key=lambda fault: fault.at_s)
+        if f.kind in ("device_stall", "timer_loss") and f.device == number
+    ]
+    return Timeline(
+        1.0 + 1e-6 * plan.rates_ppm[number],
+        1e-6 * plan.drifts_ppm_s[number],
+        plan.duration_s,
+        stands,
+    )

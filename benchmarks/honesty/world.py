@@ -26,11 +26,6 @@ from benchmarks.honesty.daemon import (
 from benchmarks.honesty.devices import Freeze, MountedDevice, mount
 from benchmarks.honesty.families import FAMILIES
 from benchmarks.honesty.hub import Housed, Hub
-from benchmarks.honesty.interruptions import (
-    device_timeline,
-    host_timeline,
-    restarts,
-)
 from benchmarks.honesty.judge import Judge, Tally
 from benchmarks.honesty.loop import VirtualLoop
 from benchmarks.honesty.plan import (
@@ -45,6 +40,7 @@ from benchmarks.honesty.plan import (
     draw_plan,
     least_delay_s,
 )
+from benchmarks.honesty.timeline import device_timeline, host_timeline
 from benchmarks.trials.lines import Line
 from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.config.schema import (
@@ -233,7 +229,7 @@ class World:
             else:
                 continue
             faults.append(Fault.from_table(entry))
-        for begin_s, end_s, kind in restarts(self.plan):
+        for begin_s, end_s, kind in self.plan.restarts:
             if kind:
                 lasts_s = end_s - begin_s - 0.2
                 faults.append(
@@ -426,7 +422,7 @@ class World:
             self._build_devices()
             for fault in self.plan.faults:
                 self._schedule(fault)
-            for begin_s, end_s, kind in restarts(self.plan):
+            for begin_s, end_s, kind in self.plan.restarts:
                 if kind:
                     self._restart_devices(begin_s, end_s - 0.2, kind)
             loop = VirtualLoop(self.hub)
@@ -447,7 +443,7 @@ class World:
     async def _live(self) -> None:
         plan = self.plan
         begin_s, last = 0.0, (plan.duration_s, plan.duration_s, "")
-        for end_s, next_s, _ in [*restarts(plan), last]:
+        for end_s, next_s, _ in [*plan.restarts, last]:
             await self._run_daemon(begin_s, end_s)
             begin_s = next_s
             if next_s < plan.duration_s:

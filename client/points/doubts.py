@@ -1,6 +1,7 @@
 """What an arm has put in doubt after it was sent, as its clients know it."""
 
 from collections.abc import Iterable
+from functools import partial
 
 from traverse.client.feeds import Feed, Feeds
 from traverse.protocol.messages import Point, Scan
@@ -15,7 +16,7 @@ class KnownDoubts:
 
     def __init__(self) -> None:
         self._known: dict[LaterDoubt, None] = {}  # the newest last
-        self.feeds = Feeds[LaterDoubt](MAX_DOUBTS, keep_newest=True)
+        self.feeds = Feeds(partial(Feed[LaterDoubt], MAX_DOUBTS, keep_newest=True))
 
     def open(self) -> Feed[LaterDoubt]:
         """Return a feed that begins with those that are known."""

@@ -270,8 +270,7 @@ class PolledDriver(Driver, Generic[LineT]):
 
     def _is_slow(self, number: int, answer: EncoderReading) -> bool:
         """Return whether to poll again: the joint moves, and no sample is skipped."""
-        usual_ns = self._usual_bound_ns or answer.bound_ns
-        self._usual_bound_ns = usual_ns + (answer.bound_ns - usual_ns) * USUAL_WEIGHT
+        usual_ns = self._usual_bound_ns
         if self._schedule is None or answer.bound_ns <= SLOW_RATIO * usual_ns:
             return False
         if self._channels[number].unknown_rad(answer) < LEAST_UNKNOWN_RAD:
@@ -286,6 +285,9 @@ class PolledDriver(Driver, Generic[LineT]):
         answer = self._read_channel(number)
         if isinstance(answer, EncoderReading):
             self._lengths_ns.append(self._now_ns() - begun_ns)
+            usual_ns = self._usual_bound_ns or answer.bound_ns
+            usual_ns += (answer.bound_ns - usual_ns) * USUAL_WEIGHT
+            self._usual_bound_ns = usual_ns
         return answer
 
     def _jitter_ns(self) -> int:

@@ -152,7 +152,7 @@ class Session:
             else:
                 result = self._measured(point)
                 if isinstance(result, str):
-                    self._note_sent(point)
+                    self._sent.add(point)
                 self._transactions.complete(result)
         elif not self._user:
             self._report(f"{label} not sent: the client has not enabled the user")
@@ -161,7 +161,7 @@ class Session:
             self._transactions.report_unsolicited("PtMeas", result)
         else:
             self._event(f"PtMeas({result})")
-            self._note_sent(point)
+            self._sent.add(point)
 
     def take_loss(self, lost: Lost) -> None:
         error = IppError(511, f"points {lost.from_seq} to {lost.to_seq} are lost", 1)
@@ -236,9 +236,6 @@ class Session:
             return self.machine.values(self._reported, point)
         except IppError as error:
             return error
-
-    def _note_sent(self, point: Point) -> None:
-        self._sent.add(point)
 
     def _take_back(self, point_id: str) -> None:
         if self._sent.by_id.pop(point_id, None) is None:
