@@ -225,12 +225,19 @@ class Arm(ArmCommands):
         )
 
     async def status(self) -> Status:
-        """Return the latest state of the arm.
+        """Return the latest state of the arm; offline while there is no connection.
 
         Raises:
             TimeoutError: none was ever published at this broker.
         """
-        return await self._statuses.first(self._reply_timeout_s)
+        status = await self._statuses.first(self._reply_timeout_s)
+        if self.is_connected:
+            return status
+        # Nothing says any more that it is so.
+        unknown = {"alarms": (), "conditions": ()}
+        return status.model_copy(
+            update={"online": False, "state": "offline", **unknown}
+        )
 
     async def health(self) -> Health:
         """Return the daemon's latest figures.

@@ -217,7 +217,7 @@ class LiveServer:
             for kind, ask in ((Status, self._arm.status), (Health, self._arm.health)):
                 with suppress(TimeoutError):  # an arm that was never there
                     message = await ask()
-                    if message is not self._latest.get(kind):
+                    if message != self._latest.get(kind):
                         self._latest[kind] = message
                         self._log_state(message)
             await asyncio.sleep(LOOK_S)

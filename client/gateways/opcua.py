@@ -211,7 +211,7 @@ class OpcUaServer:
         while True:
             with suppress(TimeoutError):  # an arm that was never there
                 status = await self._arm.status()
-                if status is not latest:
+                if status != latest:
                     latest = status
                     await self._write_state(status)
             if self._live is not None and not self._online:
@@ -247,6 +247,7 @@ class OpcUaServer:
         }
         for name, texts in lists.items():
             value = ua.Variant(texts, _TEXT, is_array=True)
+            code = _GOOD if status.online else _AWAY
             await self._write(self._state[name], value, code, when)
 
     async def _write_all(

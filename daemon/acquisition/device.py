@@ -35,6 +35,8 @@ class Device:
         max_speed_rad_s: fastest joint; None if its options do not state one.
         temperatures_c: of its sensors; empty without a recent report.
         temperatures_end_ns: until then they are recent; 0: always.
+        sensor: number of the first that has had a believable temperature, which is the
+            arm's; one that fails is not replaced by another, of a place elsewhere.
         clock_text: state of its clock, in words; empty before the first report.
         clock_doubt: `clock_text` when the clock was last in doubt.
         has_rate_error: its clock is known to run off its rate.
@@ -56,6 +58,7 @@ class Device:
     counters: Counter[str] = field(default_factory=Counter)
     temperatures_c: tuple[float | None, ...] = ()
     temperatures_end_ns: int = 0
+    sensor: int | None = None
     clock_text: str = ""
     clock_doubt: str = ""
     has_rate_error: bool = False
@@ -73,6 +76,10 @@ class Device:
 
     def take_temperatures(self, report: DeviceTemperatures) -> None:
         self.temperatures_c = report.values_c
+        for number, value_c in enumerate(report.values_c[: self.sensor]):
+            if _is_believed(value_c):
+                self.sensor = number
+                break
         lasts_ns = REPORT_PERIODS * report.period_ns
         self.temperatures_end_ns = self.last_ns + lasts_ns if lasts_ns else 0
 
@@ -82,10 +89,11 @@ class Device:
 
     @property
     def temperature_c(self) -> float | None:
-        """Temperature of the first sensor that has one that an arm can have."""
-        least_c, most_c = BELIEVED_C
-        known_c = (c for c in self.temperatures_c if c is not None)
-        return next((c for c in known_c if least_c <= c <= most_c), None)
+        """Temperature of the sensor in use, if it is one that an arm can have."""
+        if self.sensor is None or self.sensor >= len(self.temperatures_c):
+            return None
+        value_c = self.temperatures_c[self.sensor]
+        return value_c if _is_believed(value_c) else None
 
     def status(self) -> DriverStatus:
         identity: dict[str, Any] = {}
@@ -117,6 +125,11 @@ class Device:
                 if value is not None
             },
         )
+
+
+def _is_believed(value_c: float | None) -> bool:
+    least_c, most_c = BELIEVED_C
+    return value_c is not None and least_c <= value_c <= most_c
 
 
 def open_device(section: DeviceSection, loop: asyncio.AbstractEventLoop) -> Device:

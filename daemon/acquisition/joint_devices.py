@@ -44,8 +44,10 @@ class JointDevices:
 
     @property
     def temperature_c(self) -> float | None:
-        temperatures_c = (device.temperature_c for device in self.devices)
-        return next((c for c in temperatures_c if c is not None), None)
+        """That of the first device with a sensor that has had one."""
+        sensed = (device for device in self.devices if device.sensor is not None)
+        device = next(sensed, None)
+        return None if device is None else device.temperature_c
 
     def set_batch_window(
         self, settings: CaptureSection, *, may_wait: bool, rests: bool = False

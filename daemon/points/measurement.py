@@ -8,6 +8,7 @@ import numpy as np
 from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
+from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
@@ -42,6 +43,7 @@ class MeasurementContext(ABC):
     """
 
     clock: HostClock
+    conditions: ConditionMonitor
     joint_devices: JointDevices
     pipeline: Pipeline
     resampler: Resampler
@@ -229,7 +231,7 @@ class PointEvaluator:
             # How far a motion in that time leads cannot be stated.
             unknown = int(QualityFlag.MOTION_UNKNOWN)
             pose = replace(pose, quality=pose.quality | unknown)
-        if jitter_ns >= MOST_JITTER_NS:
+        if jitter_ns >= MOST_JITTER_NS or self._is_denied(latch, pose):
             unknown = int(QualityFlag.TIME_UNCERTAIN)
             pose = replace(pose, quality=pose.quality | unknown)
         return self._measured(
@@ -247,6 +249,25 @@ class PointEvaluator:
             ),
             temperature_c,
         )
+
+    def _is_denied(self, latch: LatchedCounts | None, pose: LatchedPose) -> bool:
+        """Return whether a latch was not at its instant, by readings or its arrival."""
+        stage = self._stage
+        if latch is None:
+            return False
+        count_rad = np.abs(stage.pipeline.model.per_count_rad)
+        is_known = stage.conditions.is_established("device_clock", latch.device)
+        is_denied = stage.trajectory.denies(pose, latch.time_bound_ns, count_rad) or (
+            is_known and bool(pose.quality & QualityFlag.TIME_UNCERTAIN)
+        )
+        if is_denied:
+            stage.conditions.mark(
+                "device_clock",
+                latch.device,
+                f"the time that {latch.device} states of a press or touch is not that "
+                "of its counts, or later than its arrival",
+            )
+        return is_denied
 
     def _evaluate_mean(self, average: SampleAverage) -> PointMeasurement:
         """State of the arm in the mean of samples at rest."""

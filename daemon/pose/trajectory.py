@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
-from traverse.daemon.pose.poses import ArmReadings, PoseBlock
+from traverse.daemon.pose.poses import ArmReadings, LatchedPose, PoseBlock
 from traverse.protocol.messages import QualityFlag
 
 KEPT_NS = 3_000_000_000
@@ -18,6 +18,9 @@ READINGS_NS = 5_000_000_000  # an edge that waited for its board's clock is no o
 SLOW_NS = 30_000_000  # interval for the decision whether the ball rests
 SPEED_NS = 5_000_000  # over less the encoders' noise would be more than the speed
 GAP_NS = 400_000_000  # an arm that reports its motion is asked every 250 ms at rest
+NEAR_NS = 100_000_000  # between readings that confine a joint
+KNOCK_RAD = 2e-3  # by which a touch swings it out of the way between them
+SLACK_COUNTS = 4
 INVALID_FLAGS = (QualityFlag.ENCODER_ERROR | QualityFlag.INCOMPLETE).value
 """Flags of samples without a valid ball position."""
 
@@ -73,6 +76,40 @@ class TrajectoryBuffer:
             passed_rad: Floats = angles_rad - readings.angles_rad[row]
             return passed_rad / (elapsed_ns * 1e-9)
         return None
+
+    def denies(self, pose: LatchedPose, bound_ns: int, count_rad: Floats) -> bool:
+        """Return whether the readings around an instant deny latched counts.
+
+        Between two readings a joint is where it has been in them, or beside that by
+        half of its way.
+
+        Args:
+            pose: of the latched counts.
+            bound_ns: how far the instant may be off.
+            count_rad: of each joint, (n_joints,).
+        """
+        begin_ns, end_ns = (
+            pose.sample_time_ns - bound_ns,
+            pose.sample_time_ns + bound_ns,
+        )
+        followed: list[ArmReadings] = []
+        for readings in reversed(self._readings):
+            followed.insert(0, readings)
+            if readings.samples.sample_time_ns[0] <= begin_ns:
+                break
+        else:
+            return False
+        all_ns = np.concatenate([r.samples.sample_time_ns for r in followed])
+        first = int(np.searchsorted(all_ns, begin_ns, side="right")) - 1
+        end = int(np.searchsorted(all_ns, end_ns)) + 1
+        if end > len(all_ns) or all_ns[end - 1] - all_ns[first] > NEAR_NS:
+            return False
+        quality = np.concatenate([r.quality for r in followed])[first:end]
+        counts = np.concatenate([r.counts for r in followed])[first:end]
+        low, high = counts.min(axis=0), counts.max(axis=0)
+        slack = (high - low) / 2.0 + SLACK_COUNTS + KNOCK_RAD / count_rad
+        is_beside = (pose.counts < low - slack) | (pose.counts > high + slack)
+        return bool(is_beside.any() and not (quality & INVALID_FLAGS).any())
 
     def block_speeds_rad_s(self, readings: ArmReadings) -> Floats:
         """Return joint speeds (n, n_joints) at the latest readings; NaN if unknown."""

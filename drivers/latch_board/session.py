@@ -21,6 +21,7 @@ from traverse.protocol.latch_board import messages as wire
 
 WRAP = 1 << 32
 NUMBERED_NS = 20_000_000  # from a level that has held to the number of its edge
+LATCHED_AHEAD_NS = 1_000_000  # of its own arrival: by another counter
 MAX_EARLY = 16  # edges, as many as a board repeats
 MAX_HELD = 64  # blocks that wait for an answer
 WAITING_NS = 3_000_000_000  # longer than a quiet line takes to tie a clock
@@ -338,8 +339,9 @@ class LatchBoardSession:
     ) -> bool:
         clock = self.clock
         ticks = clock.unwrap_one(latch.ticks)
-        time_status = int(self._time_status(clock.is_before_step(ticks)))
         bound_ns = clock.error_bound_ns
+        is_ahead = clock.to_ns(ticks) - received_ns > max(bound_ns, LATCHED_AHEAD_NS)
+        time_status = int(self._time_status(clock.is_before_step(ticks) or is_ahead))
         if number is not None and clock.is_newer(ticks):
             # No reading since then denies that the counter stood still meanwhile.
             late_ns = received_ns - self._debounce_ns - clock.to_ns(ticks)

@@ -140,6 +140,21 @@ async def test_an_arm_that_is_not_there_is_reported(
             await arm.label("ball")
 
 
+async def test_an_arm_is_offline_while_nothing_is_heard_of_it(
+    virtual: VirtualDaemon, network: Network
+) -> None:
+    async with virtual.running(), Arm(virtual.arm, f"localhost:{network.port}") as arm:
+        before = await arm.status()
+        network.refuse()
+        await network.cut()
+        await until(lambda: not arm.is_connected)
+        offline = {"online": False, "state": "offline", "alarms": (), "conditions": ()}
+        assert await arm.status() == before.model_copy(update=offline)
+        network.pass_on()
+        await until(lambda: arm.is_connected)
+        assert await arm.status() == before
+
+
 async def test_status_health_and_live_poses_come(
     virtual: VirtualDaemon, broker: str
 ) -> None:

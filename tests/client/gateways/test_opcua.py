@@ -168,6 +168,7 @@ async def test_state_and_pose_follow_the_arm_and_are_bad_when_it_is_away(
         await b.say(STATUS, online=False, state="offline", alarms=())
         await b.becomes("LivePose/X", ua.StatusCodes.BadNoCommunication)
         await until(lambda: b.value("State/Online") is False)
+        await b.becomes("State/Devices", ua.StatusCodes.BadNoCommunication)
 
 
 async def test_a_client_writes_nothing_and_adds_nothing(virtual, broker):

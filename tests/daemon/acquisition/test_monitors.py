@@ -110,7 +110,9 @@ async def test_effects_without_a_temperature_are_reported_once_it_should_have_co
         bench.take(count_samples(np.zeros((3, 3)), first=first))
     bench.take(DeviceTemperatures("base", (None, 21.5)), latch((5, 6, 7), token=1))
     assert bench.points[1].quality.ok
-    bench.take(DeviceTemperatures("base", (None, None)))
+    # The arm's sensor fails; another one, elsewhere, does not take its place.
+    bench.take(DeviceTemperatures("base", (21.4, 43.0)))
+    bench.take(DeviceTemperatures("base", (85.0, 43.0)))
     events = [e for e in bench.events if e.code == "device.temperature_unknown"]
     assert [event.active for event in events] == [True, False, True]
     assert "20 C is taken" in events[0].text

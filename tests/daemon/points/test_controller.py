@@ -53,18 +53,28 @@ async def test_an_edge_of_a_device_without_joints_makes_a_point_at_its_instant(b
 async def test_counts_that_were_latched_are_taken_and_the_rest_interpolated(bench):
     bench.take(wrist().samples(range(20)), base().samples(range(20)))
     # The base latches joints 2 and 1 a little beside its stream.
-    counts = (111_111, 0, 22_222)
-    bench.take(edge("base", EDGE_NS, 3, counts=counts))
+    counts = base().samples([12]).counts[0] + np.array([17, 0, 3])
+    bench.take(edge("base", EDGE_NS, 3, counts=tuple(counts.tolist())))
     (point,) = bench.points
     assert (point.trigger, point.quality.flags) == ("switch", ("interpolated",))
-    assert [c % t for c, t in zip(point.counts[:2], (65536, 1048576), strict=True)] == [
-        22_222,
-        111_111,
-    ]
+    near = [c % t for c, t in zip(point.counts[:2], (65536, 1048576), strict=True)]
+    assert near == [counts[2], counts[0]]
     per_count_rad = bench.model.per_count_rad
     exact = np.array(point.counts[:2]) * per_count_rad[:2]
     assert point.angles_rad[:2] == pytest.approx(exact, abs=1e-15)
     assert bench.acknowledged("base") == [3]
+
+
+@pytest.mark.parametrize("early_ns", [30_000_000, 65_536_000])
+async def test_a_time_at_which_the_counts_were_not_is_in_doubt(bench, early_ns):
+    """A counter that captured the edge before its overflow was counted."""
+    bench.take(wrist().samples(range(20)), base().samples(range(20)))
+    counts = tuple(base().samples([12]).counts[0].tolist())
+    bench.take(edge("base", EDGE_NS - early_ns, 3, counts=counts))
+    (point,) = bench.points
+    assert "time_uncertain" in point.quality.flags
+    (event,) = [e for e in bench.events if e.code == "condition.device_clock"]
+    assert "not that of its counts" in event.text
 
 
 async def test_edges_keep_their_order_and_none_is_acknowledged_early(bench):
@@ -247,11 +257,12 @@ async def test_one_device_that_latches_all_is_passed_on_bit_for_bit(tmp_path):
     model = arm_model(tmp_path, ARM)
     bench = ArmBench(tmp_path, model)
     whole = base(channels=(1, 2, 0))
+    counts = tuple(whole.samples([12]).counts[0].tolist())
     latching = ArmBench(tmp_path, model)
     for arm_bench in (bench, latching):
         arm_bench.up("base")
         arm_bench.take(whole.samples(range(30)))
-        arm_bench.take(edge("base", EDGE_NS, 0, counts=(5, 6, 7)))
+        arm_bench.take(edge("base", EDGE_NS, 0, counts=counts))
     assert [p.quality.flags for p in bench.points] == [()]
     assert bench.live[-1].quality.flags == ()
     bench.take(edge("handle", EDGE_NS, 0))

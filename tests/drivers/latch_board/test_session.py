@@ -167,6 +167,16 @@ def test_debouncing_is_no_doubt_about_the_time_of_a_press(session, delivered, kn
     )
 
 
+def test_a_press_that_is_stamped_after_its_arrival_is_in_doubt(
+    session, delivered, known
+):
+    """Another counter than that of the samples has stamped it."""
+    for seq, ahead in enumerate((-DEBOUNCE_TICKS, 3000)):
+        session.take(edge(seq, known + 8000 + ahead), received_at_ns(known + 8000))
+    before, after = (set(latch.status) for latch in delivered)
+    assert (before, after) == ({0}, {STATUS_TIME_UNCERTAIN})
+
+
 @pytest.mark.parametrize("has_stood", [False, True])
 def test_a_press_that_is_read_late_waits_for_the_clock(
     session, delivered, known, has_stood
