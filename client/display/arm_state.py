@@ -120,6 +120,7 @@ class ArmSight:
     _live_intervals_s: deque[float] = field(default_factory=lambda: deque(maxlen=5))
     _clock_s: float | None = None
     _health_s: float = -np.inf
+    _online_s: float = -np.inf
     _health_period_s: float = 0.0
     _refusal: tuple[str, bool, float] = ("", False, -np.inf)
 
@@ -154,6 +155,12 @@ class ArmSight:
     def is_health_stale(self) -> bool:
         longest_s = max(HEALTH_STALE_S, 3.0 * self._health_period_s)
         return not self.is_online or self.health_age_s > longest_s
+
+    @property
+    def is_health_missing(self) -> bool:
+        """Whether no figures have come for long, or since the arm is there."""
+        online_s = self.now_s() - self._online_s
+        return self.is_online and self.is_health_stale and online_s > HEALTH_STALE_S
 
     @property
     def session(self) -> str:
@@ -276,6 +283,8 @@ class ArmSight:
         was, self.status = self.status, status
         if was is not None and was.session != status.session:
             self.shown_session, self.scan = None, None
+        if was is None or not was.online:
+            self._online_s = self.now_s()
         if status.session is not None:
             self._points_of(status.session)
         if not status.online:

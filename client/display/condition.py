@@ -7,11 +7,12 @@ from typing import Literal
 from traverse.client.display.arm_state import ArmSight
 from traverse.client.display.figures import flag_words
 from traverse.plurals import counted
-from traverse.protocol.messages import Alarm, ConditionStanding, Event, Live
+from traverse.protocol.messages import Alarm, ConditionStanding, Event, Health, Live
 
 Level = Literal["good", "busy", "warning", "bad"]
 GRAVEST_FIRST: tuple[Level, ...] = ("bad", "warning", "busy")
 UNSENT_WARNING = 100
+UNSENT_WARNING_NS = 30 * 10**9
 TURNS_UNCERTAIN = "device.turns_uncertain"
 REMEDIES = {
     "encoder_error": "Look at the alarms of this encoder below; check its mounting.",
@@ -149,15 +150,32 @@ def _conditions(sight: ArmSight) -> Iterator[Verdict]:
             yield Verdict(
                 "bad", "No points", "Points cannot be kept on disk.", "Free the disk."
             )
-        elif health.outbox.unsent > UNSENT_WARNING:
+        elif is_waiting(health):
             statement = (
                 f"{counted(health.outbox.unsent, 'point', 'wait')} for the broker."
             )
             yield Verdict(
                 "warning", "Wait", statement, "They are safe on the arm's disk."
             )
+    elif sight.is_health_missing:
+        yield Verdict(
+            "warning",
+            "In doubt",
+            "Whether points reach the broker is not known.",
+            "No figures come from the arm: look at the broker's access list.",
+        )
     if live is not None and not live.quality.ok and not sight.is_stale:
         yield _of_pose(live)
+
+
+def is_waiting(health: Health) -> bool:
+    """Whether many points wait for the broker, or one for long."""
+    outbox = health.outbox
+    oldest_ns = (
+        health.time_ns if outbox.oldest_unsent_ns is None else outbox.oldest_unsent_ns
+    )
+    waits_ns = health.time_ns - oldest_ns
+    return outbox.unsent > UNSENT_WARNING or waits_ns > UNSENT_WARNING_NS
 
 
 def _absence(sight: ArmSight) -> Verdict | None:

@@ -272,7 +272,9 @@ class InspectionDesk:
         """
         names = list(self.stations.again)
         touched_again = [i for name in names for i in self.features[name].points]
-        self.stations.join(fit, touched_again)
+        before = [self.features.get(name) for name in self.stations.again.values()]
+        touched_before = [i for draft in before if draft for i in draft.points]
+        self.stations.join(fit, touched_again, touched_before)
         for name in names:
             if fit is None or not self.features[name].points:
                 self.remove(name)
@@ -378,8 +380,7 @@ class InspectionDesk:
                 if not isinstance(answer, str):
                     self._shared.update(answer)
             points, shared = self.stations.placed(
-                (point for i, point in self._points.items() if i in used),
-                self._refusal or dict(self._shared),
+                self._points.values(), self._refusal or dict(self._shared)
             )
             # In a thread: a part of many cylinders takes a while.
             inspection = await asyncio.to_thread(

@@ -1,6 +1,6 @@
 """Stations of the arm at one part: what is touched again after a move, and joined."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
 from traverse.arrays import Floats
@@ -11,7 +11,7 @@ from traverse.client.inspection.systems import (
     station_of_fit,
 )
 from traverse.client.inspection.values import Inspection
-from traverse.protocol.messages import Point
+from traverse.protocol.messages import Point, Quality
 
 
 class Stations:
@@ -28,6 +28,7 @@ class Stations:
         self.is_moved = False
         self._after_first: list[Station] = []
         self._number_by_point: dict[str, int] = {}
+        self._rests_on: list[frozenset[str]] = []
 
     def move(self, again: Mapping[str, str]) -> None:
         """Have features touched once more: from here on no point has a known place."""
@@ -49,25 +50,44 @@ class Stations:
         if self._after_first and feature not in self.again:
             self._number_by_point[point_id] = len(self._after_first) - 1
 
-    def join(self, fit: BestFit | None, touched_again: Iterable[str]) -> None:
+    def join(
+        self,
+        fit: BestFit | None,
+        touched_again: Collection[str],
+        touched_before: Collection[str],
+    ) -> None:
         """End the move.
 
         Args:
             fit: onto the same features of before; None: the arm was not moved.
             touched_again: ids of the points taken since.
+            touched_before: ids of those of the same features before.
         """
         self.again, self.is_moved = {}, False
         if fit is not None:
             number = len(self._after_first)
+            self._rests_on.append(frozenset((*touched_again, *touched_before)))
             self._after_first.append(station_of_fit(fit))
             self._number_by_point.update(dict.fromkeys(touched_again, number))
 
     def placed(
         self, points: Iterable[Point], shared_mm: Mapping[str, Floats] | str
     ) -> tuple[list[Point], Mapping[str, Floats] | str]:
-        """Bring points into the first station's system, see `in_first_system`."""
+        """Bring points into the first station's system, see `in_first_system`.
+
+        All of a station are in doubt where one is that its place rests on.
+        """
+        held = {point.id: point for point in points}
+        for number, ids in enumerate(self._rests_on):
+            doubted = [p for i in ids if (p := held.get(i)) and not p.quality.ok]
+            flags = dict.fromkeys(f for p in doubted for f in p.quality.flags)
+            for point in [*held.values()] if flags else ():
+                if self._number_by_point.get(point.id) == number:
+                    every = tuple(dict.fromkeys((*point.quality.flags, *flags)))
+                    quality = Quality(ok=False, flags=every)
+                    held[point.id] = point.model_copy(update={"quality": quality})
         return in_first_system(
-            list(points), shared_mm, self._after_first, self._number_by_point
+            [*held.values()], shared_mm, self._after_first, self._number_by_point
         )
 
     def without_places(self, inspection: Inspection) -> Inspection:

@@ -109,11 +109,10 @@ class Figures:
 
     def _step(self, sight: ArmSight, system: System) -> str:
         """Difference of the probe's place from the last point; "" without one."""
-        live, last, unit = sight.live, sight.last_point, self._choices.unit
+        live, last, unit = sight.live, _last_point(sight, system), self._choices.unit
         live_mm = None if live is None else place_mm(live, system)
         last_mm = None if last is None else place_mm(last, system)
-        is_of_before = system == "part" and last and last.time_ns < sight.aligned_ns
-        if last is None or live_mm is None or last_mm is None or is_of_before:
+        if last is None or live_mm is None or last_mm is None:
             return ""
         step_mm = np.subtract(live_mm, last_mm)
         return (
@@ -126,11 +125,13 @@ class Figures:
         """Deviation of the probe and of the last point from the nominal place."""
         nominal, unit = self._choices.nominal, self._choices.unit
         rows = []
-        for name, of in (("now", sight.live), ("last point", sight.last_point)):
+        last = _last_point(sight, system)
+        for name, of in (("now", sight.live), ("last point", last)):
             place = None if of is None else place_mm(of, system)
             if nominal is None or of is None or place is None:
                 continue
-            around_mm = expanded_axes_mm(of, "part")  # any direction
+            # Any direction. That of the alignment is not known.
+            around_mm = None if system == "part" else expanded_axes_mm(of, "part")
             doubt = "" if of.quality.ok else flag_words(of)
             off = nominal.deviation(place, around_mm[0] if around_mm else None, doubt)
             level, words = off.decision
@@ -144,6 +145,13 @@ class Figures:
                 f"{unit.name}: {words}</b></div>"
             )
         return "".join(rows)
+
+
+def _last_point(sight: ArmSight, system: System) -> Point | None:
+    """Return the last point, if it has a place in the system as it is now."""
+    last = sight.last_point
+    is_of_before = system == "part" and last and last.time_ns < sight.aligned_ns
+    return None if is_of_before else last
 
 
 def _offsets_text(offsets_mm: Sequence[float | None], unit: Unit) -> str:

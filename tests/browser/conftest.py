@@ -18,7 +18,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Browser, Page, async_playwright, expect
 
-from tests.client.display.values import live
+from tests.client.display.values import health, live
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.conftest import no_task_stays
 from tests.end_to_end.programs import Program
@@ -234,6 +234,7 @@ class PosedDaemon(VirtualDaemon):
                 continue
             now_ns = time.monotonic_ns() - begun_ns
             await self.publish(Clock(arm=self.arm, clock="virtual", now_ns=now_ns))
+            await self.publish(health(arm=self.arm))
             fields = {"arm": self.arm, "time_ns": str(time.time_ns())}
             await self.publish(live(**(fields | self.pose)))
 

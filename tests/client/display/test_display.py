@@ -272,6 +272,16 @@ def test_figures_are_of_now_only_while_they_come(sight: ArmSight, clock: Clock) 
     assert sight.is_health_stale
     sight.take_health(health())
     assert not sight.is_health_stale
+    sight.take_live(live(quality=FINE))
+    assert verdict(sight).level == "good"
+    clock.now_s += 11.0
+    sight.take_live(live(quality=FINE))
+    assert "is not known" in verdict(sight).sentence
+    shown = health()
+    waiting = {"unsent": 5, "oldest_unsent_ns": shown.time_ns - 31 * 10**9}
+    outbox = shown.outbox.model_copy(update=waiting)
+    sight.take_health(shown.model_copy(update={"outbox": outbox}))
+    assert verdict(sight).sentence == "5 points wait for the broker."
     sight.take_status(status(online=False, state="offline"))
     assert sight.is_health_stale
 

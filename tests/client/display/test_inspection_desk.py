@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from tests.client.display.values import live
+from tests.client.display.values import doubt, live
 from tests.client.inspection.touched import ARM, touched_points
 from tests.protocol.message_examples import SCAN
 from traverse.client.display.arm_state import ArmSight, Change
@@ -325,6 +325,13 @@ def test_after_the_arm_was_moved_results_go_on_in_the_first_system(desk):
     _, truth = touched_points()
     apex_mm = desk.result("cone 1").place_mm
     assert abs(apex_mm[0] - truth["hole a x"]) < 100.0
+    # A touch that says where the arm stands turns out to be in doubt.
+    of_before = desk.result("circle 1").touches[0].id
+    desk._take_doubt(doubt(points=of_before))
+    asyncio.run(desk.measure(refused))
+    assert {touch.doubts for touch in desk.result("cone 1").touches} == {("stale",)}
+    of_circle = desk.result("circle 2").touches
+    assert {touch.doubts for touch in of_circle} == {()}
 
 
 def test_an_arm_that_was_not_moved_after_all_is_as_before(desk):
