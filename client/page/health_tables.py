@@ -26,13 +26,14 @@ def health_table(sight: ArmSight) -> str:
         age_s = device.age_s
         age = "no data" if age_s is None else f"data {age_s:.1f} s ago"
         figures = f"{device.rate_hz:.0f} samples/s, {age}"
-        rows.append(_row(device.id, state(device.state), figures))
+        rows.append(_row(_untranslated(device.id), state(device.state), figures))
         rows += [
-            _row(f"{device.id} {name}", "", f"{value:.1f} °C")
+            _row(_untranslated(f"{device.id} {name}"), "", f"{value:.1f} °C")
             for name, value in device.temperatures_c.items()
         ]
     broker, outbox = health.broker, health.outbox
-    rows.append(_row("broker", state(broker.state), f"{broker.host}:{broker.port}"))
+    address = _untranslated(f"{broker.host}:{broker.port}")
+    rows.append(_row("broker", state(broker.state), address))
     waits = (
         f"{counted(outbox.points, 'point')} kept, {outbox.unsent} waiting for the "
         "broker"
@@ -128,13 +129,18 @@ def coverage_bars(sight: ArmSight) -> str:
     return "".join(bars)
 
 
+def _untranslated(name: str) -> str:
+    return f'<span translate="no">{escape(name)}</span>'
+
+
 def _row(name: str, state: str, figures: str) -> str:
+    """Return a row of a table; name and figures are HTML."""
     kind = WORDS.get(state, "bad" if state not in ("", "warning") else state)
     shown = state if state not in ("", "warning") else ""
     strong = "state warning" if kind == "warning" and not shown else ""
     return (
-        f'<tr><td class="text">{escape(name)}</td>'
+        f'<tr><td class="text">{name}</td>'
         f'<td class="text state {kind}">{escape(shown)}</td>'
         f'<td class="text {strong}">'
-        f"{escape(figures)}</td></tr>"
+        f"{figures}</td></tr>"
     )

@@ -164,12 +164,15 @@ class PolledChannel:
         return None
 
     def unknown_rad(self, answer: EncoderReading) -> float:
-        """Return how far the joint turns while an answer may have been read."""
+        """Return how far the joint turns while an answer may have been read.
+
+        A count is left out: noise may flip it at rest.
+        """
         if self.time_ns is None or answer.time_ns <= self.time_ns:
             return 0.0
         steps = self._steps(EncoderReading(self.count, self.time_ns), answer)
         share = answer.bound_ns / (answer.time_ns - self.time_ns)
-        return abs(steps) * share * math.tau / self.counts_per_turn
+        return max(abs(steps) - 1, 0) * share * math.tau / self.counts_per_turn
 
     def doubt(self, now_ns: int) -> None:
         """Put readings in doubt for a while: bytes were spoilt, and others may be."""
