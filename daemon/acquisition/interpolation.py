@@ -8,7 +8,9 @@ What that leaves out is f'' s (h - s) / 2 at some acceleration f'' met between t
 most f'' h^2 / 8 (the error of linear interpolation, as in any book on numerical
 analysis; Atkinson, "An Introduction to Numerical Analysis", section 3.1). f'' is taken
 from second divided differences at both ends, less what rounding to whole counts alone
-can make of one. That is the first error bound of a count. The second is what the
+can make of one. A joint that begins to move between the readings leaves out twice to
+five times as much: it had all of its acceleration in a part of h. Twice that error is
+the first bound of a count. The second is what the
 instants themselves leave open: the speed times how far both may be off, e_0 and e_1,
 
     |f'| (e_0 (h - s) + e_1 s) / h
@@ -170,7 +172,7 @@ def _error_bounds(
     )
     inside = left < right
     outside = (run_ns > 0) & ~inside
-    motion = np.where(inside, between / 2.0, np.where(outside, beyond, 0.0))
+    motion = np.where(inside, between, np.where(outside, beyond, 0.0))
     # Errors of both times move the line between them by their shares.
     share = run_ns / np.maximum(t[right] - t[left], 1)
     off_ns = bounds_ns[left] + (bounds_ns[right] - bounds_ns[left]) * share
