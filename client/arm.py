@@ -11,6 +11,7 @@ from typing import Any, Literal, Self, Unpack
 from traverse.broker.address import BrokerAddress
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.commands import ArmCommands, ScanOptions
+from traverse.client.daemon_pulse import UNHEARD, DaemonPulse, unheard
 from traverse.client.errors import Counters
 from traverse.client.feeds import Feed, Feeds, ScanBlocks
 from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
@@ -115,6 +116,7 @@ class Arm(ArmCommands):
             "reply": lambda m: self._requests.take_reply(decode(Reply, m.payload)),
             "point": self._take_point,
         }
+        self._pulse = DaemonPulse()
         self._undecodable = 0
         self._tasks: set[asyncio.Task[None]] = set()
         self._held = ExitStack()
@@ -130,6 +132,7 @@ class Arm(ArmCommands):
             self._held.enter_context(held_cursor(self._cursor_file))
         self._run(self._link.run(self._take, self._link_changed))
         self._run(self._stream.follow())
+        self._run(self._pulse.run())
         try:
             await self._link.wait_first(self._connect_timeout_s)
         except BaseException:
@@ -159,6 +162,15 @@ class Arm(ArmCommands):
     def is_connected(self) -> bool:
         """Whether there is a connection to the broker."""
         return self._link.is_connected
+
+    @property
+    def absence(self) -> str:
+        """Why nothing is known of the daemon now; empty while its messages arrive."""
+        if not self.is_connected:
+            return "no connection to the broker"
+        status = self._statuses.latest
+        seems_online = status is not None and status.online
+        return UNHEARD if seems_online and self._pulse.is_silent else ""
 
     @property
     def cursor(self) -> dict[str, int]:
@@ -225,19 +237,25 @@ class Arm(ArmCommands):
         )
 
     async def status(self) -> Status:
-        """Return the latest state of the arm; offline while there is no connection.
+        """Return the latest state of the arm; offline while nothing arrives from it.
 
         Raises:
             TimeoutError: none was ever published at this broker.
         """
         status = await self._statuses.first(self._reply_timeout_s)
-        if self.is_connected:
-            return status
-        # Nothing says any more that it is so.
-        unknown = {"alarms": (), "conditions": ()}
-        return status.model_copy(
-            update={"online": False, "state": "offline", **unknown}
-        )
+        return unheard(status) if self.absence else status
+
+    async def published_status(self) -> Status:
+        """Return the latest state that the daemon published, however long ago.
+
+        It is offline while there is no connection. For programs that show silence in a
+        way of their own.
+
+        Raises:
+            TimeoutError: none was ever published at this broker.
+        """
+        status = await self._statuses.first(self._reply_timeout_s)
+        return status if self.is_connected else unheard(status)
 
     async def health(self) -> Health:
         """Return the daemon's latest figures.
@@ -258,11 +276,14 @@ class Arm(ArmCommands):
                 self._link.acknowledge(arrived.number)
 
     def _link_changed(self, is_connected: bool) -> None:
+        if not is_connected:
+            self._pulse.reset()
         self._requests.link_changed(is_connected)
         self._stream.link_changed(is_connected)
 
     def _take_clock(self, arrived: IncomingMessage) -> None:
         clock = decode(Clock, arrived.payload)
+        self._pulse.beat()
         self._requests.take_clock(clock)
         self._clocks.put(clock)
 

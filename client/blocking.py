@@ -191,6 +191,10 @@ class BlockingArm:
     def is_connected(self) -> bool:
         return self._arm.is_connected
 
+    @property
+    def absence(self) -> str:
+        return self._arm.absence
+
     def points(self, idle_timeout_s: float | None = None) -> Iterator[Point]:
         for item in self.points_and_losses(idle_timeout_s):
             if isinstance(item, Point):

@@ -72,7 +72,7 @@ class Follower:
                     self._arm = arm
                     for work in (
                         self._links(arm),
-                        _each_change(arm.status, self.sight.take_status),
+                        _each_change(arm.published_status, self.sight.take_status),
                         _each_change(arm.health, self.sight.take_health),
                         _each(arm.live(), self.sight.take_live),
                         _each(arm.clocks(), self.sight.take_clock),

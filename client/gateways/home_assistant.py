@@ -18,6 +18,7 @@ from traverse.broker.address import BrokerAddress
 from traverse.broker.errors import MqttError
 from traverse.broker.packets import Message
 from traverse.client.cancel_tasks import cancel_tasks
+from traverse.client.daemon_pulse import DaemonPulse, unheard
 from traverse.client.errors import BrokerUnreachableError
 from traverse.client.gateways.outlets import Report
 from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
@@ -127,6 +128,7 @@ class HomeAssistantGateway:
         self._status: Status | None = None
         self._health: Health | None = None
         self._news = asyncio.Event()
+        self._pulse = DaemonPulse(self._news.set)
         self._sent: dict[str, bytes] = {}
 
     async def run(self) -> None:
@@ -135,9 +137,10 @@ class HomeAssistantGateway:
         Raises:
             BrokerUnreachableError: there is no connection at first.
         """
-        kinds = (topics.status_topic(self._arm), topics.health_topic(self._arm))
-        self._link.topics.update(dict.fromkeys(kinds, 0))
+        for topic_of in (topics.status_topic, topics.health_topic, topics.clock_topic):
+            self._link.topics[topic_of(self._arm)] = 0
         connecting = asyncio.create_task(self._link.run(self._take, self._link_changed))
+        following = asyncio.create_task(self._pulse.run())
         try:
             await self._link.wait_first(CONNECT_S)
             self._report(f"waiting for what {self._arm} says of itself")
@@ -151,7 +154,7 @@ class HomeAssistantGateway:
         finally:
             with contextlib.suppress(MqttError):  # then the will says so
                 await self._send("availability", b"offline")
-            await cancel_tasks([connecting])
+            await cancel_tasks([connecting, following])
 
     async def remove(self) -> None:
         """Take the arm out of Home Assistant: empty retained messages.
@@ -171,6 +174,9 @@ class HomeAssistantGateway:
             await cancel_tasks([connecting])
 
     def _take(self, arrived: IncomingMessage) -> None:
+        if arrived.topic == topics.clock_topic(self._arm):
+            self._pulse.beat()
+            return
         try:
             if arrived.topic == topics.status_topic(self._arm):
                 self._status = decode(Status, arrived.payload)
@@ -185,6 +191,7 @@ class HomeAssistantGateway:
             self._news.set()
         else:  # the will has been published
             self._sent.clear()
+            self._pulse.reset()
 
     async def _show(self) -> None:
         if self._status is None:
@@ -192,7 +199,9 @@ class HomeAssistantGateway:
         if not self._sent:
             self._report(f"{self._arm} is shown by {self.base}/config")
         checked = await asyncio.to_thread(self._last_check)
-        state = state_of(self._status, self._health, checked)
+        is_silent = self._status.online and self._pulse.is_silent
+        status = unheard(self._status) if is_silent else self._status
+        state = state_of(status, self._health, checked)
         # A time that was never is none that Home Assistant reads.
         known = state.keys() - ({"last_check"} if checked is None else set())
         config = announcement(self._arm, self._device, self.base, known)

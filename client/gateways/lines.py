@@ -24,6 +24,7 @@ TEMPLATES = {
 """PC-DMIS: a line of a machine of type "Generic CMM"; LinuxCNC: a line of a probe log,
 X Y Z A B C U V W; MTConnect: SHDR of an adapter; a spreadsheet: columns with tabs, the
 flags of doubt last."""
+LOOK_S = 0.5  # how often the arm's state is looked at
 UNITS_MM = {"mm": 1.0, "inch": 25.4}
 
 
@@ -88,7 +89,22 @@ class LineGateway:
 
     async def send_points(self, arm: Arm) -> None:
         """Send points until the arm's client is closed."""
-        await run_together(self._send_each(arm), self._send_doubts(arm))
+        await run_together(
+            *(self._send_each(arm), self._send_doubts(arm), self._follow_state(arm))
+        )
+
+    async def _follow_state(self, arm: Arm) -> None:
+        """Report when the arm goes and comes: without points lines look all right."""
+        reported = ""
+        while True:
+            with contextlib.suppress(TimeoutError):  # an arm that was never there
+                status = await arm.status()
+                absence = arm.absence or ("" if status.online else "it is offline")
+                if absence != reported:
+                    state = f"{absence}; no line comes" if absence else "it is there"
+                    self._report(f"{arm.name}: {state}")
+                    reported = absence
+            await asyncio.sleep(LOOK_S)
 
     async def _send_each(self, arm: Arm) -> None:
         """Request the next point when the last one is sent: `Arm` keeps the place."""
@@ -122,6 +138,10 @@ class LineGateway:
                 self.counts.doubted += 1
 
     async def send_scans(self, arm: Arm) -> None:
+        """Send scans until the arm's client is closed."""
+        await run_together(self._send_blocks(arm), self._follow_state(arm))
+
+    async def _send_blocks(self, arm: Arm) -> None:
         scan, next_seq = "", 0
         async for block in await arm.scans():
             n_lost = block.seq - next_seq if block.scan == scan else 0

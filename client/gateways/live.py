@@ -249,7 +249,8 @@ class LiveServer:
             for alarm in message.alarms
         }
         if not message.online:
-            alarms["offline"] = ("the arm is offline", StatusLevel.Error)
+            why = self._arm.absence or "the arm is offline"
+            alarms["offline"] = (why, StatusLevel.Error)
         if self._server is None:
             return
         for name, (text, level) in alarms.items():

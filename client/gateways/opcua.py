@@ -207,13 +207,13 @@ class OpcUaServer:
         )
 
     async def _serve_state(self) -> None:
-        latest: Status | None = None
+        written: tuple[Status, str] | None = None
         while True:
             with suppress(TimeoutError):  # an arm that was never there
                 status = await self._arm.status()
-                if status != latest:
-                    latest = status
-                    await self._write_state(status)
+                if (status, self._arm.absence) != written:
+                    written = status, self._arm.absence
+                    await self._write_state(*written)
             if self._live is not None and not self._online:
                 await self._write_pose(self._live, _AWAY)
             elif (
@@ -222,7 +222,13 @@ class OpcUaServer:
                 await self._write_pose(self._live, _LAST_KNOWN)
             await asyncio.sleep(LOOK_S)
 
-    async def _write_state(self, status: Status) -> None:
+    async def _write_state(self, status: Status, absence: str) -> None:
+        """Write a state.
+
+        Args:
+            status: of the arm; offline while nothing is heard of it.
+            absence: why nothing is known of it; else empty.
+        """
         self._online = status.online
         values = {
             "Online": status.online,
@@ -233,8 +239,13 @@ class OpcUaServer:
             "SoftwareRevision": status.version,
             "ArmFile": status.model or "",
         }
-        code, when = _GOOD, _date(status.time_ns)
-        await self._write_all(self._state, _STATE_FIELDS, values, code, when)
+        when = _date(status.time_ns)
+        # That it is not heard of is known here; all else is what it said last.
+        for name, kind in _STATE_FIELDS.items():
+            is_known = not absence or name in ("Online", "State")
+            code = _GOOD if is_known else _LAST_KNOWN
+            value = ua.Variant(values[name], kind)
+            await self._write(self._state[name], value, code, when)
         lists = {
             "Alarms": [
                 printable(f"{alarm.source}: {alarm.text}; {alarm.remedy}")

@@ -1,6 +1,7 @@
 """Commands through the client, against a simulated daemon and a real broker."""
 
 import asyncio
+import time
 
 import numpy as np
 import pytest
@@ -153,6 +154,23 @@ async def test_an_arm_is_offline_while_nothing_is_heard_of_it(
         network.pass_on()
         await until(lambda: arm.is_connected)
         assert await arm.status() == before
+
+
+async def test_an_arm_whose_daemon_stands_still_is_offline_though_connected(
+    virtual: VirtualDaemon, broker: str
+) -> None:
+    async with virtual.running(), Arm(virtual.arm, broker) as arm:
+        assert (await arm.status()).state == "ready"
+        virtual.is_stopped = True
+        await until(lambda: arm.absence != "")
+        assert arm.is_connected
+        assert (await arm.status()).state == "offline"
+        assert (await arm.published_status()).state == "ready"
+        virtual.is_stopped = False
+        await until(lambda: arm.absence == "")
+        assert (await arm.status()).state == "ready"
+        time.sleep(2.0)  # noqa: ASYNC251 - a program that blocks its own loop
+        assert (await arm.status()).state == "ready"
 
 
 async def test_status_health_and_live_poses_come(

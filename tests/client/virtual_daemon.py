@@ -19,6 +19,7 @@ from traverse.protocol import topics
 from traverse.protocol.encoding import decode, encode, parse_args
 from traverse.protocol.messages import (
     Args,
+    Clock,
     Command,
     CovarianceArgs,
     HomeArgs,
@@ -51,6 +52,7 @@ class VirtualDaemon:
         is_mute: points go into the outbox only.
         can_resend: whether the command is supported.
         is_deaf: commands are not carried out.
+        is_stopped: its clock does not come, while the connection stays.
         heard: received commands.
         commands: carried out.
         resends: requested ranges.
@@ -74,6 +76,7 @@ class VirtualDaemon:
         self.earlier_doubts: tuple[LaterDoubt, ...] = ()
         self.is_mute = False
         self.is_deaf = False
+        self.is_stopped = False
         self.heard = 0
         self.can_resend = True
         self.commands: list[Args] = []
@@ -100,13 +103,25 @@ class VirtualDaemon:
             self._client = client
             await client.subscribe(topics.command_filter(self.arm), qos=1)
             await self.begin_session()
-            listening = asyncio.create_task(self._listen(client))
+            tasks = [
+                asyncio.create_task(work)
+                for work in (self._listen(client), self._tick())
+            ]
             try:
                 yield self
             finally:
-                await cancel_tasks([listening])
+                await cancel_tasks(tasks)
                 await self._say_status(online=False)
                 self._client = None
+
+    async def _tick(self) -> None:
+        """Publish the clock twice a second, unless the daemon is stopped."""
+        name = uuid.uuid4().hex
+        while True:
+            if not self.is_stopped:
+                now_ns = time.monotonic_ns()
+                await self.publish(Clock(arm=self.arm, clock=name, now_ns=now_ns))
+            await asyncio.sleep(0.5)
 
     async def begin_session(self) -> str:
         self.session = uuid.uuid4().hex

@@ -92,7 +92,7 @@ class IppServer:
             status = await self._arm.status()
         except TimeoutError:
             return  # no arm of this name has ever been at the broker
-        self._session.take_status(status, is_connected=self._arm.is_connected)
+        self._session.take_status(status, self._arm.absence)
 
     async def _take(self, item: Point | Lost) -> None:
         await self._look()  # a change of the probe comes before its points

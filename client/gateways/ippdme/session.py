@@ -89,13 +89,16 @@ class Session:
 
     # What arrives from the arm
 
-    def take_status(self, status: Status, *, is_connected: bool) -> None:
-        """Take the arm's state; any number of times."""
-        machine, reachable = self.machine, status.online and is_connected
+    def take_status(self, status: Status, absence: str = "") -> None:
+        """Take the arm's state; any number of times.
+
+        Args:
+            status: of the arm.
+            absence: why nothing is known of it; else empty.
+        """
+        machine, reachable = self.machine, status.online and not absence
         if machine.is_reachable and not reachable and self._transactions.in_session:
-            why = (
-                "the arm is offline" if is_connected else "no connection to the broker"
-            )
+            why = absence or "the arm is offline"
             self._transactions.report_unsolicited("Server", IppError(503, why, 1))
         machine.is_reachable = reachable
         if not status.online:

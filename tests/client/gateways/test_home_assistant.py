@@ -130,6 +130,11 @@ async def test_an_arm_is_announced_followed_and_taken_out(
                 "points_waiting": str(HEALTH.outbox.unsent),
                 "last_check": CHECKED,
             }
+            virtual.is_stopped = True
+            await until(lambda: home.state["online"] is False)
+            assert home.state["state"] == "offline"
+            virtual.is_stopped = False
+            await until(lambda: home.state["online"] is True)
         # The daemon has gone: figures are not those of now.
         await until(lambda: home.state["online"] is False)
         assert home.shown()["points"] == home.shown()["temperature_c"] == "None"

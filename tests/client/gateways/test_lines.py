@@ -204,3 +204,25 @@ def test_a_template_is_refused_before_anything_is_sent(
 ) -> None:
     with pytest.raises(ValueError, match=text):
         form(template, decimal=decimal)
+
+
+async def test_an_arm_that_is_not_heard_of_is_reported_while_no_line_comes(
+    virtual: VirtualDaemon, broker: str, tmp_path: Path
+) -> None:
+    reports: list[str] = []
+    outlet = FileOutlet(tmp_path / "lines.txt", reports.append)
+    gateway = LineGateway(form(), outlet, reports.append)
+    async with outlet, Arm(virtual.arm, broker) as arm:
+        task = asyncio.create_task(gateway.send_points(arm))
+        async with virtual.running():
+            await until(lambda: arm.cursor != {})
+            virtual.is_stopped = True
+            await until(lambda: len(reports) == 1)
+            virtual.is_stopped = False
+            await until(lambda: len(reports) == 2)
+        await until(lambda: len(reports) == 3)
+        await cancel_tasks([task])
+    silent, there, offline = reports
+    assert "which may be stopped; no line comes" in silent
+    assert there == f"{virtual.arm}: it is there"
+    assert offline == f"{virtual.arm}: it is offline; no line comes"

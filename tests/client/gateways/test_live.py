@@ -184,6 +184,11 @@ async def test_the_arm_its_scans_its_state_and_its_events_are_shown(
         await b.say(STATUS, alarms=(), online=False, state="offline")
         await until(lambda: set(viewer.statuses) == {"offline"})
         await until(lambda: entities(viewer, "arm") == {})
+        await b.say(STATUS, session=virtual.session)
+        await until(lambda: set(viewer.statuses) == {name})
+        virtual.is_stopped = True
+        await until(lambda: set(viewer.statuses) == {"offline"})
+        assert "may be stopped" in viewer.statuses["offline"]["message"]
 
 
 async def test_a_viewer_can_move_the_arms_description_by_its_joints(

@@ -171,6 +171,22 @@ async def test_state_and_pose_follow_the_arm_and_are_bad_when_it_is_away(
         await b.becomes("State/Devices", ua.StatusCodes.BadNoCommunication)
 
 
+async def test_a_daemon_that_stands_still_is_no_good_state(
+    virtual: VirtualDaemon, broker: str
+) -> None:
+    async with bench(virtual, broker) as b:
+        await b.becomes("State/State", ua.StatusCodes.Good)
+        assert b.value("State/State") == "ready"
+        virtual.is_stopped = True
+        await b.becomes("State/Probe", ua.StatusCodes.UncertainLastUsableValue)
+        assert b.value("State/Online") is False
+        assert b.value("State/State") == "offline"
+        await b.becomes("State/Devices", ua.StatusCodes.BadNoCommunication)
+        virtual.is_stopped = False
+        await b.becomes("State/Probe", ua.StatusCodes.Good)
+        await until(lambda: b.value("State/State") == "ready")
+
+
 async def test_a_client_writes_nothing_and_adds_nothing(virtual, broker):
     async with bench(virtual, broker) as b:
         await b.take(0)

@@ -87,7 +87,7 @@ class Bench:
 
     def _say(self, **fields: Any) -> None:
         self.status = self.status.model_copy(update=fields)
-        self.session.take_status(self.status, is_connected=True)
+        self.session.take_status(self.status)
 
     def _live(
         self, *xyz: str, flags: str = "", model: str = "a", radius: str = "3"

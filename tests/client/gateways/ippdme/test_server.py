@@ -110,6 +110,19 @@ async def test_touches_tools_and_daemons_over_the_network(serving: Serving) -> N
         assert await client.ask("EndSession()") == []
 
 
+async def test_a_daemon_that_stands_still_is_reported_and_gives_no_pose(
+    serving: Serving,
+) -> None:
+    async with IppClient(serving.port, "stopped") as client:
+        await posed(client)
+        serving.virtual.is_stopped = True
+        error = await client.until("E0000")
+        assert error.startswith("E0000 ! Error(1,0503,")
+        (refusal,) = await client.ask("Get(X())")
+        assert refusal.startswith("Error(3,0503,")
+    await serving.says("nothing arrives from its daemon, which may be stopped")
+
+
 async def test_a_second_client_is_told_why_and_the_next_gets_a_session(
     serving: Serving,
 ) -> None:
