@@ -35,6 +35,7 @@ log = logging.getLogger(__name__)
 PointFuture = asyncio.Future[Point]
 OTHER_ACTIONS = ("scan", "stop", "session")  # done by others, or reported
 REPORT_IT = "report it with the daemon's log"
+MOVABLE_NS = 150_000_000  # a commanded point, for joints that are known at one instant
 
 
 class PointController:
@@ -158,7 +159,10 @@ class PointController:
 
     def _take_from_now(self, average: SampleAverage | None) -> PointFuture:
         now_ns, deadline_ns = self._now_ns(), self._deadline_ns()
-        observation = Observation(now_ns, deadline_ns)
+        movable_ns = min(MOVABLE_NS, self._stage.point_wait_ns // 2)
+        observation = Observation(
+            now_ns, deadline_ns, movable_until_ns=now_ns + movable_ns
+        )
         if average is not None:
             self.evaluator.start_average(observation, average)
         answer: PointFuture = asyncio.get_running_loop().create_future()

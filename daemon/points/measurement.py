@@ -29,6 +29,7 @@ from traverse.daemon.pose.uncertainty import (
     CovarianceEvaluator,
     CovarianceInput,
     SkewMonitor,
+    is_only_skewed,
 )
 from traverse.drivers.base.values import LatchedCounts
 from traverse.kinematics.probing.compensation import DirectionError
@@ -90,9 +91,16 @@ class PointEvaluator:
             return
         seen = observation.seen
         if seen is None:
-            observation.seen = seen = self._evaluate(observation)
+            seen = self._evaluate(observation)
             if seen is None:
                 return
+            now_ns = self._stage.clock.monotonic_ns()
+            if now_ns < observation.movable_until_ns and is_only_skewed(
+                seen.pose.quality
+            ):
+                observation.instant_ns = now_ns
+                return
+            observation.seen = seen
             self._watch(observation, seen.pose.sample_time_ns, seen)
         # An edge may overtake samples from before it.
         time_ns = seen.pose.sample_time_ns

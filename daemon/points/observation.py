@@ -15,6 +15,8 @@ class Observation:
     Attributes:
         instant_ns: host monotonic time.
         deadline_ns: until when later readings may be awaited.
+        movable_until_ns: until when a later instant may take the place of its own, if
+            its joints are not known at one.
         latch: counts that a device latched at that instant.
         is_edge: whether it did so at an edge; else because it was asked.
         time_bound_ns: possible error of the instant, by the clock that gave it.
@@ -28,6 +30,7 @@ class Observation:
     instant_ns: int
     deadline_ns: int
     _: KW_ONLY
+    movable_until_ns: int = 0
     latch: LatchedCounts | None = None
     is_edge: bool = False
     time_bound_ns: int = 0

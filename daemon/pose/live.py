@@ -7,12 +7,17 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.pose.alignment import ActiveAlignment
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import PoseBlock
+from traverse.daemon.pose.uncertainty import is_only_skewed
 from traverse.kinematics.model.forward import joint_positions
 from traverse.protocol.messages import Live, Quality
 
 
 class LivePoseSampler:
-    """Selects poses and makes their messages."""
+    """Selects poses and makes their messages.
+
+    A pose whose joints are not known at one instant, because an exchange took long,
+    leaves its place to the next one that is, for at most a period.
+    """
 
     def __init__(
         self, clock: HostClock, rate_hz: float, part: ActiveAlignment | None = None
@@ -33,7 +38,10 @@ class LivePoseSampler:
         """Return the last pose of a block, if one is due."""
         now_ns = int(poses.sample_time_ns[-1])
         xyz_mm = poses.xyz_mm[-1]
-        if now_ns < self._due_ns:
+        due_ns = self._due_ns
+        if is_only_skewed(int(poses.quality[-1])):
+            due_ns += self._period_ns
+        if now_ns < due_ns:
             self.thinned += 1
             return None
         self._due_ns = max(self._due_ns + self._period_ns, now_ns)

@@ -31,12 +31,17 @@ from traverse.kinematics.uncertainty.point_covariance import (
     PointUncertainties,
     point_uncertainties,
 )
-from traverse.protocol.messages import QualityFlag
+from traverse.protocol.messages import REMARKS, QualityFlag
 from traverse.protocol.messages.point import Covariance
 
 HAND_RAD_S2 = 5.0  # as a joint led by hand accelerates; twice that is rare
 MOST_JITTER_NS = 100_000_000  # from here on there is no covariance, but a flag
 UPPER = np.triu_indices(3)  # places of xx, xy, xz, yy, yz, zz in a covariance
+
+
+def is_only_skewed(quality: int) -> bool:
+    """Return whether a pose is in doubt for the instants of its joints alone."""
+    return quality & ~REMARKS.value == QualityFlag.SKEW.value
 
 
 class SkewMonitor:

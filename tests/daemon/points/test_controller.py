@@ -10,6 +10,7 @@ from tests.daemon.arm_harness import IDENTITIES, ArmBench, edge
 from tests.daemon.two_devices import BEGIN_NS, base, true_counts, wrist
 from tests.daemon.values import ARM, arm_model
 from traverse.daemon.errors import CaptureRefusedError
+from traverse.daemon.executor import TakeNow
 from traverse.daemon.points.request_queue import MAX_PENDING
 from traverse.drivers.base.values import DeviceLost, DeviceUp, StreamStarted
 from traverse.kinematics.model.forward import probe_centre
@@ -304,3 +305,56 @@ async def test_a_device_that_cannot_latch_gives_points_out_of_its_stream(tmp_pat
     assert bench.acknowledged("base") == [4]
     await asyncio.sleep(0)
     bench.close()
+
+
+def late_readings(reader, numbers, late):
+    """Samples of a reader; the instants of some of them are open by 10 ms."""
+    samples = reader.samples(numbers)
+    bounds_ns = np.zeros(samples.counts.shape, np.int32)
+    bounds_ns[np.isin(samples.seq, late)] = 10_000_000
+    return replace(samples, skew_bound_ns=bounds_ns)
+
+
+async def test_a_commanded_point_is_one_whose_joints_are_known_at_one_instant(bench):
+    """An exchange that took long leaves the place to the readings after it."""
+    bench.take(wrist().samples(range(10)), base().samples(range(12)))
+    asked_ns = bench.clock.now_ns = BEGIN_NS + 115_000_000
+    answer = asyncio.ensure_future(TakeNow().execute(bench.measurement))
+    await asyncio.sleep(0)
+    bench.take(wrist().samples(range(10, 12)))
+    bench.clock.now_ns += 20_000_000
+    bench.take(late_readings(base(), range(12, 14), late=(12,)))
+    assert bench.points == []
+    bench.take(wrist().samples(range(12, 14)), base().samples(range(14, 20)))
+    (point,) = bench.points
+    assert point.quality.flags == ("interpolated",)
+    later_ns = point.time_ns - bench.clock.offset_ns
+    assert later_ns == asked_ns + 20_000_000
+    assert off_mm(bench, point, later_ns) < 0.2
+    assert (await answer) == point
+
+
+async def test_a_commanded_point_that_stays_skewed_is_marked(bench):
+    bench.take(wrist().samples(range(10)), base().samples(range(12)))
+    bench.clock.now_ns = BEGIN_NS + 115_000_000
+    answer = asyncio.ensure_future(TakeNow().execute(bench.measurement))
+    await asyncio.sleep(0)
+    for first in range(10, 30, 2):
+        numbers = range(first + 2, first + 4)
+        bench.clock.now_ns += 20_000_000
+        bench.take(wrist().samples(range(first, first + 2)))
+        bench.take(late_readings(base(), numbers, late=numbers))
+    (point,) = bench.points
+    assert point.quality.flags == ("interpolated", "skew")
+    assert (await answer) == point
+
+
+async def test_a_skewed_live_pose_leaves_its_place_to_the_next_for_a_period(bench):
+    numbers = range(200)
+    bench.take(wrist().samples(range(170)))
+    bench.take(late_readings(base(), numbers[:100], late=numbers[:100:3]))
+    assert not [live for live in bench.live if "skew" in live.quality.flags]
+    n_before = len(bench.live)
+    bench.take(late_readings(base(), numbers[100:], late=numbers[100:]))
+    after = bench.live[n_before:]
+    assert all("skew" in live.quality.flags for live in after[1:])
