@@ -149,7 +149,7 @@ class Measurement(MeasurementContext):
         self._use_conditions()
         self.conditions.changed = changed
         self.states = DeviceStateTracker(
-            clock, *parts, events, self.conditions, changed
+            clock, *parts, events, self.conditions, published, changed
         )
         self.late_readings = LateReadingMonitor(self.resampler, clock, events)
         self.temperatures = TemperatureMonitor(clock, self.conditions)

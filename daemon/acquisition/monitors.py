@@ -12,6 +12,7 @@ from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.pipeline import Pipeline
+from traverse.daemon.pose.published import PublishedNumbers
 from traverse.drivers.base.values import (
     DeviceAlarm,
     DeviceClockState,
@@ -19,6 +20,7 @@ from traverse.drivers.base.values import (
     DeviceLost,
     DeviceUp,
 )
+from traverse.protocol.messages import QualityFlag
 
 MATCH = "correct the arm file, or set the device up for it"
 
@@ -30,6 +32,7 @@ class DeviceStateTracker:
     Args:
         pipeline: restarted where turns are lost.
         conditions: informed whether a device is present.
+        published: names numbers of a device that was wrong for a while.
     """
 
     clock: HostClock
@@ -38,6 +41,7 @@ class DeviceStateTracker:
     resampler: Resampler
     events: EventLog
     conditions: ConditionMonitor
+    published: PublishedNumbers
     changed: Callable[[], None]
 
     def on_up(self, device: Device, up: DeviceUp) -> None:
@@ -88,7 +92,17 @@ class DeviceStateTracker:
         if device.state != "starting":
             device.state = "lost"
             name = device.section.id
-            self.conditions.doubt("present", name, lost.reason, remedy=lost.remedy)
+            reason, data = lost.reason, None
+            if lost.since_ns:
+                named, data = self.published.between(
+                    lost.since_ns,
+                    self.clock.monotonic_ns(),
+                    QualityFlag.TURNS_UNCERTAIN,
+                )
+                reason += named
+            self.conditions.doubt(
+                "present", name, reason, remedy=lost.remedy, data=data
+            )
         device.answered.set()
         self.changed()
 

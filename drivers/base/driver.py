@@ -225,7 +225,8 @@ class Driver(ABC):
                 self._serve()
             except (DeviceError, OSError) as error:
                 remedy = getattr(error, "remedy", "check cable and power")
-                lost = DeviceLost(self.device, str(error), remedy)
+                since_ns = getattr(error, "since_ns", 0)
+                lost = DeviceLost(self.device, str(error), remedy, since_ns)
             except Exception as error:
                 log.exception("fault in the driver of %s", self.device)
                 text = f"fault in the driver: {error!r}"

@@ -202,11 +202,16 @@ class DeviceUp:
 
 @dataclass(frozen=True, slots=True)
 class DeviceLost:
-    """The device is lost; the driver keeps trying to reconnect."""
+    """The device is lost; the driver keeps trying to reconnect.
+
+    Attributes:
+        since_ns: readings after this host monotonic time may be wrong already; 0: none.
+    """
 
     device: str
     reason: str
     remedy: str
+    since_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,11 +298,16 @@ Delivery = (
 
 
 class DeviceError(Exception):
-    """A device failed; states the expectation and a remedy."""
+    """A device failed; states the expectation and a remedy.
 
-    def __init__(self, text: str, remedy: str) -> None:
+    Attributes:
+        since_ns: as in `DeviceLost`.
+    """
+
+    def __init__(self, text: str, remedy: str, *, since_ns: int = 0) -> None:
         super().__init__(text)
         self.remedy = remedy
+        self.since_ns = since_ns
 
 
 class DeviceNotFoundError(DeviceError):

@@ -10,7 +10,12 @@ from traverse.drivers.base.values import (
     DeviceRefusedError,
     Identity,
 )
-from traverse.drivers.canopen.node import NodeFacts, read_facts, set_up_node
+from traverse.drivers.canopen.node import (
+    NodeFacts,
+    NodeSettings,
+    read_facts,
+    set_up_node,
+)
 from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.drivers.canopen.sdo import NodeSdo
 from traverse.drivers.io.can_bus import CanBus
@@ -106,28 +111,30 @@ class NodeDiscovery:
 
 def set_up_nodes(
     sdos: Mapping[int, NodeSdo], options: CanOpenOptions
-) -> tuple[list[NodeFacts], bool]:
+) -> tuple[list[tuple[NodeFacts, NodeSettings]], bool]:
     """Read and set up all nodes, without starting them.
 
     Returns:
-        Their properties, and whether one has lost its settings since the last time.
+        Properties and settings of each, and whether one had lost its settings since
+        the last time.
 
     Raises:
         DeviceRefusedError: lists the faults of each.
     """
-    facts, failures, forgotten = [], [], False
+    nodes, failures, forgotten = [], [], False
     for node, sdo in sdos.items():
         try:
             node_facts = read_facts(sdo, node)
-            forgotten |= set_up_node(sdo, node_facts, options)
-            facts.append(node_facts)
+            settings, was_forgotten = set_up_node(sdo, node_facts, options)
+            forgotten |= was_forgotten
+            nodes.append((node_facts, settings))
         except DeviceError as error:
             failures.append(error)
     if failures:
         raise DeviceRefusedError(
             "; ".join(str(error) for error in failures), failures[0].remedy
         )
-    return facts, forgotten
+    return nodes, forgotten
 
 
 def bus_identity(

@@ -98,7 +98,8 @@ class CanOpenDriver(Driver):
             sdo.expect(
                 ASK_DEVICE_TYPE, discovery.n_requests[node] - discovery.n_answers[node]
             )
-        facts, forgotten = set_up_nodes(sdos, options)
+        set_up, forgotten = set_up_nodes(sdos, options)
+        facts = [node_facts for node_facts, _ in set_up]
         cycles = SyncCycleAssembler(
             self.device,
             options.nodes,
@@ -111,10 +112,14 @@ class CanOpenDriver(Driver):
         for node in options.nodes:
             bus.send(wire.NMT, wire.nmt_command(wire.START, node))
         now_ns = self._now_ns()
-        supervised = zip(sdos.values(), facts, strict=True)
         supervisor = self._supervisor = NodeSupervisor(
             bus,
-            [SupervisedNode(sdo, fact, now_ns, now_ns) for sdo, fact in supervised],
+            [
+                SupervisedNode(sdo, node_facts, settings, now_ns, now_ns, now_ns)
+                for sdo, (node_facts, settings) in zip(
+                    sdos.values(), set_up, strict=True
+                )
+            ],
             cycles,
             SyncScheduler(bus, options.sync, self._fault, self._now_ns),
             self._conditions,

@@ -6,6 +6,7 @@ against the encoder's manual: the order in which a PDO is mapped anew, and that 
 """
 
 import contextlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from traverse.drivers.base.values import DeviceRefusedError
@@ -18,6 +19,19 @@ WIDEST = 1 << 32
 MOST_TURNS = 1 << 16
 SINGLE_TURN = 1
 FURTHER_TPDOS = (1, 2, 3)
+SETTINGS = (
+    (objects.TPDO, 1),
+    (objects.TPDO, 2),
+    (objects.TPDO_MAP, 0),
+    (objects.TPDO_MAP, 1),
+    (objects.OPERATING_PARAMETERS, 0),
+    (objects.UNITS_PER_TURN, 0),
+    (objects.MEASURING_RANGE, 0),
+    (objects.OFFSET, 0),
+)
+"""Objects, with sub-indices, that say what a position frame means."""
+
+NodeSettings = Mapping[tuple[int, int], int | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,14 +122,18 @@ def read_facts(sdo: NodeSdo, node: int) -> NodeFacts:
     )
 
 
-def set_up_node(sdo: NodeSdo, facts: NodeFacts, options: CanOpenOptions) -> bool:
+def set_up_node(
+    sdo: NodeSdo, facts: NodeFacts, options: CanOpenOptions
+) -> tuple[NodeSettings, bool]:
     """Make a node send its position at every SYNC; nothing is stored in it.
 
     Returns:
-        Whether it had lost such settings: it was without power, or never set up.
+        What its frames mean from now on, and whether it had lost such settings: it was
+        without power, or never set up.
 
     Raises:
         NodeError: it does not answer, or refuses.
+        DeviceRefusedError: it does not do as it was set.
     """
     forgotten = sdo.find_number(objects.HEARTBEAT_MS) != options.heartbeat_ms
     if options.code_sequence != "keep":
@@ -131,7 +149,32 @@ def set_up_node(sdo: NodeSdo, facts: NodeFacts, options: CanOpenOptions) -> bool
             with contextlib.suppress(NodeRefusedError):
                 sdo.write(objects.TPDO + further, 1, used | objects.PDO_OFF, 4)
     sdo.write(objects.HEARTBEAT_MS, 0, options.heartbeat_ms, 2)
-    return forgotten
+    settings = read_settings(sdo)
+    _check_position(sdo.name, facts.node, settings)
+    return settings, forgotten
+
+
+def read_settings(sdo: NodeSdo) -> NodeSettings:
+    """Read what the frames of a node mean; None for objects that it lacks.
+
+    Raises:
+        NodeError: it does not answer.
+    """
+    return {(index, sub): sdo.find_number(index, sub) for index, sub in SETTINGS}
+
+
+def settings_text(settings: NodeSettings, others: NodeSettings) -> str:
+    """List the settings that differ from others, in hexadecimal."""
+    return ", ".join(
+        f"{index:04X}:{sub:02X} was {_hexadecimal(others[index, sub])}, "
+        f"is {_hexadecimal(value)}"
+        for (index, sub), value in settings.items()
+        if value != others[index, sub]
+    )
+
+
+def _hexadecimal(value: int | None) -> str:
+    return "unknown" if value is None else f"{value:X}"
 
 
 def _resolution(sdo: NodeSdo, kind: int, parameters: int) -> tuple[int, int]:
@@ -164,3 +207,37 @@ def _map_position(sdo: NodeSdo, node: int) -> None:
         if sdo.read_number(objects.TPDO_MAP, 1) != objects.MAP_OF_POSITION:
             raise
     sdo.write(objects.TPDO, 1, cob_id, 4)
+
+
+def _check_position(name: str, node: int, settings: NodeSettings) -> None:
+    """Check what was written: some makers accept a write and change nothing.
+
+    Raises:
+        DeviceRefusedError: its position frame is another, or not sent at each SYNC.
+    """
+    cob_id = settings[objects.TPDO, 1]
+    if cob_id is not None:
+        cob_id &= ~objects.NO_REMOTE_REQUEST
+    wrong = [
+        f"{what} is {value:X}, expected {expected:X}"
+        for what, value, expected in (
+            ("frame and state of its TPDO1 (1800:01)", cob_id, wire.TPDO1 + node),
+            (
+                "its transmission type (1800:02)",
+                settings[objects.TPDO, 2],
+                objects.EVERY_SYNC,
+            ),
+            (
+                "what it maps (1A00:01)",
+                settings[objects.TPDO_MAP, 1],
+                objects.MAP_OF_POSITION,
+            ),
+        )
+        if value not in (None, expected)
+    ]
+    if wrong:
+        raise DeviceRefusedError(
+            f"{name} has accepted its settings and does not have them: "
+            + "; ".join(wrong),
+            "set TPDO1 with the maker's tool: object 6004 at every SYNC",
+        )

@@ -13,7 +13,14 @@ from dataclasses import dataclass, field
 
 from traverse.drivers.base.alarms import Alarms
 from traverse.drivers.base.values import STATUS_ERROR, STATUS_WARNING, DeviceError
-from traverse.drivers.canopen.node import NodeFacts, read_facts, set_up_node
+from traverse.drivers.canopen.node import (
+    NodeFacts,
+    NodeSettings,
+    read_facts,
+    read_settings,
+    set_up_node,
+    settings_text,
+)
 from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.drivers.canopen.sdo import NodeError, NodeSdo
 from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
@@ -70,6 +77,8 @@ class SupervisedNode:
     """One node of a connection.
 
     Attributes:
+        settings: what its frames mean, as it was set up.
+        settings_ns: when they were read last.
         last_seen_ns: when anything of it was received last.
         started_ns: when it was commanded to be operational.
         boot_ns: its last boot-up; 0 for none.
@@ -81,6 +90,8 @@ class SupervisedNode:
 
     sdo: NodeSdo
     facts: NodeFacts
+    settings: NodeSettings
+    settings_ns: int
     last_seen_ns: int
     started_ns: int
     boot_ns: int = 0
@@ -231,6 +242,7 @@ class NodeSupervisor:
             period_s = self.options.status_period_s / len(self.nodes)
             self._status_due_ns = now_ns + int(period_s * 1e9)
             self._request_alarms(self._status_turn)
+            self._check_settings(self.nodes[self._status_turn])
             self._status_turn = (self._status_turn + 1) % len(self.nodes)
 
     def _look(self, now_ns: int) -> list[int]:
@@ -335,13 +347,13 @@ class NodeSupervisor:
                     "it is the same",
                     "if it is, confirm it",
                 )
-            forgotten = set_up_node(sdo, facts, self.options)
+            node.settings, forgotten = set_up_node(sdo, facts, self.options)
         except NodeError:
             return  # it stays lost; it is tried again
         self.bus.send(wire.NMT, wire.nmt_command(wire.START, known.node))
         node.wants_set_up = node.idle = False
         node.emergencies.clear()
-        node.last_seen_ns = node.started_ns = self.now_ns()
+        node.last_seen_ns = node.started_ns = node.settings_ns = self.now_ns()
         self.conditions.end(channel, "emergency")
         if self.options.sync == "external":
             self.cycles.reset_attribution(1 << channel)
@@ -365,6 +377,29 @@ class NodeSupervisor:
         except NodeError:
             return  # its heartbeat shows whether it is lost
         self.complaints(channel, alarms, warnings)
+
+    def _check_settings(self, node: SupervisedNode) -> None:
+        """Compare what the frames of a node mean with how it was set up.
+
+        Raises:
+            DeviceError: another master has changed it.
+        """
+        if node.wants_set_up or node.idle:
+            return
+        read_ns = self.now_ns()
+        try:
+            settings = read_settings(node.sdo)
+        except NodeError:
+            return
+        if settings != node.settings:
+            changes = settings_text(settings, node.settings)
+            raise DeviceError(
+                f"{node.sdo.name} was set otherwise by another program: {changes}",
+                "let no other program set encoders while the arm measures; check a "
+                "known point before measuring on",
+                since_ns=node.settings_ns,
+            )
+        node.settings_ns = read_ns
 
     def _report_losses(self) -> None:
         """Report losses since the last time, and count them for `health`."""

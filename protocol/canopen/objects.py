@@ -30,6 +30,7 @@ ENCODER_PROFILE = 0x196  # 406, the low half of DEVICE_TYPE
 KINDS = {1: "single-turn", 2: "multi-turn", 8: "linear"}  # its high half
 
 PDO_OFF = 0x8000_0000
+NO_REMOTE_REQUEST = 0x4000_0000  # bit of the same object
 EVERY_SYNC = 1
 MAP_OF_POSITION = 0x6004_0020  # index, sub-index, 32 bits
 SAVE = b"save"

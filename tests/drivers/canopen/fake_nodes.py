@@ -51,6 +51,7 @@ class FakeNode:
 
     Attributes:
         refuses: objects that cannot be written.
+        ignores: objects whose writes are accepted and change nothing.
         mute: it sends nothing.
         doubles: it sends everything twice.
         late_s: how long after a SYNC its answer is sent.
@@ -63,6 +64,7 @@ class FakeNode:
     turns: int = 1 << 12
     state: int = PRE_OPERATIONAL
     refuses: set[tuple[int, int]] = field(default_factory=set)
+    ignores: set[tuple[int, int]] = field(default_factory=set)
     mute: bool = False
     doubles: bool = False
     late_s: float = 0.0
@@ -119,7 +121,8 @@ class FakeNode:
         if key in self.refuses:
             return b"\x80" + request[1:4] + u32(ABORT_READ_ONLY)
         size = {0x2F: 1, 0x2B: 2, 0x27: 3, 0x23: 4}[request[0]]
-        self.objects[key] = request[4 : 4 + size]
+        if key not in self.ignores:
+            self.objects[key] = request[4 : 4 + size]
         return b"\x60" + request[1:4] + bytes(4)
 
 

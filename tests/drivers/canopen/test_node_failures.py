@@ -1,4 +1,5 @@
 import asyncio
+import time
 from random import Random
 
 import pytest
@@ -22,6 +23,7 @@ from traverse.drivers.base.values import (
     DeviceLost,
     DeviceUp,
 )
+from traverse.testing.deliveries import Deliveries
 from traverse.testing.driver_contract import streaming, up
 
 
@@ -81,6 +83,43 @@ async def test_a_node_that_lost_its_preset_or_sense_is_told_apart(
     assert "from another place" in deliveries.of(DeviceLost)[0].reason
     before, now = (up.identity.firmware for up in deliveries.of(DeviceUp))
     assert before != now  # so that it has to be confirmed
+
+
+@pytest.mark.parametrize(
+    ("number", "value", "text"),
+    [
+        ((0x6509, 0), u32(30), "6509:00 was unknown, is 1E"),  # a preset by 3 mrad
+        ((0x6000, 0), u16(4), "6000:00 was 0, is 4"),
+        ((0x1A00, 1), u32(0x6503_0010), "1A00:01 was 60040020, is 65030010"),
+        ((0x1800, 2), b"\xfe", "1800:02 was 1, is FE"),
+    ],
+)
+async def test_what_another_master_sets_while_it_measures_is_noticed(
+    number: tuple[int, int], value: bytes, text: str
+) -> None:
+    rig = CanRig(status_period_s=0.2)
+    with rig, rig.driver:
+        deliveries = await streaming(rig)
+        rig.nodes.nodes[9].objects[number] = value
+        begun_ns = time.monotonic_ns()
+        await deliveries.until(lambda: deliveries.of(DeviceLost), "it is noticed")
+    lost = deliveries.of(DeviceLost)[0]
+    assert text in lost.reason
+    # Of both nodes one is looked at each 0.1 s: readings since then may be wrong.
+    assert -1_000_000_000 < lost.since_ns - begun_ns < 1_000_000_000
+    assert lost.since_ns < time.monotonic_ns()
+
+
+async def test_a_node_that_accepts_its_settings_and_keeps_others_is_refused(
+    rig: CanRig,
+) -> None:
+    rig.nodes.nodes[9].ignores = {(0x1800, 2)}
+    with rig.driver:
+        deliveries = Deliveries(rig.delivery_queue)
+        await deliveries.until(lambda: deliveries.of(DeviceLost), "it is refused")
+    lost = deliveries.of(DeviceLost)[0]
+    assert "transmission type (1800:02) is FE, expected 1" in lost.reason
+    assert deliveries.of(DeviceUp) == []
 
 
 async def test_a_node_without_a_serial_number_may_be_another(rig: CanRig):
