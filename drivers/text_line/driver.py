@@ -24,6 +24,11 @@ from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.polling.channel import IMPLAUSIBLE, EncoderReading, PolledChannel
 from traverse.drivers.polling.pedals import PedalDebouncer
 from traverse.drivers.polling.sampling import SampleBlockBuilder
+from traverse.drivers.text_line.board_time import (
+    WRAP_SLACK_S,
+    check_advance,
+    wrap_of,
+)
 from traverse.drivers.text_line.line import Line, LineSplitter, OddLine
 from traverse.drivers.text_line.options import TextLineOptions
 from traverse.drivers.timing.clock_report import ClockReporter
@@ -38,7 +43,6 @@ TELL_NS = 200_000_000
 LOST_ABOVE = 1.75  # periods between two lines
 # Between the times of board and host: it was reset. A busy host is late by less.
 JUMP_NS = 3_000_000_000
-WRAP = 1 << 32  # of millis() and micros()
 JUMPS = 2  # in a row: one may be a broken digit
 # Lines that are late wait so long for one that is not: then the host was busy, else
 # the board's clock stood still.
@@ -100,7 +104,7 @@ class TextLineDriver(Driver):
         options = self.options
         self._port = SerialPort(options.port, options.baud_rate, self._wake_read)
         self._splitter = LineSplitter()
-        self._clock = DeviceClock(options.tick_rate_hz, self._clock_wrap)
+        self._clock = DeviceClock(options.tick_rate_hz, options.wrap_ticks)
         self._clock_reporter.forget()
         self._held.clear()
         self._time_ns = 0
@@ -115,6 +119,10 @@ class TextLineDriver(Driver):
         before, period_ns = self._last, self._period_ns
         first = self._first_lines(self._port)
         lines = [line for line, _ in first]
+        times = [(line.ticks, at_ns) for line, at_ns in first if line.ticks is not None]
+        check_advance(
+            times, options.port, options.time_unit, 1e9 / options.tick_rate_hz
+        )
         self._period_ns = self._learned_period_ns(first)
         restarted = self._up_before and (
             self._reset or not self._continues(before, first[-1], period_ns)
@@ -271,7 +279,7 @@ class TextLineDriver(Driver):
             return False
         elapsed_ns = now[1] - before[1]
         if now[0].ticks is not None and before[0].ticks is not None:
-            step = (now[0].ticks - before[0].ticks) % self._clock_wrap
+            step = (now[0].ticks - before[0].ticks) % self.options.wrap_ticks
             step_ns = step * 1e9 / self.options.tick_rate_hz
         elif now[0].seq is not None and before[0].seq is not None:
             step_ns = (
@@ -280,10 +288,6 @@ class TextLineDriver(Driver):
         else:
             return False
         return abs(step_ns - elapsed_ns) < JUMP_NS + 0.02 * elapsed_ns
-
-    @property
-    def _clock_wrap(self) -> int:
-        return WRAP if self.options.time_unit != "s" else 1 << 62
 
     def _begin_stream(self, rate_hz: float) -> None:
         self._block.finish(self._stream)
@@ -394,8 +398,24 @@ class TextLineDriver(Driver):
         self._jumps += 1
         self._reject(b"", "has a time or number that does not follow the last")
         if self._jumps >= JUMPS:
-            raise self._was_reset("its time or number has begun anew")
+            raise self._has_begun_anew(line, received_ns)
         return 0
+
+    def _has_begun_anew(self, line: Line, received_ns: int) -> DeviceError:
+        """Say by how much the time of a line is not that after the last one."""
+        last, last_ns = self._last or (line, received_ns)
+        if line.ticks is None or last.ticks is None:
+            return self._was_reset("its number has begun anew")
+        passed_s = (line.ticks - last.ticks) / self.options.tick_rate_hz
+        ahead_s = passed_s - (received_ns - last_ns) * 1e-9
+        if abs(ahead_s) < WRAP_SLACK_S:
+            return self._was_reset("its number has begun anew, and its time goes on")
+        self._reset = True
+        wrap = wrap_of(-ahead_s, self.options.time_unit)
+        if wrap is not None:
+            return DeviceError(f"the board on {self.options.port}: {wrap[0]}", wrap[1])
+        way = "ahead" if ahead_s > 0.0 else "back"
+        return self._was_reset(f"its time went {way} by {abs(ahead_s):.3f} s")
 
     def _sample(self, arrived: _Arrived) -> PolledSample:
         """Convert a line to a sample.
@@ -448,7 +468,8 @@ class TextLineDriver(Driver):
             return DeviceError(
                 f"the board on {self.options.port} prints no line that fits: "
                 f"{self._reason}",
-                "correct pattern, unit, baud_rate, or the encoder that is named",
+                "correct pattern, unit, time_unit, baud_rate, or the encoder that is "
+                "named",
             )
         return DeviceError(
             f"the board on {self.options.port} prints nothing",

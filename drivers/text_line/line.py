@@ -186,7 +186,10 @@ class LinePattern:
 
     def _ticks(self, word: str) -> int:
         if self._ticks_per_time == 1 and "." in word:
-            raise _OddError(f"has the time {word!r}, expected a whole number")
+            raise _OddError(
+                f"has the time {word!r}, expected a whole number (time_unit says that "
+                "it is in milliseconds or microseconds)"
+            )
         return round(float(word) * self._ticks_per_time)
 
     @staticmethod

@@ -6,9 +6,12 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from traverse.drivers.base.driver import DriverOptions
+from traverse.drivers.text_line.board_time import LEAST_WRAP_S, UNITS_S
 from traverse.drivers.text_line.line import LinePattern
 from traverse.plurals import counted
 
+COUNTER_TICKS = 1 << 32  # of millis() and micros()
+NEVER_TICKS = 1 << 62
 TICKS_PER_S = {"s": 1_000_000, "ms": 1000, "us": 1_000_000}
 
 
@@ -23,6 +26,8 @@ class TextLineOptions(DriverOptions):
         unit: of ``{joint}``.
         decimals: digits behind the point of every angle; None: any number.
         time_unit: of ``{time}``.
+        time_wrap: after so many units ``{time}`` is 0 again; None: as a counter of 32
+            bits, seconds never.
         seq_bits: after so many bits ``{seq}`` is 0 again.
         checksum: what ``{checksum}`` is, two hexadecimal digits.
         ignore: beginnings of lines that are not about joints.
@@ -39,6 +44,7 @@ class TextLineOptions(DriverOptions):
     unit: Literal["counts", "deg", "rad"] = "counts"
     decimals: int | None = Field(default=None, ge=0, le=9)
     time_unit: Literal["s", "ms", "us"] = "ms"
+    time_wrap: float | None = Field(default=None, gt=0.0, le=1e15)
     seq_bits: Literal[8, 16, 32] = 32
     checksum: Literal["none", "xor", "sum"] = "none"
     ignore: tuple[str, ...] = Field(default=(), max_length=16)
@@ -63,6 +69,13 @@ class TextLineOptions(DriverOptions):
     def tick_rate_hz(self) -> int:
         return TICKS_PER_S[self.time_unit]
 
+    @property
+    def wrap_ticks(self) -> int:
+        """Ticks after which the time is 0 again."""
+        if self.time_wrap is not None:
+            return round(self.time_wrap * UNITS_S[self.time_unit] * self.tick_rate_hz)
+        return NEVER_TICKS if self.time_unit == "s" else COUNTER_TICKS
+
     @model_validator(mode="after")
     def _check_pattern(self) -> "TextLineOptions":
         pattern = self.line_pattern
@@ -74,6 +87,15 @@ class TextLineOptions(DriverOptions):
             )
         if any(not 2 <= counts <= 1 << 32 for counts in self.counts_per_turn):
             raise ValueError("counts_per_turn are 2 to 2^32 each")
+        if self.time_wrap is not None:
+            if "time" not in pattern.fields:
+                raise ValueError("time_wrap is of {time}, which the pattern lacks")
+            if self.time_wrap * UNITS_S[self.time_unit] < LEAST_WRAP_S:
+                raise ValueError(
+                    f"time_wrap {self.time_wrap:g} {self.time_unit} is less than "
+                    f"{LEAST_WRAP_S:g} s: times would be ambiguous after an "
+                    "interruption; put {skip} in the place of {time}"
+                )
         if ("checksum" in pattern.fields) != (self.checksum != "none"):
             raise ValueError(
                 'a {checksum} in the pattern and checksum = "xor" or "sum" belong '

@@ -52,6 +52,7 @@ class FakeBoard(PtyPeer):
     Attributes:
         spoil: how the next lines are printed instead; each is used once.
         n_lost: number of next lines that are not printed.
+        time_of: what it prints as its time, of its milliseconds.
     """
 
     def __init__(self, link):
@@ -62,6 +63,7 @@ class FakeBoard(PtyPeer):
         self.lock = threading.Lock()
         self.printed = 0
         self.reset = False
+        self.time_of = lambda ms: ms
 
     def _live(self):
         while self._plugged:
@@ -81,7 +83,7 @@ class FakeBoard(PtyPeer):
         if self.n_lost:
             self.n_lost -= 1
             return
-        data = line(seq, ms, (seq % 65_536, 500), self.buttons)
+        data = line(seq, self.time_of(ms), (seq % 65_536, 500), self.buttons)
         if self.spoil:
             data = self.spoil.pop(0)(data)
         self.printed += 1
@@ -167,6 +169,78 @@ async def test_a_board_that_begins_anew_is_a_restart(rig):
         await deliveries.until(lambda: len(deliveries.of(DeviceUp)) == 2, "it is back")
     assert [ups.restarted for ups in deliveries.of(DeviceUp)] == [False, True]
     assert "reset" in deliveries.of(DeviceLost)[0].reason
+
+
+async def loss_of(board, **options):
+    """The first loss of a board, and what remedies it."""
+    rig = BoardRig(board, **options)
+    with rig.driver:
+        deliveries = Deliveries(rig.delivery_queue)
+        await deliveries.until(lambda: deliveries.of(DeviceLost), "a loss")
+    lost = deliveries.of(DeviceLost)[0]
+    return lost.reason, lost.remedy
+
+
+@pytest.mark.parametrize(
+    ("unit", "per_ms", "ratio", "remedy"),
+    [
+        ("ms", 1000, "1000 times", 'time_unit = "us"'),
+        ("us", 1, "0.001 times", 'time_unit = "ms"'),
+        ("s", 1, "1000 times", 'time_unit = "ms"'),
+        ("ms", 10, "10 times", "have the board print"),
+        ("ms", 0.25, "0.25 times", "have the board print"),
+        ("ms", 0, "does not advance", "millis()"),
+    ],
+)
+async def test_a_time_in_another_unit_is_named(tmp_path, unit, per_ms, ratio, remedy):
+    with FakeBoard(tmp_path / "board") as board:
+        board.time_of = lambda ms: round(ms * per_ms)
+        lost = await loss_of(board, time_unit=unit)
+    assert ratio in lost[0]
+    assert remedy in lost[1]
+
+
+@pytest.mark.parametrize(
+    ("unit", "per_ms", "wrap_ms", "written"),
+    [
+        ("ms", 1, 65_536, "65536"),
+        ("us", 1000, 2**24 / 1000, "16777216"),
+        ("ms", 1, 60_000, "60000"),
+    ],
+)
+async def test_a_time_that_wraps_is_asked_about_and_then_followed(
+    tmp_path, unit, per_ms, wrap_ms, written
+):
+    def beginning_before(board):
+        begin_ms = wrap_ms - 3000
+        board.time_of = lambda ms: int((begin_ms + ms) % wrap_ms * per_ms)
+
+    with FakeBoard(tmp_path / "board") as board:
+        beginning_before(board)
+        reason, remedy = await loss_of(board, time_unit=unit)
+    assert f"went back by {wrap_ms / 1000:g} s; does it wrap there?" in reason
+    assert f"set time_wrap = {written} " in remedy
+    with FakeBoard(tmp_path / "other") as board:
+        beginning_before(board)
+        rig = BoardRig(board, time_unit=unit, time_wrap=float(written))
+        with rig.driver:
+            deliveries = await streaming(rig, 200.0)
+            await deliveries.until(
+                lambda: board.seq * PERIOD_MS > 4500, "lines after the wrap"
+            )
+        assert deliveries.of(DeviceLost) == []
+    blocks = deliveries.of(CountSamples)
+    late_ns = [int(block.received_ns - block.sample_time_ns[-1]) for block in blocks]
+    assert min(late_ns) >= 0
+    assert sum(0 <= ns < 30_000_000 for ns in late_ns) > 0.9 * len(late_ns)
+
+
+async def test_a_time_that_goes_back_by_no_wrap_is_a_reset(tmp_path):
+    with FakeBoard(tmp_path / "board") as board:
+        board.time_of = lambda ms: ms + 7300 if ms < 3000 else ms
+        reason, remedy = await loss_of(board)
+    assert "probably reset: its time went back by 7.3" in reason
+    assert "supply" in remedy
 
 
 async def test_lines_without_a_time_are_uncertain_where_some_may_have_waited(tmp_path):
