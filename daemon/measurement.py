@@ -27,6 +27,7 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies, latencies_by_name
 from traverse.daemon.points.capture import ActiveSession, Capture, PointWriter
 from traverse.daemon.points.controller import PointController, PointFuture
+from traverse.daemon.points.input_monitor import InputMonitor
 from traverse.daemon.points.measurement import MeasurementContext
 from traverse.daemon.pose.alignment import ActiveAlignment
 from traverse.daemon.pose.arm_model import ArmModel, model_with_probe
@@ -171,6 +172,7 @@ class Measurement(MeasurementContext):
         )
         self.uncertainty = CovarianceEvaluator(configuration.uncertainty)
         self.point_wait_ns = int(settings.point_wait_s * 1e9)
+        self.inputs = InputMonitor(capture, events)
         self.points = PointController(
             self,
             capture=self.capture,
@@ -224,6 +226,7 @@ class Measurement(MeasurementContext):
         self.set_model(model)
         self.quality.use(configuration.quality, model)
         self.uncertainty = CovarianceEvaluator(configuration.uncertainty)
+        self.inputs.use(capture)
         self.points.use(capture)
         self._keeps_readings |= self._has_triggers_elsewhere()
         self.live.use_rate(capture.live_rate_hz)
@@ -315,8 +318,12 @@ class Measurement(MeasurementContext):
         self.late_readings.check()
 
     def check_recent(self) -> None:
-        """Doubt readings of devices that are there and send none; call it often."""
+        """Doubt readings of devices that are there and send none; call it often.
+
+        Inputs that are active for too long are reported.
+        """
         now_ns = self.clock.running.monotonic_ns()
+        self.inputs.check(now_ns)
         for device in self.joint_devices.devices:
             if not device.is_recent(now_ns):
                 text = f"{device.section.id} is there and sends no readings"
@@ -365,6 +372,7 @@ class Measurement(MeasurementContext):
                 device.counters.update(delivery.values)
             case DeviceUp():
                 self.states.on_up(device, delivery)
+                self.inputs.on_up(delivery, device.up_ns)
                 self._use_conditions()
                 self.quality.persistent.on_device_up(device.section.id)
                 self.quality.references.on_up(delivery)
@@ -376,6 +384,7 @@ class Measurement(MeasurementContext):
                 self._set_batch_window()
             case DeviceLost():
                 self.states.on_lost(device, delivery)
+                self.inputs.on_lost(device.section.id)
             case DeviceAlarm():
                 self.states.on_alarm(device, delivery)
                 self.quality.persistent.alarm(
@@ -391,7 +400,9 @@ class Measurement(MeasurementContext):
     ) -> None:
         device.samples += len(samples.seq)
         device.samples_ns = device.last_ns
-        self.points.follow_levels(samples)
+        pressed = self.inputs.pressed_samples(samples)
+        self.inputs.follow(pressed)
+        self.points.follow_levels(pressed)
         if (
             device not in self.joint_devices
             or self.joint_devices.first_mismatched is not None
@@ -507,10 +518,12 @@ class Measurement(MeasurementContext):
 
     def _take_latch(self, device: Device, latch: LatchedCounts) -> None:
         if latch.input is not None:
-            name = device.section.id
-            if self.points.triggers.get((name, latch.input)) == "button":
-                self._hold_scan(name, latch.input, latch)
-            self.points.take_edge(device, latch)
+            name, number = device.section.id, latch.input
+            latch = self.inputs.pressed_latch(latch)
+            if self.points.triggers.get((name, number)) == "button":
+                self._hold_scan(name, number, latch)
+            is_press = not self.inputs.bounces(latch, device.debounce_key)
+            self.points.take_edge(device, latch, counts=is_press)
         elif (waiting := self.latches.pop(latch.token, None)) is not None:
             self.points.add_latched(latch, *waiting)
 

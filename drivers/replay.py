@@ -163,7 +163,9 @@ class ReplayDriver(Driver):
                 identity = replace(
                     delivery.identity, latches=False, max_rate_hz=rate_hz
                 )
-                self._deliver_state(DeviceUp(self.device, identity, delivery.restarted))
+                self._deliver_state(
+                    replace(delivery, device=self.device, identity=identity)
+                )
             case StreamStarted():
                 rate_hz = delivery.rate_hz * self._speed
                 self._playing = StreamStarted(self.device, delivery.stream, rate_hz)

@@ -68,6 +68,12 @@ class Device:
     def __post_init__(self) -> None:
         self.max_speed_rad_s = getattr(self.section, "max_speed_rad_s", None)
 
+    @property
+    def debounce_key(self) -> str:
+        """Key of its time of debouncing in the configuration, for people."""
+        keys = [k for k in ("debounce_us", "debounce_ms") if hasattr(self.section, k)]
+        return keys[0] if keys else "the debounce time"
+
     def is_recent(self, now_ns: int) -> bool:
         if self.state != "ready" or not self.period_ns:
             return True

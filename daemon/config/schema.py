@@ -213,6 +213,7 @@ class InputSection(StrictModel):
 
     source: str = Field(pattern=INPUT_PATTERN)
     trigger: Literal["button", "switch"]
+    normally_closed: bool = False
     click: Action = "point"
     double: Action | None = None
     hold: Action | None = None

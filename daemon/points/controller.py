@@ -110,10 +110,15 @@ class PointController:
         """Note the levels of a device's inputs."""
         self._buttons.follow_levels(samples)
 
-    def take_edge(self, device: Device, latch: LatchedCounts) -> None:
-        """Process an edge, and only then acknowledge it to the device."""
+    def take_edge(
+        self, device: Device, latch: LatchedCounts, *, counts: bool = True
+    ) -> None:
+        """Process an edge, and only then acknowledge it to the device.
+
+        One that does not count is acknowledged in its turn, no more.
+        """
         name, number = device.section.id, latch.input
-        trigger = self.triggers.get((name, number))
+        trigger = self.triggers.get((name, number)) if counts else None
         request = EdgeRequest(device, latch, trigger, self._deadline_ns())
         if trigger is not None and latch.active:
             identity = device.identity

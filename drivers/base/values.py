@@ -193,11 +193,16 @@ class StreamStarted:
 
 @dataclass(frozen=True, slots=True)
 class DeviceUp:
-    """The device answered and is configured; ``restarted``: it had lost power."""
+    """The device answered and is configured; ``restarted``: it had lost power.
+
+    Attributes:
+        active_inputs: bit i set if input i is active; None if samples or edges show it.
+    """
 
     device: str
     identity: Identity
     restarted: bool
+    active_inputs: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -137,11 +137,11 @@ class TriggerDriver(Driver):
 
     def _connect(self) -> None:
         name, self._fd = self._open()
-        self._inputs = [
-            Debounce(self.options.hold_ns, active=a) for a in self._levels()
-        ]
+        levels = self._levels()
+        self._inputs = [Debounce(self.options.hold_ns, active=a) for a in levels]
         identity = Identity(name, "", (), len(self._inputs), 0.0, latches=False)
-        self._deliver_state(DeviceUp(self.device, identity, restarted=False))
+        active = sum(is_active << number for number, is_active in enumerate(levels))
+        self._deliver_state(DeviceUp(self.device, identity, False, active))
 
     def _serve(self) -> None:
         while not self._stopping:

@@ -105,7 +105,7 @@ EVENTS = (CHECKOUT / "docs" / "reference" / "events.md").read_text("utf-8")
 SUBJECTS = (
     "device command commands capture broker scan limit reload "
     "clock watchdog realtime metrics outbox resend recording replay reference "
-    "condition home"
+    "condition home input"
 )
 CODE = re.compile(rf'"((?:{"|".join(SUBJECTS.split())})\.(?!db")[a-z_]+)"')
 FAULT = re.compile(r'(?:fault|_by_node)\((?:\s*[\w.]+,)?\s*"([a-z_]+)"')

@@ -18,7 +18,12 @@ import gpiod
 from gpiod.line import Bias, Clock, Direction, Edge, Value
 
 from traverse.drivers.base.delivery_queue import DeliveryQueue
-from traverse.drivers.base.values import DeviceFault, DeviceLost, LatchedCounts
+from traverse.drivers.base.values import (
+    DeviceFault,
+    DeviceLost,
+    DeviceUp,
+    LatchedCounts,
+)
 from traverse.drivers.triggers.gpio import GpioDriver, GpioOptions
 from traverse.testing.deliveries import Deliveries
 from traverse.testing.driver_contract import DriverContract, EdgeContract, up
@@ -114,6 +119,13 @@ async def rig():
 
 class TestContract(DriverContract, EdgeContract):
     pass
+
+
+async def test_it_says_which_inputs_are_active_when_it_is_opened(rig):
+    rig.chip.values = [Value.INACTIVE, Value.ACTIVE]
+    with rig.driver:
+        deliveries = await up(rig)
+    assert deliveries.of(DeviceUp)[0].active_inputs == 0b10
 
 
 async def test_lines_are_requested_with_every_change_stamped_by_the_kernel(rig):
