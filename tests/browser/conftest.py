@@ -25,7 +25,7 @@ from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import HOST, Mosquitto, free_port
 from traverse.client.cancel_tasks import cancel_tasks
-from traverse.protocol.messages import Clock, Point, Quality
+from traverse.protocol.messages import Point, Quality
 from traverse.testing.waiting import until
 
 expect.set_options(timeout=20_000)  # a busy machine is no fault
@@ -198,12 +198,10 @@ class PosedDaemon(VirtualDaemon):
 
     Attributes:
         pose: fields of the live poses that are sent.
-        is_silent: nothing is published, as by a daemon that was stopped.
     """
 
     def __init__(self, arm: str, host: str, port: int) -> None:
         super().__init__(arm, host, port)
-        self.is_silent = False
         self.pose: dict[str, Any] = {
             "quality": {"ok": True, "flags": []},
             "part_xyz_mm": None,
@@ -231,10 +229,9 @@ class PosedDaemon(VirtualDaemon):
         begun_ns, figures_ns = time.monotonic_ns(), -HEALTH_NS
         while True:
             await asyncio.sleep(POSE_S)
-            if self.is_silent:
+            if self.is_stopped:
                 continue
             now_ns = time.monotonic_ns() - begun_ns
-            await self.publish(Clock(arm=self.arm, clock="virtual", now_ns=now_ns))
             fields = {"arm": self.arm, "time_ns": str(time.time_ns())}
             if now_ns - figures_ns >= HEALTH_NS:
                 figures_ns = now_ns

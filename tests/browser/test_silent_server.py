@@ -45,12 +45,12 @@ async def test_a_silent_arm_or_server_is_noticed_and_no_press_is_executed_later(
     async with posed.posing(), page_and_server(posed.arm, address) as (page, server):
         take = page.get_by_role("button", name="Take point")
         await expect(page.locator(".said .word")).to_have_text("Ready")
-        posed.is_silent = True
+        posed.is_stopped = True
         await expect(page.locator(".said .word")).to_have_text("Stale")
         await expect(page.locator(".figures")).to_have_class(re.compile("stale"))
         for name in ("Take point", "Undo", "New session"):
             await expect(page.get_by_role("button", name=name)).to_be_disabled()
-        posed.is_silent = False
+        posed.is_stopped = False
         await expect(page.locator(".said .word")).to_have_text("Ready")
         await take.click()
         await expect(page.locator("tr.new")).to_have_count(1)

@@ -52,7 +52,7 @@ class VirtualDaemon:
         is_mute: points go into the outbox only.
         can_resend: whether the command is supported.
         is_deaf: commands are not carried out.
-        is_stopped: its clock does not come, while the connection stays.
+        is_stopped: nothing is published by itself, while the connection stays.
         heard: received commands.
         commands: carried out.
         resends: requested ranges.
