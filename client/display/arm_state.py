@@ -154,7 +154,8 @@ class ArmSight:
     @property
     def is_health_stale(self) -> bool:
         longest_s = max(HEALTH_STALE_S, 3.0 * self._health_period_s)
-        return not self.is_online or self.health_age_s > longest_s
+        is_heard = self.is_online and not self.is_silent
+        return not is_heard or self.health_age_s > longest_s
 
     @property
     def is_health_missing(self) -> bool:

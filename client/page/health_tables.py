@@ -71,7 +71,8 @@ def health_table(sight: ArmSight) -> str:
 
 def condition_list(sight: ArmSight) -> str:
     status = sight.status
-    if status is None or not sight.is_online or not status.conditions:
+    is_heard = sight.is_online and not sight.is_silent
+    if status is None or not is_heard or not status.conditions:
         return ""
     items = [
         f'<p class="state warning">{escape(condition_words(lost))}<br>'

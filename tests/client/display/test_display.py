@@ -32,7 +32,7 @@ from traverse.client.display.figures import (
 from traverse.client.display.inspection_desk import InspectionDesk
 from traverse.client.display.nominal import Nominal
 from traverse.client.display.point_cloud import Cloud
-from traverse.client.page.health_tables import condition_list
+from traverse.client.page.health_tables import condition_list, health_table
 from traverse.client.page.readout import point_rows
 from traverse.protocol.messages import Alarm, Quality, Scan
 
@@ -397,12 +397,18 @@ def test_a_condition_that_is_not_established_is_no_green(sight: ArmSight) -> Non
 
 def test_a_daemon_that_falls_silent_is_stale(sight: ArmSight, clock: Clock) -> None:
     sight.take_clock(CLOCK)
+    sight.take_health(health())
+    sight.take_status(status(conditions=[condition("readings", established=True)]))
     assert verdict(sight).word == "Ready"
+    assert "Out of date" not in health_table(sight)
+    assert condition_list(sight)
     clock.now_s += 1.6
     sight.take_live(live(quality=FINE))  # cannot come, but would not excuse it
     assert verdict(sight).word == "Stale"
     assert sight.is_stale
     assert obstacle(sight, needs_pose=False)
+    assert "Out of date" in health_table(sight)
+    assert condition_list(sight) == ""
     sight.take_clock(CLOCK)
     assert verdict(sight).word == "Ready"
     assert not obstacle(sight, needs_pose=True)
