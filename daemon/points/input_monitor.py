@@ -18,7 +18,7 @@ REST_NS = 2_000_000_000
 """An input is at rest where it is inactive for so long. Until it was, it is no longer
 than this active without a word."""
 HELD_NS = 10_000_000_000  # no hand presses a button for so long that does nothing then
-BOUNCE_NS = 40_000_000  # no hand presses a button again so soon
+BOUNCE_NS = 60_000_000  # no hand presses a button again so soon
 ACTIVE, BOUNCED = "input.active_at_rest", "button.bounced"
 
 Input = tuple[str, int]
