@@ -1,6 +1,7 @@
 import asyncio
 import tempfile
 import uuid
+from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
@@ -69,6 +70,7 @@ class CaptureBench(RuleBasedStateMachine):
         self.answers: list[asyncio.Future] = []
         self.on_the_line = []
         self.down: dict[int, Asked | None] = {}
+        self.released_ns = defaultdict[int, int](int)  # long ago
         self.tokens = self.counts = self.samples = self.sample_counts = 0
         self.stream = 1
         self.acknowledged: list[tuple[int, int]] = []  # token, points so far

@@ -17,6 +17,7 @@ from hypothesis.stateful import invariant, precondition, rule
 
 from tests.daemon.points.capture_machine import MS, CaptureBench
 from tests.daemon.points.expected_points import Asked
+from traverse.daemon.points.input_monitor import BOUNCE_NS
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.queries import read_unsent
@@ -50,13 +51,15 @@ class CaptureMachine(CaptureBench):
                 self.asked.append(asked)
         else:
             asked = self.down.pop(number)
+            self.released_ns[number] = self.clock.now_ns
             if asked is not None:
                 asked.held_ms = (self.clock.now_ns - asked.pressed_ns) / MS
         self.on_the_line.append(self.latch(number, active, token, self.counts))
 
     def _pressed(self, number, token) -> Asked | None:
         triggers = {BUTTON: "button", SWITCH: "switch", HOLDER: "button"}
-        if number == UNWIRED:
+        is_bounce = self.clock.now_ns - self.released_ns[number] < BOUNCE_NS
+        if number == UNWIRED or (number == BUTTON and is_bounce):
             return None
         what = "press" if number == HOLDER else "point"
         now_ns = self.clock.now_ns
