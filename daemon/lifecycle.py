@@ -142,7 +142,7 @@ async def _drain(service: Service) -> None:
     service.update_status_line()
     stop_scan(service.measurement)
     service.events.flush(at_once=True)
-    service.publisher.publish("status", service.status(False))
+    service.publish_status()
     log.info("stopping")
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(DRAIN_S):
@@ -210,7 +210,8 @@ async def _poll_periodically(service: Service) -> None:
         service.recorder.poll()
         service.update_status_line()
         service.commands.check_flood_end()
-        service.others.poll()
+        if service.phase != "stopping":  # the last status is not to be replaced
+            service.others.poll()
         certificates.check(service.connection.certificate_ends)
         if loop.time() >= clock_due_s:
             clock_due_s = loop.time() + PERIOD_S

@@ -302,7 +302,8 @@ class Service:
         )
 
     def publish_status(self) -> None:
-        self.publisher.publish("status", self.status(True))
+        """Publish the status: offline at the end, also if the broker is back then."""
+        self.publisher.publish("status", self.status(self.phase != "stopping"))
 
     def publish_clock(self) -> None:
         """Publish the clock by which commands expire; it is not recorded."""

@@ -411,6 +411,8 @@ class TextLineDriver(Driver):
         if abs(ahead_s) < WRAP_SLACK_S:
             return self._was_reset("its number has begun anew, and its time goes on")
         self._reset = True
+        # They are no broken lines, of which cable or baud rate might be the cause.
+        self._rejected = max(0, self._rejected - self._jumps)
         wrap = wrap_of(-ahead_s, self.options.time_unit)
         if wrap is not None:
             return DeviceError(f"the board on {self.options.port}: {wrap[0]}", wrap[1])
