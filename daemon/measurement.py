@@ -173,6 +173,7 @@ class Measurement(MeasurementContext):
         self.uncertainty = CovarianceEvaluator(configuration.uncertainty)
         self.point_wait_ns = int(settings.point_wait_s * 1e9)
         self.inputs = InputMonitor(capture, events)
+        self._wake_at_presses()
         self.points = PointController(
             self,
             capture=self.capture,
@@ -227,6 +228,7 @@ class Measurement(MeasurementContext):
         self.quality.use(configuration.quality, model)
         self.uncertainty = CovarianceEvaluator(configuration.uncertainty)
         self.inputs.use(capture)
+        self._wake_at_presses()
         self.points.use(capture)
         self._keeps_readings |= self._has_triggers_elsewhere()
         self.live.use_rate(capture.live_rate_hz)
@@ -261,6 +263,10 @@ class Measurement(MeasurementContext):
         """
         self.set_model(model_with_probe(self.model, probe))
         self.probe = probe
+
+    def _wake_at_presses(self) -> None:
+        for name, device in self.devices.items():
+            device.delivery_queue.always_wakes = self.inputs.turns_round(name)
 
     def _has_triggers_elsewhere(self) -> bool:
         return not {d for d, _ in self.points.triggers} <= {*self.model.devices}

@@ -82,6 +82,10 @@ class InputMonitor:
 
     # -- polarity --------------------------------------------------------------
 
+    def turns_round(self, device: str) -> bool:
+        """Return whether releases of a device's contacts may be presses."""
+        return device in self._masks
+
     def pressed_samples(self, samples: CountSamples) -> CountSamples:
         """Return samples whose inputs are active while they are pressed or touching."""
         mask = self._masks.get(samples.device)

@@ -66,6 +66,11 @@ async def test_a_pedal_that_is_pressed_since_the_start_is_reported_with_the_key(
 
 async def test_a_pedal_that_is_closed_at_rest_takes_points_when_it_opens(tmp_path):
     bench = await bench_of(tmp_path, normally_closed=True)
+    assert [
+        name
+        for name, device in bench.devices.items()
+        if device.delivery_queue.always_wakes
+    ] == ["handle"]
     pedal_up(bench, is_active=True)
     measure(bench)
     bench.take(edge("handle", EDGE_NS, 1, active=False))
