@@ -329,7 +329,8 @@ class Measurement(MeasurementContext):
         Inputs that are active for too long are reported.
         """
         now_ns = self.clock.running.monotonic_ns()
-        self.inputs.check(now_ns)
+        plan = self.scanner.plan
+        self.inputs.check(now_ns, is_scan_held=plan is not None and plan.held)
         for device in self.joint_devices.devices:
             if not device.is_recent(now_ns):
                 text = f"{device.section.id} is there and sends no readings"
@@ -528,8 +529,8 @@ class Measurement(MeasurementContext):
             latch = self.inputs.pressed_latch(latch)
             if self.points.triggers.get((name, number)) == "button":
                 self._hold_scan(name, number, latch)
-            is_press = not self.inputs.bounces(latch, device.debounce_key)
-            self.points.take_edge(device, latch, counts=is_press)
+            counts = self.inputs.take_edge(latch, device.debounce_key)
+            self.points.take_edge(device, latch, counts=counts)
         elif (waiting := self.latches.pop(latch.token, None)) is not None:
             self.points.add_latched(latch, *waiting)
 
