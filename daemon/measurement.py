@@ -44,6 +44,7 @@ from traverse.daemon.pose.published import PublishedNumbers
 from traverse.daemon.pose.quality_monitor import QualityMonitor
 from traverse.daemon.pose.reference_memory import ReferenceMemory
 from traverse.daemon.pose.references import ReferenceMonitor
+from traverse.daemon.pose.repeat_monitor import RepeatMonitor
 from traverse.daemon.pose.rest import RestDetector
 from traverse.daemon.pose.trajectory import TrajectoryBuffer
 from traverse.daemon.pose.uncertainty import (
@@ -147,6 +148,7 @@ class Measurement(MeasurementContext):
         self.capture = Capture(clock, sinks.write_point, self.alignment, session)
         published = PublishedNumbers(clock.to_utc_ns, self.capture.points_since)
         self.frozen_joints = FrozenJointMonitor(self.conditions, published)
+        self.repeats = RepeatMonitor(self.conditions, published)
         self._use_conditions()
         self.conditions.changed = changed
         self.states = DeviceStateTracker(
@@ -246,9 +248,14 @@ class Measurement(MeasurementContext):
             self.conditions.establish("geometry")
         if not self.frozen_joints.counts:
             self.conditions.establish("channels")
+        for device in model.devices:
+            if not self.repeats.is_in_doubt(device):
+                self.conditions.establish("single_readings", device)
 
     def set_model(self, model: ArmModel) -> None:
         self.evaluate_readings()
+        if not model.has_same_encoders(self.model):
+            self.repeats.begin_all()
         self.pipeline.use_model(model)
         self._use_conditions()
         self.quality.use_model(model)
@@ -302,6 +309,7 @@ class Measurement(MeasurementContext):
             "temperatures": self.quality.persistent.temperatures[-MAX_TEMPERATURES:],
             "pipeline": self.pipeline.state,
             "frozen_joints": self.frozen_joints.state,
+            "repeats": self.repeats.state,
             "references": self.quality.references.state,
             "conditions": self.conditions.state,
             "utc_doubt": [self.utc.doubt, self.utc.remedy],
@@ -383,6 +391,7 @@ class Measurement(MeasurementContext):
                 self._use_conditions()
                 self.quality.persistent.on_device_up(device.section.id)
                 self.quality.references.on_up(delivery)
+                self.repeats.begin(device.section.id)
                 if delivery.restarted:
                     self.trajectory.forget()
                 # What cannot latch gives its points out of the stream.
@@ -415,7 +424,10 @@ class Measurement(MeasurementContext):
             or self.joint_devices.first_mismatched is not None
         ):
             return
-        self.quality.references.add(samples, device.max_speed_rad_s)
+        moduli_counts = () if device.identity is None else device.identity.moduli_counts
+        repeats = self.repeats.add(self.model, samples, moduli_counts)
+        references = self.quality.references
+        references.add(samples, device.max_speed_rad_s, repeats)
         self._note_device_clock(samples)
         waited_ns = self.clock.running.monotonic_ns() - samples.received_ns
         self.sinks.latencies["queue_wait"].add(waited_ns)

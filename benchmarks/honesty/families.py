@@ -47,6 +47,7 @@ class Family:
         scans_hz: Rates of its scans.
         is_checked: A check sum protects its readings; else one off the motion is left
             out until the next.
+        has_board: A board, or a node, reads its encoders.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Family:
     quick_rad_s: float = 0.5
     scans_hz: tuple[float, ...] = (50.0, 100.0)
     is_checked: bool = True
+    has_board: bool = True
 
     @property
     def n_devices(self) -> int:
@@ -73,6 +75,11 @@ class Family:
     def shows(self, kind: str) -> bool:
         """Return whether encoders that freeze so in motion are seen, beside others."""
         return kind != "frozen_device" or self.devices[0].n_joints < N_JOINTS
+
+    def joints(self, device: int) -> slice:
+        """Return the joints that a device reads, by its number."""
+        first = sum(spec.n_joints for spec in self.devices[:device])
+        return slice(first, first + self.devices[device].n_joints)
 
     def sources(self, *, is_incremental: bool) -> list[ArmSource]:
         return [
@@ -242,9 +249,20 @@ _MAKERS: tuple[Callable[[], Family], ...] = (
     ),
     lambda: Family("text", (_text(N_JOINTS),), "text/0", latches=True),
     lambda: Family("text+handle", (_text(N_JOINTS), _handle()), "handle/0"),
-    lambda: Family("amt21", (_amt21(), _handle()), "handle/0", is_checked=False),
     lambda: Family(
-        "rls", (_rls(), _handle()), "handle/0", can_swap=True, is_checked=False
+        "amt21",
+        (_amt21(), _handle()),
+        "handle/0",
+        is_checked=False,
+        has_board=False,
+    ),
+    lambda: Family(
+        "rls",
+        (_rls(), _handle()),
+        "handle/0",
+        can_swap=True,
+        is_checked=False,
+        has_board=False,
     ),
     lambda: Family(
         "modbus",
@@ -252,6 +270,7 @@ _MAKERS: tuple[Callable[[], Family], ...] = (
         "handle/0",
         quick_rad_s=1.0,
         scans_hz=(10.0, 20.0),
+        has_board=False,
     ),
     lambda: Family("canopen", (_canopen(), _handle()), "handle/0"),
     lambda: Family(

@@ -28,6 +28,7 @@ from traverse.daemon.pose.reference_memory import (
     ConfirmedDevice,
     ReferenceMemory,
 )
+from traverse.daemon.pose.repeats import Repeat
 from traverse.drivers.base.values import (
     CountSamples,
     DeviceUp,
@@ -166,8 +167,16 @@ class ReferenceMonitor:
 
     # -- joints ---------------------------------------------------------------
 
-    def add(self, samples: CountSamples, max_speed_rad_s: float | None = None) -> None:
-        """Check a device's readings for outages and jumps."""
+    def add(
+        self,
+        samples: CountSamples,
+        max_speed_rad_s: float | None = None,
+        repeats: Sequence[Repeat] = (),
+    ) -> None:
+        """Check a device's readings for outages and jumps.
+
+        What follows on repeated readings is no jump.
+        """
         device = samples.device
         monitors = self._monitors.get(device)
         if monitors is None:
@@ -175,7 +184,16 @@ class ReferenceMonitor:
             monitors = self._monitors[device] = self._new_monitors(device, speed_rad_s)
         outage_monitor, jump_monitor = monitors
         self._take_outages(device, outage_monitor.add(samples))
-        if jumps := jump_monitor.add(samples):
+        jumps = [
+            jump
+            for jump in jump_monitor.add(samples)
+            if not any(
+                repeat.place == jump.place
+                and repeat.since_ns <= jump.since_ns < repeat.until_ns
+                for repeat in repeats
+            )
+        ]
+        if jumps:
             self._take_jumps(samples, jumps)
 
     def _take_outages(self, device: str, outages: Sequence[Outage]) -> None:

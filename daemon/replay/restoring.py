@@ -31,6 +31,8 @@ def restore(measurement: Measurement, state: Mapping[str, Any]) -> None:
     if not state["fresh"]:
         measurement.pipeline.resume(state["pipeline"])
         measurement.frozen_joints.resume(state["frozen_joints"])
+        if "repeats" in state:
+            measurement.repeats.resume(state["repeats"])
     if state["probe"] is not None:
         measurement.probe = LibraryProbe.model_validate_json(state["probe"])
     measurement.capture.session.id = state["session"]
