@@ -35,6 +35,7 @@ from traverse.daemon.pose.condition_subjects import (
     counting_subjects,
     subjects_by_condition,
 )
+from traverse.daemon.pose.count_steps import CountStepMonitor
 from traverse.daemon.pose.frozen_joints import FrozenJointMonitor
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
@@ -172,7 +173,10 @@ class Measurement(MeasurementContext):
         self.quality = QualityMonitor(
             configuration.quality, model, clock, events, references
         )
-        self.uncertainty = CovarianceEvaluator(configuration.uncertainty)
+        self.count_steps = CountStepMonitor(model, events)
+        self.uncertainty = CovarianceEvaluator(
+            configuration.uncertainty, self.count_steps
+        )
         self.point_wait_ns = int(settings.point_wait_s * 1e9)
         self.inputs = InputMonitor(capture, events)
         self._wake_at_presses()
@@ -228,7 +232,9 @@ class Measurement(MeasurementContext):
         self.configuration, capture = configuration, configuration.capture
         self.set_model(model)
         self.quality.use(configuration.quality, model)
-        self.uncertainty = CovarianceEvaluator(configuration.uncertainty)
+        self.uncertainty = CovarianceEvaluator(
+            configuration.uncertainty, self.count_steps
+        )
         self.inputs.use(capture)
         self._wake_at_presses()
         self.points.use(capture)
@@ -259,6 +265,7 @@ class Measurement(MeasurementContext):
         self.pipeline.use_model(model)
         self._use_conditions()
         self.quality.use_model(model)
+        self.count_steps.use(model)
         self.trajectory.forget()  # it was that of another ball
         self.points.arm_changed()
 
@@ -310,6 +317,7 @@ class Measurement(MeasurementContext):
             "pipeline": self.pipeline.state,
             "frozen_joints": self.frozen_joints.state,
             "repeats": self.repeats.state,
+            "count_steps": self.count_steps.state,
             "references": self.quality.references.state,
             "conditions": self.conditions.state,
             "utc_doubt": [self.utc.doubt, self.utc.remedy],
@@ -392,6 +400,7 @@ class Measurement(MeasurementContext):
                 self.quality.persistent.on_device_up(device.section.id)
                 self.quality.references.on_up(delivery)
                 self.repeats.begin(device.section.id)
+                self.count_steps.on_up(delivery)
                 if delivery.restarted:
                     self.trajectory.forget()
                 # What cannot latch gives its points out of the stream.
@@ -428,6 +437,7 @@ class Measurement(MeasurementContext):
         repeats = self.repeats.add(self.model, samples, moduli_counts)
         references = self.quality.references
         references.add(samples, device.max_speed_rad_s, repeats)
+        self.count_steps.add(samples)
         self._note_device_clock(samples)
         waited_ns = self.clock.running.monotonic_ns() - samples.received_ns
         self.sinks.latencies["queue_wait"].add(waited_ns)

@@ -215,15 +215,15 @@ CONDITIONS = (
         "temperature_band",
         "arm",
         "the arm's temperature, and its rate, are within [quality]; without limits "
-        "there, and without an effect that corrects for it, within 3 °C of those of "
-        "the identification",
+        "there, within 3 °C of those of the identification, or 15 °C with an effect "
+        "that corrects for it",
         "a temperature within the band",
         "one outside, a quick change, or no temperature where [quality] has limits",
         QualityFlag.TEMPERATURE,
         "all",
         "limit.temperature",
-        "wait until the temperature has settled; or identify the arm at this one, or "
-        "with its expansion",
+        "wait until the temperature has settled, and check the sensor and its unit; or "
+        "identify the arm at this one, or with its expansion",
         severity="warning",
     ),
     Condition(

@@ -40,6 +40,8 @@ class Identity:
         boot: changes with each loss of power; empty if unknown.
         serials: unique numbers by channel, or one for all; empty texts where not
             reported.
+        steps_counts: by channel, by how many counts readings differ at least, where
+            the device's words have fewer digits than the counts that are made of them.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Identity:
     absolute: bool | None = None
     boot: str = ""
     serials: tuple[str, ...] = ()
+    steps_counts: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

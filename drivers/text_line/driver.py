@@ -155,6 +155,7 @@ class TextLineDriver(Driver):
                         latency_ns
                         + (max(resolution_ns, 1e6) if has_time else self._period_ns / 2)
                     ),
+                    steps_counts=self._pattern.steps_counts,
                 ),
                 restarted,
             )
