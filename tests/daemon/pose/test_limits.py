@@ -104,6 +104,6 @@ def test_a_section_that_makes_no_sense_is_refused():
 
 
 def test_end_stops_in_degrees_are_refused():
-    with pytest.raises(ValidationError, match="low_rad -170 .* degrees"):
+    with pytest.raises(ValidationError, match=r"low_rad -170 .* degrees"):
         EndStopSection(joint="J1", low_rad=-170.0, high_rad=170.0)
     EndStopSection(joint="J1", low_rad=-12.5, high_rad=12.5)
