@@ -68,6 +68,7 @@ from traverse.drivers.base.values import (
     DeviceTemperatures,
     DeviceUp,
     LatchedCounts,
+    RepeatedCount,
     StreamStarted,
 )
 from traverse.protocol.messages import (
@@ -384,12 +385,7 @@ class Measurement(MeasurementContext):
             case StreamStarted():
                 self._take_stream(delivery)
             case DeviceTemperatures():
-                device.take_temperatures(delivery)
-                if (
-                    device in self.joint_devices
-                    and self.joint_devices.first_mismatched is None
-                ):
-                    self.temperatures.check(self.pipeline.model, self.joint_devices)
+                self._take_temperatures(device, delivery)
             case DeviceCounters():
                 device.counters.clear()
                 device.counters.update(delivery.values)
@@ -419,6 +415,14 @@ class Measurement(MeasurementContext):
                 self.states.on_clock(device, delivery)
             case DeviceFault():
                 self.states.on_fault(device, delivery)
+            case RepeatedCount():
+                self.repeats.take(self.model, [delivery])
+
+    def _take_temperatures(self, device: Device, delivery: DeviceTemperatures) -> None:
+        device.take_temperatures(delivery)
+        joint_devices = self.joint_devices
+        if device in joint_devices and joint_devices.first_mismatched is None:
+            self.temperatures.check(self.pipeline.model, joint_devices)
 
     def _take_samples(
         self, device: Device, samples: CountSamples, has_edges: bool

@@ -28,11 +28,11 @@ from traverse.daemon.pose.reference_memory import (
     ConfirmedDevice,
     ReferenceMemory,
 )
-from traverse.daemon.pose.repeats import Repeat
 from traverse.drivers.base.values import (
     CountSamples,
     DeviceUp,
     Identity,
+    RepeatedCount,
 )
 from traverse.protocol.messages import QualityFlag
 
@@ -171,7 +171,7 @@ class ReferenceMonitor:
         self,
         samples: CountSamples,
         max_speed_rad_s: float | None = None,
-        repeats: Sequence[Repeat] = (),
+        repeats: Sequence[RepeatedCount] = (),
     ) -> None:
         """Check a device's readings for outages and jumps.
 
@@ -184,11 +184,12 @@ class ReferenceMonitor:
             monitors = self._monitors[device] = self._new_monitors(device, speed_rad_s)
         outage_monitor, jump_monitor = monitors
         self._take_outages(device, outage_monitor.add(samples))
+        channels = self._model.channels[self.devices.joints_of(device)]
         jumps = [
             jump
             for jump in jump_monitor.add(samples)
             if not any(
-                repeat.place == jump.place
+                repeat.channel == channels[jump.place]
                 and repeat.since_ns <= jump.since_ns < repeat.until_ns
                 for repeat in repeats
             )

@@ -7,7 +7,7 @@ enough so that another one would have shown.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
@@ -15,25 +15,14 @@ import numpy as np
 from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.published import PublishedNumbers
-from traverse.daemon.pose.repeats import Repeat, RepeatDetector
-from traverse.drivers.base.values import CountSamples
+from traverse.drivers.base.values import CountSamples, RepeatedCount
+from traverse.drivers.polling.repeats import RepeatDetector
 from traverse.plurals import counted
 from traverse.protocol.messages import QualityFlag
 
 CONDITION = "single_readings"  # that this feeds
 TWO_NS = 30_000_000_000  # within which two are no chance
 LED_NS = 20_000_000_000  # that each of the joints is led without another one
-
-
-@dataclass(frozen=True, slots=True)
-class _JointRepeat:
-    """What has been repeated: see `Repeat`; joints count from 0."""
-
-    joint: int
-    n_readings: int
-    off_rad: float
-    since_ns: int
-    until_ns: int
 
 
 class RepeatMonitor:
@@ -44,8 +33,8 @@ class RepeatMonitor:
     ) -> None:
         self._conditions, self._published = conditions, published
         self._detectors: dict[str, tuple[list[int], RepeatDetector]] = {}
-        self._recent: dict[str, list[_JointRepeat]] = {}
-        # Of devices in doubt, by joint: for how long it has been led since the latest.
+        self._recent: dict[str, list[RepeatedCount]] = {}
+        # Of devices in doubt, by channel: how long it has been led since the latest.
         self._led_ns: dict[str, dict[int, int]] = {}
 
     @property
@@ -63,11 +52,11 @@ class RepeatMonitor:
 
     def resume(self, state: Mapping[str, Any]) -> None:
         self._recent = {
-            device: [_JointRepeat(*values) for values in repeats]
+            device: [RepeatedCount(*values) for values in repeats]
             for device, repeats in state["recent"].items()
         }
         self._led_ns = {
-            device: {int(joint): int(led_ns) for joint, led_ns in items}
+            device: {int(channel): int(led_ns) for channel, led_ns in items}
             for device, items in state["led_ns"].items()
         }
 
@@ -86,54 +75,43 @@ class RepeatMonitor:
 
     def add(
         self, model: ArmModel, samples: CountSamples, moduli_counts: Sequence[int]
-    ) -> list[Repeat]:
+    ) -> list[RepeatedCount]:
         """Check the readings of a device, whose counts wrap there."""
         device = samples.device
         if device not in self._detectors:
             self._detectors[device] = _new_detector(model, device, moduli_counts)
-        joints, detector = self._detectors[device]
+        channels, detector = self._detectors[device]
         repeats = detector.add(samples)
         if device in self._led_ns:
-            self._follow(device, joints, detector)
+            self._follow(device, channels, detector)
         if repeats:
-            self._take(model, device, joints, repeats)
+            self.take(model, repeats)
         return repeats
 
     def _follow(
-        self, device: str, joints: Sequence[int], detector: RepeatDetector
+        self, device: str, channels: Sequence[int], detector: RepeatDetector
     ) -> None:
         led_ns = self._led_ns[device]
-        for joint in led_ns:
-            if joint in joints:
-                led_ns[joint] += detector.led_ns(joints.index(joint))
+        period_ns = min(repeat.period_ns for repeat in self._recent[device])
+        for channel in led_ns:
+            led_ns[channel] += detector.led_ns(channels.index(channel), period_ns)
         if min(led_ns.values()) >= LED_NS:
-            del self._led_ns[device]
-            self._recent.pop(device, None)
+            del self._led_ns[device], self._recent[device]
             text = f"{device} has repeated no count in {LED_NS / 1e9:g} s of motion"
             self._conditions.establish(CONDITION, device, text)
 
-    def _take(
-        self,
-        model: ArmModel,
-        device: str,
-        joints: Sequence[int],
-        repeats: Sequence[Repeat],
-    ) -> None:
+    def take(self, model: ArmModel, repeats: Sequence[RepeatedCount]) -> None:
+        """Take repeats of one device, also those that its driver has found."""
+        device = repeats[0].device
+        repeats = [r for r in repeats if model.joint_of(device, r.channel)]
+        if not repeats:
+            return
         latest_ns = max(repeat.until_ns for repeat in repeats)
         recent = [
-            *self._recent.get(device, ()),
-            *(
-                _JointRepeat(
-                    joints[repeat.place],
-                    repeat.n_readings,
-                    repeat.off_rad,
-                    repeat.since_ns,
-                    repeat.until_ns,
-                )
-                for repeat in repeats
-            ),
+            repeat
+            for repeat in (*self._recent.get(device, ()), *repeats)
+            if latest_ns - repeat.until_ns <= TWO_NS
         ]
-        recent = [it for it in recent if latest_ns - it.until_ns <= TWO_NS]
         self._recent[device] = recent
         # Several joints at once are one failure, and may be one chance.
         n_times = len({repeat.since_ns for repeat in recent})
@@ -141,13 +119,13 @@ class RepeatMonitor:
         before = self._led_ns.get(device)
         if before is None and n_times < 2 and not is_clear:
             return
-        repeated = {repeat.joint for repeat in recent}
+        repeated = {repeat.channel for repeat in recent}
         self._led_ns[device] = {**(before or {}), **dict.fromkeys(repeated, 0)}
         if before is None or not repeated <= before.keys():
             self._doubt(model, device, recent)
 
     def _doubt(
-        self, model: ArmModel, device: str, recent: Sequence[_JointRepeat]
+        self, model: ArmModel, device: str, recent: Sequence[RepeatedCount]
     ) -> None:
         """Put numbers in doubt; name those that were published before it showed."""
         since_ns = min(repeat.since_ns for repeat in recent)
@@ -155,8 +133,8 @@ class RepeatMonitor:
         n_readings = sum(repeat.n_readings for repeat in recent)
         most_rad = max(abs(repeat.off_rad) for repeat in recent)
         named = ", ".join(
-            f"{model.effects.joint_names[joint]} ({device}/{model.channels[joint]})"
-            for joint in sorted({repeat.joint for repeat in recent})
+            f"{model.joint_of(device, channel)} ({device}/{channel})"
+            for channel in sorted({repeat.channel for repeat in recent})
         )
         text, data = self._published.between(since_ns, until_ns, QualityFlag.STALE)
         seconds = round((until_ns - since_ns) * 1e-9, 3)
@@ -174,6 +152,8 @@ def _new_detector(
     model: ArmModel, device: str, moduli_counts: Sequence[int]
 ) -> tuple[list[int], RepeatDetector]:
     joints = [j for j, name in enumerate(model.joint_devices) if name == device]
+    channels = model.channels[joints]
     wraps_counts = model.wraps_counts({device: moduli_counts})[joints]
     count_rad = np.abs(model.per_count_rad[joints])
-    return joints, RepeatDetector(model.channels[joints], wraps_counts, count_rad)
+    detector = RepeatDetector(device, channels, wraps_counts, count_rad)
+    return channels.tolist(), detector

@@ -126,7 +126,7 @@ def test_another_joint_is_named_too_and_more_of_the_same_are_not(arm):
     arm.lead(WEAK, [60, 80])
     assert len(arm.events) == n_events
     arm.lead(WEAK, [60], channels=(0,))
-    assert "J1 (base/2), J2 (base/0)" in arm.events[-1].text
+    assert "J2 (base/0), J1 (base/2)" in arm.events[-1].text
 
 
 def test_it_ends_after_motion_without_and_not_at_rest(arm):

@@ -14,13 +14,10 @@ show themselves in the others. Steps are those from one reading to the next: the
 times, which a host may know badly, matter only where a reading may have come too soon.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from traverse.arrays import Floats, Indices, Integers
-from traverse.daemon.pose.outages import NOT_READ
-from traverse.drivers.base.values import CountSamples
+from traverse.drivers.base.values import NOT_READ, CountSamples, RepeatedCount
 from traverse.drivers.polling.channel import HAND_RAD_S2
 
 KEPT_ROWS = 300
@@ -38,40 +35,24 @@ NEVER = 2**62
 QUARTILE_STDS = 1.15 * 20.0**0.5
 
 
-@dataclass(frozen=True, slots=True)
-class Repeat:
-    """Some readings of a joint have repeated the count before them.
-
-    Attributes:
-        place: index in the detector's ``channels``.
-        n_readings: that are old.
-        off_rad: by how much the first of them is.
-        since_ns: time of the last new reading before.
-        until_ns: time of the first new one after.
-        is_clear: no hand stops a joint and brings it back so; else it may be chance,
-            unless there is another one.
-    """
-
-    place: int
-    n_readings: int
-    off_rad: float
-    since_ns: int
-    until_ns: int
-    is_clear: bool
-
-
 class RepeatDetector:
     """Finds repeated counts of one device.
 
     Args:
+        device: its id.
         channels: of the joints, (k,).
         wraps_counts: where each count returns to 0, (k,).
         count_rad: (k,).
     """
 
     def __init__(
-        self, channels: Indices, wraps_counts: Integers, count_rad: Floats
+        self,
+        device: str,
+        channels: Indices,
+        wraps_counts: Integers,
+        count_rad: Floats,
     ) -> None:
+        self._device = device
         self._channels, self._wraps = channels, wraps_counts
         self._count_rad = count_rad
         # What the encoder really resolves: a board may print tenths of a degree.
@@ -87,7 +68,7 @@ class RepeatDetector:
         self._is_read = np.zeros(shape, np.bool_)
         self._unjudged: list[tuple[int, int]] = []  # seq of a new reading; place
 
-    def add(self, samples: CountSamples) -> list[Repeat]:
+    def add(self, samples: CountSamples) -> list[RepeatedCount]:
         """Follow readings; a repeat shows with the third new reading after it."""
         if samples.stream != self._stream:
             self._stream = samples.stream
@@ -107,8 +88,13 @@ class RepeatDetector:
             self._unjudged.append((int(self._seq[begin + row + 2]), place))
         return self._judge() if self._unjudged else []
 
-    def led_ns(self, place: int) -> int:
-        """Return for how much of the latest block a repeat would show."""
+    def led_ns(self, place: int, period_ns: int) -> int:
+        """Return for how much of the latest block a repeat would show.
+
+        Args:
+            place: of the joint in ``channels``.
+            period_ns: of the readings in which it would, if they are more than these.
+        """
         rows = slice(-1 - self._n_latest, None)
         steps = np.abs(np.diff(self._counts[rows, place]))
         passed_ns = np.diff(self._times_ns[rows, place])
@@ -116,7 +102,9 @@ class RepeatDetector:
         if not len(steps):
             return 0
         is_next = is_read[1:] & is_read[:-1] & (np.diff(self._seq[rows]) == 1)
-        shows = is_next & (steps >= self._least_counts(place, float(steps[-1])))
+        share = min(1.0, period_ns / max(float(np.median(passed_ns)), 1.0))
+        least = self._least_counts(place, float(steps[-1]))
+        shows = is_next & (steps * share >= least)
         return int(passed_ns[shows].sum())
 
     def _append(self, samples: CountSamples) -> None:
@@ -138,7 +126,7 @@ class RepeatDetector:
         self._counts = np.concatenate([self._counts[kept], counts])
         self._is_read = np.concatenate([self._is_read[kept], is_read])
 
-    def _judge(self) -> list[Repeat]:
+    def _judge(self) -> list[RepeatedCount]:
         """Judge runs of equal counts after which enough readings have arrived."""
         repeats, waiting = [], []
         for seq, place in self._unjudged:
@@ -150,7 +138,7 @@ class RepeatDetector:
         self._unjudged = waiting
         return repeats
 
-    def _repeat(self, after: int, place: int) -> Repeat | None:
+    def _repeat(self, after: int, place: int) -> RepeatedCount | None:
         """Judge the equal counts before the row of a new one."""
         counts = self._counts[:, place]
         before = after - 1
@@ -181,13 +169,15 @@ class RepeatDetector:
             and off_counts >= CLEAR_SHARE * left
             and off_counts * count_rad >= HAND_RAD_S2 * period_s**2
         )
-        return Repeat(
-            place,
+        return RepeatedCount(
+            self._device,
+            int(self._channels[place]),
             after - before - 1,
             float(motion.sum() * count_rad),
             int(times_ns[before]),
             int(times_ns[after]),
             bool(is_clear),
+            round(1e9 * period_s),
         )
 
     def _are_regular(self, first: int, last: int, place: int) -> bool:

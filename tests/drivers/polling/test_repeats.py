@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.daemon.values import count_samples
-from traverse.daemon.pose.repeats import RepeatDetector
 from traverse.drivers.base.values import STATUS_MISSING
+from traverse.drivers.polling.repeats import RepeatDetector
 
 TURN = 1 << 16
 RAD = 2.0 * np.pi / TURN
@@ -21,7 +21,9 @@ class Board:
 
     def __init__(self, rate_hz=100.0, per_turn=TURN):
         turns = np.array([per_turn])
-        self.detector = RepeatDetector(np.array([0]), turns, 2.0 * np.pi / turns)
+        self.detector = RepeatDetector(
+            "base", np.array([0]), turns, 2.0 * np.pi / turns
+        )
         self.rate_hz, self.per_turn = rate_hz, per_turn
 
     def read(self, counts, missing=(), rows=7):
@@ -143,9 +145,12 @@ def test_a_new_stream_begins_anew():
 def test_only_motion_in_which_a_repeat_would_show_counts():
     board = Board()
     board.read(np.zeros(60, int))
-    assert board.detector.led_ns(0) == 0
+    assert board.detector.led_ns(0, 10_000_000) == 0
     board.read(led())
-    assert 0 < board.detector.led_ns(0) <= 70_000_000
+    # Of the last block, of one row.
+    assert board.detector.led_ns(0, 10_000_000) == 10_000_000
+    # Of a board that prints ten times as often, 1.2 counts a line show nothing.
+    assert board.detector.led_ns(0, 1_000_000) == 0
 
 
 @st.composite
