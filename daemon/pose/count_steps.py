@@ -19,8 +19,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.outages import NOT_READ
-from traverse.drivers.base.values import CountSamples, DeviceUp
+from traverse.drivers.base.values import NOT_READ, CountSamples, DeviceUp
 
 CODE = "device.coarse"
 STEP_NS = 10_000_000  # between readings that are looked at
