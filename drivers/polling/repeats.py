@@ -76,16 +76,18 @@ class RepeatDetector:
         self._append(samples)
         n_latest = self._n_latest = len(samples.seq)
         n_before = len(self._seq) - n_latest
-        # From the last step before this block on.
-        begin = max(n_before - 2, 0)
+        # With the two last steps before this block.
+        begin = max(n_before - 3, 0)
         steps = np.diff(self._counts[begin:], axis=0)
         sizes = np.abs(steps)
         is_step = (sizes > 0) & self._is_read[begin + 1 :] & self._is_read[begin:-1]
         least = np.where(is_step, sizes, NEVER).min(axis=0, initial=NEVER)
         self._least_steps = np.minimum(self._least_steps, least)
-        has_caught_up = (steps[:-1] == 0) & (sizes[1:] >= 2 * LEAST_STEPS)
+        before, still, after = steps[:-2], steps[1:-1], steps[2:]
+        has_caught_up = (still == 0) & (sizes[2:] >= 2 * LEAST_STEPS)
+        has_caught_up &= (before == 0) | (before * np.sign(after) > 0)
         for row, place in np.argwhere(has_caught_up).tolist():
-            self._unjudged.append((int(self._seq[begin + row + 2]), place))
+            self._unjudged.append((int(self._seq[begin + row + 3]), place))
         return self._judge() if self._unjudged else []
 
     def led_ns(self, place: int, period_ns: int) -> int:
@@ -147,10 +149,15 @@ class RepeatDetector:
         ):
             before -= 1
         rows = np.r_[before - BESIDE + 1 : before + 1, after : after + BESIDE]
-        if rows[0] < 0 or not self._are_regular(int(rows[0]), int(rows[-1]), place):
+        if rows[0] < 0:
+            return None
+        senses = np.sign(np.diff(counts[rows])).tolist()
+        if len({*senses}) > 1:  # mostly: noise of a joint that rests
             return None
         times_ns, passed = self._times_ns[:, place], rows - before
-        if times_ns[after] - times_ns[before] > LONGEST_NS:
+        if times_ns[after] - times_ns[before] > LONGEST_NS or not self._are_regular(
+            int(rows[0]), int(rows[-1]), place
+        ):
             return None
         beside = (counts[rows] - counts[before]).astype(np.float64)
         powers = np.vander(passed.astype(np.float64), 3)
