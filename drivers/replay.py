@@ -161,7 +161,10 @@ class ReplayDriver(Driver):
             case DeviceUp():
                 rate_hz = delivery.identity.max_rate_hz * self._speed
                 identity = replace(
-                    delivery.identity, latches=False, max_rate_hz=rate_hz
+                    delivery.identity,
+                    latches=False,
+                    max_rate_hz=rate_hz,
+                    reads_in_turn=False,  # it is repeated at its one rate
                 )
                 self._deliver_state(
                     replace(delivery, device=self.device, identity=identity)

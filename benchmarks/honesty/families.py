@@ -44,10 +44,10 @@ class Family:
         can_swap: Two devices, or two lines of one, can change places.
         can_count: Its encoders may be incremental ones.
         quick_rad_s: Of a joint that is seen to stop between two readings.
+        moving_s: For how long it has to be so quick before: for three readings.
         scans_hz: Rates of its scans.
         is_checked: A check sum protects its readings; else one off the motion is left
             out until the next.
-        has_board: A board, or a node, reads its encoders.
     """
 
     name: str
@@ -57,10 +57,10 @@ class Family:
     has_clock: bool = True
     can_swap: bool = False
     can_count: bool = True
-    quick_rad_s: float = 0.5
+    quick_rad_s: float = 0.3
+    moving_s: float = 0.03
     scans_hz: tuple[float, ...] = (50.0, 100.0)
     is_checked: bool = True
-    has_board: bool = True
 
     @property
     def n_devices(self) -> int:
@@ -75,11 +75,6 @@ class Family:
     def shows(self, kind: str) -> bool:
         """Return whether encoders that freeze so in motion are seen, beside others."""
         return kind != "frozen_device" or self.devices[0].n_joints < N_JOINTS
-
-    def joints(self, device: int) -> slice:
-        """Return the joints that a device reads, by its number."""
-        first = sum(spec.n_joints for spec in self.devices[:device])
-        return slice(first, first + self.devices[device].n_joints)
 
     def sources(self, *, is_incremental: bool) -> list[ArmSource]:
         return [
@@ -253,24 +248,24 @@ _MAKERS: tuple[Callable[[], Family], ...] = (
         "amt21",
         (_amt21(), _handle()),
         "handle/0",
+        quick_rad_s=0.5,
         is_checked=False,
-        has_board=False,
     ),
     lambda: Family(
         "rls",
         (_rls(), _handle()),
         "handle/0",
         can_swap=True,
+        quick_rad_s=0.5,
         is_checked=False,
-        has_board=False,
     ),
     lambda: Family(
         "modbus",
         (_modbus(), _handle()),
         "handle/0",
-        quick_rad_s=1.0,
+        quick_rad_s=0.5,
+        moving_s=0.1,
         scans_hz=(10.0, 20.0),
-        has_board=False,
     ),
     lambda: Family("canopen", (_canopen(), _handle()), "handle/0"),
     lambda: Family(
@@ -278,6 +273,7 @@ _MAKERS: tuple[Callable[[], Family], ...] = (
         (_microscribe(),),
         "scribe/0",
         latches=True,
+        quick_rad_s=0.5,
         is_checked=False,
     ),
 )

@@ -41,7 +41,6 @@ from benchmarks.honesty.plan import (
     least_delay_s,
 )
 from benchmarks.honesty.timeline import device_timeline, host_timeline
-from benchmarks.honesty.unread import LOOK_S, MOST_FAILED, UnreadWatch
 from benchmarks.trials.lines import Line
 from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.config.schema import (
@@ -72,7 +71,6 @@ DAY_S = 86_400.0
 SYNCHRONISED_S, ALONE_S = (1.0, 1.0), (60.0 + DAY_S + 60.0, 400.0 * DAY_S)
 STEP_S, QUICK_STEPS = 0.01, 15  # of joints that are seen to freeze
 SEEN_SLACK_S = 0.25  # of blocks and checks
-SLOW_HZ, SCAN_SLACK_S = 30.0, 1.0  # of a scan
 READINGS_THAT_TELL, NEARLY_RAD = 4.0, 1e-3  # of a jump
 CHANGE_S, RETRY_S = 0.1, 0.5  # of a probe that is changed; of a start that is refused
 
@@ -123,7 +121,6 @@ class World:
         self._mounted: list[MountedDevice] = []
         self._daemon: DaemonRun | None = None
         self._swapped = False
-        self.unread: UnreadWatch | None = None
 
     def _note(self, text: str) -> None:
         if self._is_verbose:
@@ -228,10 +225,6 @@ class World:
                 entry["kind"] = "gone"
             elif fault.kind == "bus_off":
                 entry["kind"] = "bus_off"
-            elif fault.kind == "unread":
-                entry |= {"kind": "unread", "probability": fault.size}
-                entry["channel"] = self._unread_channel(fault)
-                entry["most"] = self.plan.seed % MOST_FAILED + 1
             else:
                 continue
             faults.append(Fault.from_table(entry))
@@ -276,66 +269,37 @@ class World:
             self._freeze(fault)
         elif fault.kind == "preset":
             self._preset(fault)
-        elif fault.kind == "unread":
-            self._watch_unread(fault)
         self._note(f"          fault {fault}")
 
     def _freeze(self, fault: PlannedFault) -> None:
-        """Freeze counts once two joints are quick, and stay so, if ever they are."""
+        """Freeze counts once two joints have been quick, and stay so, if ever."""
         mounted = self._mounted[fault.device]
         joints, quick_rad_s = mounted.source.encoders.joints, self._family.quick_rad_s
         times_s = np.arange(fault.at_s, fault.at_s + fault.lasts_s, STEP_S)
         readings_rad = self.truth.course.readings_rad(times_s)
         is_quick = np.abs(np.diff(readings_rad, axis=0)) > quick_rad_s * STEP_S
-        is_quick[:-QUICK_STEPS] &= is_quick[QUICK_STEPS:]
-        of_device = is_quick[:-QUICK_STEPS, joints]
-        enough = of_device.any(axis=1) & (is_quick[:-QUICK_STEPS].sum(axis=1) > 1)
+        before = round(self._family.moving_s / STEP_S)
+        windows = np.lib.stride_tricks.sliding_window_view(
+            is_quick, before + QUICK_STEPS, axis=0
+        )
+        lasting = np.asarray(windows.all(axis=2))
+        of_device = lasting[:, joints]
+        enough = of_device.any(axis=1) & (lasting.sum(axis=1) > 1)
         if fault.kind == "frozen_device":
-            n_others = is_quick[:-QUICK_STEPS].sum(axis=1) - of_device.sum(axis=1)
-            enough &= n_others > 0
-        if min(self._family.scans_hz) < SLOW_HZ:  # in such a scan it may not show
-            scans = [a for a in self.plan.actions if a.kind == "scan"]
-            for begin_s, end_s in ((a.at_s, a.at_s + a.size) for a in scans):
-                outside_s = np.abs(times_s - np.clip(times_s, begin_s, end_s))
-                enough &= outside_s[: len(enough)] > SCAN_SLACK_S
+            enough &= lasting.sum(axis=1) > of_device.sum(axis=1)
         if not enough.any():
             return
         row = int(np.argmax(enough))
         channels = np.arange(len(joints))
         if fault.kind == "frozen_channel":
             channels = self._rng.choice(np.flatnonzero(of_device[row]), 1)
-        from_s = float(times_s[row])
+        from_s = float(times_s[row + before])
         mounted.source.freeze = Freeze(
             tuple(channels.tolist()), from_s, fault.at_s + fault.lasts_s
         )
         seen_s = from_s + self._family.still_s + SEEN_SLACK_S
         self.judge.pardon(from_s, seen_s)
         self._note(f"          {mounted.source.freeze}, shown by {seen_s:.3f} s")
-
-    def _unread_channel(self, fault: PlannedFault) -> int:
-        """Return a channel of a device whose joint moves a good deal of the time."""
-        joints = self._family.joints(fault.device)
-        times_s = np.arange(fault.at_s, fault.at_s + fault.lasts_s, STEP_S)
-        readings_rad = self.truth.course.readings_rad(times_s)[:, joints]
-        ways_rad = np.abs(np.diff(readings_rad, axis=0)).sum(axis=0)
-        moving = np.argsort(ways_rad)[len(ways_rad) // 2 :]
-        return int(np.random.default_rng([self.plan.seed, 0x556E]).choice(moving))
-
-    def _watch_unread(self, fault: PlannedFault) -> None:
-        mounted = self._mounted[fault.device]
-        self.unread = UnreadWatch(
-            self.plan,
-            fault,
-            self._family,
-            self._unread_channel(fault),
-            self.truth.course,
-            self.judge,
-            lambda: mounted.device.wiring,
-            lambda: self._daemon.measurement.rate_hz if self._daemon else 0.0,
-        )
-        look = self.unread.look
-        for at_s in np.arange(fault.at_s, self.plan.duration_s, LOOK_S).tolist():
-            self.hub.at(at_s, lambda: look(self.hub.now_s))
 
     def _preset(self, fault: PlannedFault) -> None:
         mounted, housed = self._mounted[fault.device], self.hub.devices[fault.device]
@@ -367,8 +331,7 @@ class World:
         unknown_s = monitors[mounted.table.id].unknown_s
         least_rad += least_jump_rad(period_s, count_rad, speed_rad_s, unknown_s)
         if by_rad < least_rad:
-            self.judge.note_unseen(fault.at_s)
-            self.judge.tally.jump_rad = by_rad, least_rad
+            self.judge.note_unseen(fault.at_s, by_rad, least_rad)
         else:
             shown_s = fault.at_s + READINGS_THAT_TELL * period_s + SEEN_SLACK_S
             self.judge.pardon(fault.at_s, shown_s)

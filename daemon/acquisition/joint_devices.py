@@ -67,8 +67,14 @@ class JointDevices:
         for device in self.devices:
             device.delivery_queue.batch_window_ns = window_ns
 
-    def request_stream(self, rate_hz: float) -> None:
-        """Request a stream of each device, as fast as possible without a rate."""
+    def request_stream(
+        self, rate_hz: float, clock: Device | None = None, others_hz: float = 0.0
+    ) -> None:
+        """Request a stream of each device, as fast as possible without a rate.
+
+        Other devices than the ``clock`` have a rate of their own.
+        """
         for device in self.devices:
-            fastest_hz = device.identity.max_rate_hz if device.identity else rate_hz
-            device.driver.request_stream(min(rate_hz, fastest_hz))
+            asked_hz = rate_hz if clock in (None, device) else others_hz
+            fastest_hz = device.identity.max_rate_hz if device.identity else asked_hz
+            device.driver.request_stream(min(asked_hz, fastest_hz))

@@ -14,6 +14,8 @@ from traverse.daemon.acquisition.interpolation import (
     exact,
     interpolate,
 )
+from traverse.daemon.pose.outages import NOT_READ
+from traverse.daemon.pose.stops import GAP_NS, STEP_NS, Series
 from traverse.drivers.base.values import CountSamples, LatchedCounts, are_valid
 
 KEPT_NS = 5_000_000_000  # an edge that is older finds nothing to interpolate
@@ -107,6 +109,26 @@ class ReadingBuffer:
             )
             for k in range(len(self._channels))
         ]
+
+    def between(self, begin_ns: int, end_ns: int) -> EncoderReadings | None:
+        """Return readings (n, n_joints) of a time, ends included; None without any."""
+        chosen: list[EncoderReadings] = []
+        for block in reversed(self._blocks):
+            if int(block.times_ns[-1].max()) < begin_ns:
+                break
+            chosen.append(block)
+        if not chosen:
+            return None
+        chosen.reverse()
+        times_ns, counts, status, numbers, bounds_ns = map(
+            np.concatenate, zip(*chosen, strict=True)
+        )
+        rows = ((times_ns >= begin_ns) & (times_ns <= end_ns)).all(axis=1)
+        if not rows.any():
+            return None
+        return EncoderReadings(
+            times_ns[rows], counts[rows], status[rows], numbers[rows], bounds_ns[rows]
+        )
 
     def _numbered(self, samples: CountSamples) -> Integers:
         if samples.stream != self._stream:
@@ -223,3 +245,34 @@ class JointStream:
             interpolate(readings, instants_ns, limits) for readings in around
         ]
         return combined(interpolated, np.stack)
+
+    def series(self, begin_ns: int, end_ns: int) -> list[Series]:
+        """Return the readings of a time, ends included, as seen from its end."""
+        readings = self.history.between(begin_ns, end_ns)
+        return [] if readings is None else series_of(self.joints, readings, end_ns)
+
+
+def series_of(joints: Indices, readings: EncoderReadings, now_ns: int) -> list[Series]:
+    """Return series of joints, of each by itself where readings are left out."""
+    is_read = (readings.status & NOT_READ) == 0
+    columns = np.arange(len(joints))
+    series = []
+    for group in [columns] if is_read.all() else np.split(columns, len(columns)):
+        cells = np.ix_(is_read[:, group[0]], group)
+        times_ns = readings.times_ns[cells]
+        gaps = np.flatnonzero(np.diff(times_ns[:, 0]) > GAP_NS)
+        begin = int(gaps[-1]) + 1 if len(gaps) else 0
+        if not len(times_ns) - begin:
+            continue
+        passed_ns = max(int(times_ns[-1, 0] - times_ns[begin, 0]), 1)
+        step = max(STEP_NS * (len(times_ns) - begin - 1) // passed_ns, 1)
+        rows = np.arange(len(times_ns) - 1, begin - 1, -step)[::-1]
+        series.append(
+            Series(
+                joints[group],
+                (times_ns[rows] - now_ns) * 1e-9,
+                readings.bounds_ns[cells][rows] * 1e-9,
+                readings.counts[cells][rows].astype(np.float64),
+            )
+        )
+    return series

@@ -17,12 +17,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.arrays import Booleans, Floats
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.daemon.acquisition.interpolation import Interpolated, combined
 from traverse.daemon.acquisition.joint_stream import NEVER_NS, JointStream
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import JointCounts
+from traverse.daemon.pose.stops import Series
 from traverse.drivers.base.values import (
     STATUS_LATE,
     STATUS_MISSING,
@@ -153,6 +154,34 @@ class Resampler:
         return JointCounts(
             instant_ns, counts[0], status[0], fractions[0], error_bounds[0]
         )
+
+    def at_instants(self, instants_ns: Integers) -> list[JointCounts]:
+        """Return the arm at instants that its samples have passed.
+
+        Readings that are lacking are marked, or the instant is left out, as with a
+        sample.
+        """
+        columns = {
+            device: source.at(instants_ns) for device, source in self._sources.items()
+        }
+        counts, fractions, status, error_bounds = self._concatenate(columns)
+        is_short = (status & (STATUS_MISSING | STATUS_LATE)).any(axis=1)
+        is_dropped = is_short & (self._settings.policy != "flag")
+        return [
+            JointCounts(
+                int(instants_ns[row]),
+                counts[row],
+                status[row],
+                fractions[row],
+                error_bounds[row],
+            )
+            for row in np.flatnonzero(~is_dropped).tolist()
+        ]
+
+    def series_between(self, begin_ns: int, end_ns: int) -> list[Series]:
+        """Return the readings of a time that samples are interpolated from."""
+        sources = self._sources.values()
+        return [it for source in sources for it in source.series(begin_ns, end_ns)]
 
     def missing_reason(self, instant_ns: int, latch: LatchedCounts | None) -> str:
         """State why `at` returns None."""

@@ -60,10 +60,13 @@ class ScanCommands:
             configuration.scan,
             largest_hz=largest_hz,
             tracking_rate_hz=tracking_hz,
+            reads_in_turn=device.identity is not None and device.identity.reads_in_turn,
         )
         stop_scan(self._measurement)
         StartScan(plan).execute(self._measurement)
-        self._devices.request_stream(plan.device_rate_hz)
+        # The others are interpolated at its instants, however often they are read.
+        others_hz = max(plan.device_rate_hz, settings.tracking_rate_hz)
+        self._devices.request_stream(plan.device_rate_hz, device, others_hz)
         try:
             async with asyncio.timeout(STREAM_TIMEOUT_S):
                 await self._scanner.stream_started.wait()

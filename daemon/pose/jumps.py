@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from traverse.arrays import Floats, Indices, Integers
-from traverse.daemon.pose.outages import LONG_AGO_NS
+from traverse.daemon.pose.outages import LONG_AGO_NS, NOT_READ
 from traverse.drivers.base.values import (
-    NOT_READ,
     STATUS_TIME_UNCERTAIN,
     CountSamples,
 )

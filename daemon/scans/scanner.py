@@ -15,6 +15,7 @@ from traverse.daemon.config.schema import ScanSection
 from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import PoseBlock
+from traverse.daemon.scans.instants import ScanInstants
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.scans.selection import ButtonGate, ButtonKey, ScanSelection
 from traverse.kinematics.filters import PointBlock
@@ -44,6 +45,7 @@ class Scanner:
     Attributes:
         chain: the filters, with their counts of removed points.
         stream_started: set when the scan's stream has begun.
+        instants: of its samples; None: they are those of its stream.
     """
 
     def __init__(
@@ -59,6 +61,7 @@ class Scanner:
         self._offer = offer
         self._gate = ButtonGate()
         self.plan: ScanPlan | None = None
+        self.instants: ScanInstants | None = None
         self.session = ""
         self.dropped_points = 0
         self.published_points = 0
@@ -88,6 +91,7 @@ class Scanner:
         )
         self._next = self._lost = self._dropped = self._in_doubt = 0
         self._stream: int | None = None
+        self.instants = ScanInstants(plan.rate_hz) if plan.read_hz else None
         self._utc_offset_ns, self._stepped_ns = self._clock.utc_offset_ns(), 0
         self._offset = 0
         self._last: tuple[int, int] | None = None
@@ -106,7 +110,7 @@ class Scanner:
         if plan is None or off_hz > 0.001 * requested_hz + 0.001:
             return False
         if rate_hz != requested_hz:
-            self.plan = self._plan = replace(plan, rate_hz=rate_hz / plan.every)
+            self.plan = self._plan = plan.on_stream(rate_hz)
             self._period_ns = int(np.ceil(1e9 / self._plan.rate_hz))
         self._stream = stream
         self._resuming = self._last is not None

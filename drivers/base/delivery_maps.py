@@ -19,7 +19,6 @@ from traverse.drivers.base.values import (
     DeviceTemperatures,
     DeviceUp,
     LatchedCounts,
-    RepeatedCount,
     StreamStarted,
 )
 
@@ -31,7 +30,6 @@ KINDS: dict[str, type[Delivery]] = {
     "lost": DeviceLost,
     "alarm": DeviceAlarm,
     "fault": DeviceFault,
-    "repeated": RepeatedCount,
     "temperatures": DeviceTemperatures,
     "clock": DeviceClockState,
     "counters": DeviceCounters,

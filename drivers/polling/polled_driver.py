@@ -165,6 +165,7 @@ class PolledDriver(Driver, Generic[LineT]):
             jitter_ns=self._jitter_ns(),
             absolute=True,
             serials=self._serials,
+            reads_in_turn=True,
         )
         self._deliver_state(DeviceUp(self.device, identity, restarted=False))
         self._streams_begun = 0  # the requested stream is to be started again

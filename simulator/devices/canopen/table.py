@@ -27,7 +27,6 @@ class CanOpenTable(DeviceTable):
         "emcy",
         "duplicate",
         "bus_off",
-        "unread",
     }
     BY_CHANNEL: ClassVar[bool] = True
 

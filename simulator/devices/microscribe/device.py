@@ -72,10 +72,7 @@ class MicroscribeTable(SerialTable):
         first_ticks: of the timer at power-up.
     """
 
-    FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"status"} | {
-        "cut",
-        "unread",
-    }
+    FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"status"} | {"cut"}
     BY_CHANNEL: ClassVar[bool] = False
     MOST_CHANNELS: ClassVar[int] = 8
 

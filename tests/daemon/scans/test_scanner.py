@@ -65,6 +65,40 @@ def test_a_slow_device_is_scanned_at_a_rate_near_the_requested(largest_hz, share
     assert plan.device_rate_hz > largest_hz / 2.0
 
 
+@pytest.mark.parametrize(
+    ("rate_hz", "every", "device_hz"),
+    [
+        (20.0, 1, 33.0),  # 2 x 20 Hz cannot be read
+        (10.0, 1, 33.0),  # 3 x 10 Hz can, and is slower by a tenth
+        (16.0, 2, 32.0),  # 2 x 16 Hz is about as quick
+        (16.6, 2, 33.0),  # as is 2 x 16.5 Hz, which is a rate nearby
+        (33.0, 1, 33.0),
+    ],
+)
+def test_a_line_of_encoders_is_read_as_often_as_without_a_scan(
+    rate_hz, every, device_hz
+):
+    plan = plan_scan(rate_hz, 33.0, 33.0, reads_in_turn=True)
+    assert plan.every == every
+    assert plan.device_rate_hz == pytest.approx(device_hz)
+    assert plan.rate_hz == pytest.approx(rate_hz, rel=0.01)
+
+
+def test_a_line_that_is_quick_enough_has_samples_at_the_instants_of_a_scan():
+    plan = plan_scan(30.0, 100.0, 500.0, reads_in_turn=True)
+    assert (plan.every, plan.device_rate_hz, plan.read_hz) == (4, 120.0, 0.0)
+
+
+def test_a_scan_between_readings_keeps_its_rate_on_a_slower_stream(model):
+    bench = Bench(model)
+    plan = plan_scan(20.0, 33.0, 33.0, reads_in_turn=True)
+    bench.scanner.start(plan, model, "session-1")
+    assert bench.scanner.follow(1, 31.5, 33.0)
+    assert bench.scanner.plan.rate_hz == 20.0
+    assert bench.scanner.plan.device_rate_hz == 31.5
+    assert bench.scanner.follow(2, 33.0)  # the line is found again, and is quicker
+
+
 def test_a_scan_has_the_rate_that_the_device_states(model):
     bench = Bench(model, rate_hz=25.0, every=4)
     assert bench.scanner.follow(2, 99.8, 100.0)
