@@ -49,11 +49,13 @@ async def bench(tmp_path):
 
 @dataclass
 class Arm:
-    """Delivers samples of both devices as they come; J1 may freeze at a time."""
+    """Delivers samples of both devices as they come; J1 may freeze, or jump."""
 
     bench: ArmBench
     speed: float = 1.0
     frozen_s: float = np.inf
+    jump_s: float = np.inf
+    jump_rad: float = 0.0
     n_others: int = 0
     most_others: int = 10_000
 
@@ -70,6 +72,8 @@ class Arm:
             read_s = int(reader.reading_times_ns([number], 0)[0] - BEGIN_NS) * 1e-9
             at_ns = BEGIN_NS + round(min(read_s, self.frozen_s) * 1e9)
             count = round(float(true_counts(at_ns, self.speed)[0]))
+            if read_s > self.jump_s:
+                count += round(self.jump_rad * 65536 / (2 * np.pi))
             samples.counts[0, 2] = count % 65536
             self.bench.clock.now_ns = int(samples.sample_time_ns[0]) + PERIOD_NS
             n = (self.bench.clock.now_ns - BEGIN_NS) * 80 // 10**9
@@ -166,6 +170,19 @@ async def test_a_count_that_freezes_within_a_slow_scan_is_seen(bench):
     are_stale = np.concatenate([m.quality & QualityFlag.STALE for m in blocks]) > 0
     assert are_stale[at_s > until_s].all()
     assert not are_stale[at_s < FROZEN_S].any()
+
+
+@pytest.mark.parametrize(("jump_rad", "is_seen"), [(0.06, True), (0.05, False)])
+async def test_a_count_that_jumps_within_a_slow_scan_is_seen(bench, jump_rad, is_seen):
+    """What shows at 32 Hz does: 5 mrad + 50 / 32^2 + 8 counts are 54.6 mrad.
+
+    At 20 Hz it would be 131 mrad.
+    """
+    await scanned(bench, Arm(bench, jump_s=FROZEN_S, jump_rad=jump_rad), 60)
+    doubts = [e for e in bench.events if e.code == "device.turns_uncertain"]
+    assert bool(doubts) == is_seen
+    if is_seen:
+        assert f"J1 by {jump_rad:.2f} rad" in doubts[0].text
 
 
 async def test_samples_are_lost_with_those_of_the_stream(bench):
