@@ -35,6 +35,7 @@ from traverse.daemon.pose.condition_subjects import (
     counting_subjects,
     subjects_by_condition,
 )
+from traverse.daemon.pose.count_steps import CountStepMonitor
 from traverse.daemon.pose.frozen_joints import FrozenJointMonitor
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
@@ -44,6 +45,7 @@ from traverse.daemon.pose.published import PublishedNumbers
 from traverse.daemon.pose.quality_monitor import QualityMonitor
 from traverse.daemon.pose.reference_memory import ReferenceMemory
 from traverse.daemon.pose.references import ReferenceMonitor
+from traverse.daemon.pose.repeat_monitor import RepeatMonitor
 from traverse.daemon.pose.rest import RestDetector
 from traverse.daemon.pose.trajectory import TrajectoryBuffer
 from traverse.daemon.pose.uncertainty import (
@@ -68,6 +70,7 @@ from traverse.drivers.base.values import (
     DeviceTemperatures,
     DeviceUp,
     LatchedCounts,
+    RepeatedCount,
     StreamStarted,
 )
 from traverse.protocol.messages import (
@@ -149,6 +152,7 @@ class Measurement(MeasurementContext):
         self.capture = Capture(clock, sinks.write_point, self.alignment, session)
         published = PublishedNumbers(clock.to_utc_ns, self.capture.points_since)
         self.frozen_joints = FrozenJointMonitor(self.conditions, published)
+        self.repeats = RepeatMonitor(self.conditions, published)
         self._use_conditions()
         self.conditions.changed = changed
         self.states = DeviceStateTracker(
@@ -172,9 +176,13 @@ class Measurement(MeasurementContext):
         self.quality = QualityMonitor(
             configuration.quality, model, clock, events, references
         )
-        self.uncertainty = CovarianceEvaluator(configuration.uncertainty)
+        self.count_steps = CountStepMonitor(model, events)
+        self.uncertainty = CovarianceEvaluator(
+            configuration.uncertainty, self.count_steps
+        )
         self.point_wait_ns = int(settings.point_wait_s * 1e9)
         self.inputs = InputMonitor(capture, events)
+        self._wake_at_presses()
         self.points = PointController(
             self,
             capture=self.capture,
@@ -227,8 +235,11 @@ class Measurement(MeasurementContext):
         self.configuration, capture = configuration, configuration.capture
         self.set_model(model)
         self.quality.use(configuration.quality, model)
-        self.uncertainty = CovarianceEvaluator(configuration.uncertainty)
+        self.uncertainty = CovarianceEvaluator(
+            configuration.uncertainty, self.count_steps
+        )
         self.inputs.use(capture)
+        self._wake_at_presses()
         self.points.use(capture)
         self._keeps_readings |= self._has_triggers_elsewhere()
         self.live.use_rate(capture.live_rate_hz)
@@ -246,12 +257,18 @@ class Measurement(MeasurementContext):
             self.conditions.establish("geometry")
         if not self.frozen_joints.counts:
             self.conditions.establish("channels")
+        for device in model.devices:
+            if not self.repeats.is_in_doubt(device):
+                self.conditions.establish("single_readings", device)
 
     def set_model(self, model: ArmModel) -> None:
         self.evaluate_readings()
+        if not model.has_same_encoders(self.model):
+            self.repeats.begin_all()
         self.pipeline.use_model(model)
         self._use_conditions()
         self.quality.use_model(model)
+        self.count_steps.use(model)
         self.trajectory.forget()  # it was that of another ball
         self.points.arm_changed()
 
@@ -263,6 +280,10 @@ class Measurement(MeasurementContext):
         """
         self.set_model(model_with_probe(self.model, probe))
         self.probe = probe
+
+    def _wake_at_presses(self) -> None:
+        for name, device in self.devices.items():
+            device.delivery_queue.always_wakes = self.inputs.turns_round(name)
 
     def _has_triggers_elsewhere(self) -> bool:
         return not {d for d, _ in self.points.triggers} <= {*self.model.devices}
@@ -298,6 +319,8 @@ class Measurement(MeasurementContext):
             "temperatures": self.quality.persistent.temperatures[-MAX_TEMPERATURES:],
             "pipeline": self.pipeline.state,
             "frozen_joints": self.frozen_joints.state,
+            "repeats": self.repeats.state,
+            "count_steps": self.count_steps.state,
             "references": self.quality.references.state,
             "conditions": self.conditions.state,
             "utc_doubt": [self.utc.doubt, self.utc.remedy],
@@ -325,7 +348,8 @@ class Measurement(MeasurementContext):
         Inputs that are active for too long are reported.
         """
         now_ns = self.clock.running.monotonic_ns()
-        self.inputs.check(now_ns)
+        plan = self.scanner.plan
+        self.inputs.check(now_ns, is_scan_held=plan is not None and plan.held)
         for device in self.joint_devices.devices:
             if not device.is_recent(now_ns):
                 text = f"{device.section.id} is there and sends no readings"
@@ -363,12 +387,7 @@ class Measurement(MeasurementContext):
             case StreamStarted():
                 self._take_stream(delivery)
             case DeviceTemperatures():
-                device.take_temperatures(delivery)
-                if (
-                    device in self.joint_devices
-                    and self.joint_devices.first_mismatched is None
-                ):
-                    self.temperatures.check(self.pipeline.model, self.joint_devices)
+                self._take_temperatures(device, delivery)
             case DeviceCounters():
                 device.counters.clear()
                 device.counters.update(delivery.values)
@@ -378,6 +397,8 @@ class Measurement(MeasurementContext):
                 self._use_conditions()
                 self.quality.persistent.on_device_up(device.section.id)
                 self.quality.references.on_up(delivery)
+                self.repeats.begin(device.section.id)
+                self.count_steps.on_up(delivery)
                 if delivery.restarted:
                     self.trajectory.forget()
                 # What cannot latch gives its points out of the stream.
@@ -396,6 +417,14 @@ class Measurement(MeasurementContext):
                 self.states.on_clock(device, delivery)
             case DeviceFault():
                 self.states.on_fault(device, delivery)
+            case RepeatedCount():
+                self.repeats.take(self.model, [delivery])
+
+    def _take_temperatures(self, device: Device, delivery: DeviceTemperatures) -> None:
+        device.take_temperatures(delivery)
+        joint_devices = self.joint_devices
+        if device in joint_devices and joint_devices.first_mismatched is None:
+            self.temperatures.check(self.pipeline.model, joint_devices)
 
     def _take_samples(
         self, device: Device, samples: CountSamples, has_edges: bool
@@ -410,7 +439,11 @@ class Measurement(MeasurementContext):
             or self.joint_devices.first_mismatched is not None
         ):
             return
-        self.quality.references.add(samples, device.max_speed_rad_s)
+        moduli_counts = () if device.identity is None else device.identity.moduli_counts
+        repeats = self.repeats.add(self.model, samples, moduli_counts)
+        references = self.quality.references
+        references.add(samples, device.max_speed_rad_s, repeats)
+        self.count_steps.add(samples)
         self._note_device_clock(samples)
         waited_ns = self.clock.running.monotonic_ns() - samples.received_ns
         self.sinks.latencies["queue_wait"].add(waited_ns)
@@ -534,8 +567,8 @@ class Measurement(MeasurementContext):
             latch = self.inputs.pressed_latch(latch)
             if self.points.triggers.get((name, number)) == "button":
                 self._hold_scan(name, number, latch)
-            is_press = not self.inputs.bounces(latch, device.debounce_key)
-            self.points.take_edge(device, latch, counts=is_press)
+            counts = self.inputs.take_edge(latch, device.debounce_key)
+            self.points.take_edge(device, latch, counts=counts)
         elif (waiting := self.latches.pop(latch.token, None)) is not None:
             self.points.add_latched(latch, *waiting)
 

@@ -48,6 +48,7 @@ class Family:
         scans_hz: Rates of its scans.
         is_checked: A check sum protects its readings; else one off the motion is left
             out until the next.
+        has_board: A board, or a node, reads its encoders.
     """
 
     name: str
@@ -61,6 +62,7 @@ class Family:
     moving_s: float = 0.03
     scans_hz: tuple[float, ...] = (50.0, 100.0)
     is_checked: bool = True
+    has_board: bool = True
 
     @property
     def n_devices(self) -> int:
@@ -75,6 +77,11 @@ class Family:
     def shows(self, kind: str) -> bool:
         """Return whether encoders that freeze so in motion are seen, beside others."""
         return kind != "frozen_device" or self.devices[0].n_joints < N_JOINTS
+
+    def joints(self, device: int) -> slice:
+        """Return the joints that a device reads, by its number."""
+        first = sum(spec.n_joints for spec in self.devices[:device])
+        return slice(first, first + self.devices[device].n_joints)
 
     def sources(self, *, is_incremental: bool) -> list[ArmSource]:
         return [
@@ -250,6 +257,7 @@ _MAKERS: tuple[Callable[[], Family], ...] = (
         "handle/0",
         quick_rad_s=0.5,
         is_checked=False,
+        has_board=False,
     ),
     lambda: Family(
         "rls",
@@ -258,6 +266,7 @@ _MAKERS: tuple[Callable[[], Family], ...] = (
         can_swap=True,
         quick_rad_s=0.5,
         is_checked=False,
+        has_board=False,
     ),
     lambda: Family(
         "modbus",
@@ -266,6 +275,7 @@ _MAKERS: tuple[Callable[[], Family], ...] = (
         quick_rad_s=0.5,
         moving_s=0.1,
         scans_hz=(10.0, 20.0),
+        has_board=False,
     ),
     lambda: Family("canopen", (_canopen(), _handle()), "handle/0"),
     lambda: Family(

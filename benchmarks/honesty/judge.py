@@ -79,7 +79,8 @@ class Tally:
     Attributes:
         doubts: marked numbers after `SETTLED_S`, by their flags.
         worst: of unmarked numbers, the largest share of the permitted error.
-        unseen: numbers that a jump of a count made wrong that is too small to be seen.
+        unseen: numbers that a jump of a count made wrong that is too small to be seen,
+            or a failed read before any that could be.
         jump_rad: that jump, and the least one that can be seen.
     """
 
@@ -118,7 +119,7 @@ class Judge:
         self._offsets_ns: list[int] = []
         self._pardoned_s = np.inf, np.inf
         self._is_named = True
-        self._unseen_from_s = np.inf
+        self._unseen_s = np.inf, np.inf
         self._unnamed: dict[str, Lie] = {}
         self._unnamed_samples: list[Lie] = []
         self._named_s: list[tuple[float, float]] = []
@@ -131,10 +132,9 @@ class Judge:
         """
         self._pardoned_s, self._is_named = (from_s, until_s), is_named
 
-    def note_unseen(self, from_s: float, by_rad: float, least_rad: float) -> None:
-        """Count by themselves what a jump makes wrong that nothing can show."""
-        self._unseen_from_s = from_s
-        self.tally.jump_rad = by_rad, least_rad
+    def note_unseen(self, from_s: float, until_s: float = np.inf) -> None:
+        """Count by themselves what is made wrong by what nothing can show."""
+        self._unseen_s = from_s, until_s
 
     def take_doubt(self, data: Mapping[str, Any]) -> None:
         """Note what an event puts in doubt that was published before it."""
@@ -242,7 +242,8 @@ class Judge:
         return [lie_of(row) for row in np.flatnonzero(ok & pardoned).tolist()]
 
     def _add_lie(self, lie: Lie) -> None:
-        if lie.at_s >= self._unseen_from_s:
+        from_s, until_s = self._unseen_s
+        if from_s <= lie.at_s <= until_s:
             self.tally.unseen[lie.kind] += 1
             return
         self.tally.lies[lie.kind] += 1

@@ -126,6 +126,7 @@ LONE_KINDS = (
     "host_slew",  # a program brings UTC back: all of the host's clocks run 500 ppm off
     "bus_off",  # and recovery
     "preset",  # a count jumps, and goes on from there: set anew, or reset by an index
+    "unread",  # a board's read of an encoder fails now and then: its last count again
     "clock_pair",  # devices' clocks are wrong by as much, one fast and one slow
 )
 """Drawn without others."""
@@ -157,6 +158,7 @@ SIZES = {
     "utc_set": (0.1, 1e4),
     "utc_ahead": (1e3, 3e8),
     "preset": (8e-4, 0.5),
+    "unread": (2e-3, 0.05),
     "clock_pair": (200.0, 2e4),
 }
 """Least and greatest sizes of faults: ppm, ppm/s, seconds, shares of frames, turns."""
@@ -236,6 +238,8 @@ def _suits(kind: str, family: Family) -> bool:
         return (family.name == "canopen") == (kind == "bus_off")
     if kind in FROZEN_KINDS:
         return family.shows(kind)
+    if kind == "unread":
+        return family.has_board
     return kind != "clock_pair" or (family.has_clock and family.n_devices > 1)
 
 
@@ -269,10 +273,13 @@ def _perhaps_lone(plan: Plan) -> Plan:
     at_s = float(rng.uniform(EDGE_S, plan.duration_s - EDGE_S - MOST_LONE_S))
     lasts_s = float(rng.uniform(3.0, MOST_LONE_S))
     kind = str(rng.choice(kinds))
+    if kind == "unread":
+        lasts_s = plan.duration_s - at_s
     size = SLEW_PPM
     if kind in SIZES:
         size = float(np.exp(rng.uniform(*np.log(SIZES[kind]))))
     size *= float(rng.choice([-1, 1]))
+    size = abs(size) if kind == "unread" else size
     plan = _without_faults(plan, rng)
     fault = PlannedFault(kind, at_s, lasts_s, size)
     plan = replace(

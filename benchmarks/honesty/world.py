@@ -41,6 +41,7 @@ from benchmarks.honesty.plan import (
     least_delay_s,
 )
 from benchmarks.honesty.timeline import device_timeline, host_timeline
+from benchmarks.honesty.unread import LOOK_S, MOST_FAILED, UnreadWatch
 from benchmarks.trials.lines import Line
 from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.config.schema import (
@@ -121,6 +122,7 @@ class World:
         self._mounted: list[MountedDevice] = []
         self._daemon: DaemonRun | None = None
         self._swapped = False
+        self.unread: UnreadWatch | None = None
 
     def _note(self, text: str) -> None:
         if self._is_verbose:
@@ -225,6 +227,10 @@ class World:
                 entry["kind"] = "gone"
             elif fault.kind == "bus_off":
                 entry["kind"] = "bus_off"
+            elif fault.kind == "unread":
+                entry |= {"kind": "unread", "probability": fault.size}
+                entry["channel"] = self._unread_channel(fault)
+                entry["most"] = self.plan.seed % MOST_FAILED + 1
             else:
                 continue
             faults.append(Fault.from_table(entry))
@@ -269,6 +275,8 @@ class World:
             self._freeze(fault)
         elif fault.kind == "preset":
             self._preset(fault)
+        elif fault.kind == "unread":
+            self._watch_unread(fault)
         self._note(f"          fault {fault}")
 
     def _freeze(self, fault: PlannedFault) -> None:
@@ -301,6 +309,31 @@ class World:
         self.judge.pardon(from_s, seen_s)
         self._note(f"          {mounted.source.freeze}, shown by {seen_s:.3f} s")
 
+    def _unread_channel(self, fault: PlannedFault) -> int:
+        """Return a channel of a device whose joint moves a good deal of the time."""
+        joints = self._family.joints(fault.device)
+        times_s = np.arange(fault.at_s, fault.at_s + fault.lasts_s, STEP_S)
+        readings_rad = self.truth.course.readings_rad(times_s)[:, joints]
+        ways_rad = np.abs(np.diff(readings_rad, axis=0)).sum(axis=0)
+        moving = np.argsort(ways_rad)[len(ways_rad) // 2 :]
+        return int(np.random.default_rng([self.plan.seed, 0x556E]).choice(moving))
+
+    def _watch_unread(self, fault: PlannedFault) -> None:
+        mounted = self._mounted[fault.device]
+        self.unread = UnreadWatch(
+            self.plan,
+            fault,
+            self._family,
+            self._unread_channel(fault),
+            self.truth.course,
+            self.judge,
+            lambda: mounted.device.wiring,
+            lambda: self._daemon.measurement.rate_hz if self._daemon else 0.0,
+        )
+        look = self.unread.look
+        for at_s in np.arange(fault.at_s, self.plan.duration_s, LOOK_S).tolist():
+            self.hub.at(at_s, lambda: look(self.hub.now_s))
+
     def _preset(self, fault: PlannedFault) -> None:
         mounted, housed = self._mounted[fault.device], self.hub.devices[fault.device]
         source = mounted.source
@@ -331,7 +364,8 @@ class World:
         unknown_s = monitors[mounted.table.id].unknown_s
         least_rad += least_jump_rad(period_s, count_rad, speed_rad_s, unknown_s)
         if by_rad < least_rad:
-            self.judge.note_unseen(fault.at_s, by_rad, least_rad)
+            self.judge.note_unseen(fault.at_s)
+            self.judge.tally.jump_rad = by_rad, least_rad
         else:
             shown_s = fault.at_s + READINGS_THAT_TELL * period_s + SEEN_SLACK_S
             self.judge.pardon(fault.at_s, shown_s)

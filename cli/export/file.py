@@ -58,6 +58,10 @@ def write_file(
         options["template"] = export_options.template
     elif export_options.template:
         raise ValueError("--template needs --to text")
+    if export_options.decimal != ".":
+        if export_options.to not in ("csv", "text", "xyz"):
+            raise ValueError("--decimal needs --to csv, text or xyz")
+        options["decimal"] = export_options.decimal
     if export_options.to == "qif" and export_options.schemas is not None:
         options["check"] = partial(
             check_schema, file=path, schemas=export_options.schemas

@@ -19,6 +19,7 @@ class ExportOptions:
         session: Only points of this session.
         filters: TOML file with [[filters]], as [[scan.filters]] of a daemon.
         template: With --to text: such as '{seq};{x_mm:.3f}\n'.
+        decimal: Decimal sign of numbers in csv, text and xyz.
         retracted: Retracted points and retractions, too.
     """
 
@@ -28,5 +29,6 @@ class ExportOptions:
     session: str | None = None
     filters: Path | None = None
     template: str = ""
+    decimal: Literal[".", ","] = "."
     retracted: bool = False
     schemas: QifSchemas = None

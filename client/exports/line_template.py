@@ -7,10 +7,15 @@ from typing import Any
 from traverse.protocol.printable import printable
 
 MAX_TEMPLATE = 1000
+LABELS = ("artefact", "feature")
+"""Values that people choose: they may contain what separates values."""
 
 
 class LineTemplate:
     r"""Text with `{name}` or `{name:.3f}`, and `\r`, `\n` and `\t`.
+
+    A sign that separates two values is replaced by `_` within labels: else what follows
+    would be read as another value.
 
     Args:
         specimen: a value of each known name.
@@ -50,6 +55,15 @@ class LineTemplate:
                     + ", ".join(specimen)
                 )
         self.names = {name for _, name, _, _ in self._parts if name is not None}
+        between = [text for text, name, _, _ in self._parts[1:] if name is not None]
+        self._separators = str.maketrans(
+            {
+                sign: "_"
+                for text in between
+                for sign in text.strip() or text
+                if not sign.isalnum()
+            }
+        )
         self.filled(specimen)
 
     def filled(self, values: Mapping[str, Any]) -> str:
@@ -61,6 +75,8 @@ class LineTemplate:
                 continue
             if isinstance(value, str):
                 value = printable(value)
+                if name in LABELS:
+                    value = value.translate(self._separators)
             try:
                 written = format(value, spec or "")
             except ValueError as error:

@@ -137,9 +137,20 @@ class Csv(Sink):
     """Comma-separated, a header line first; unknown values are empty.
 
     Labels that a spreadsheet would read as formulas get an apostrophe first.
+
+    Args:
+        coordinates: are not looked at: all are columns.
+        decimal: sign of numbers; with a comma semicolons are between columns, as the
+            spreadsheets have it that read a point between digits as thousands.
     """
 
     _has_head = False
+
+    def __init__(
+        self, file: IO[bytes], coordinates: Coordinates = "centre", decimal: str = "."
+    ) -> None:
+        super().__init__(file, coordinates)
+        self._decimal = decimal
 
     def points(self, points: Sequence[Point]) -> None:
         self._check(points)
@@ -154,13 +165,28 @@ class Csv(Sink):
 
     def _write(self, columns: Sequence[str], rows: Sequence[list[Any]]) -> None:
         text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
+        separator = "," if self._decimal == "." else ";"
+        writer = csv.writer(text, delimiter=separator, lineterminator="\n")
         if not self._has_head:
             self._has_head = True
             writer.writerow(columns)
+        if self._decimal != ".":
+            rows = [_with_decimal(columns, row, self._decimal) for row in rows]
         writer.writerows(rows)
         self._file.write(text.getvalue().encode())
         self.n += len(rows)
+
+
+def _with_decimal(
+    columns: Sequence[str], row: Sequence[Any], decimal: str
+) -> list[Any]:
+    """Write the numbers of a row with another decimal sign."""
+    return [
+        str(value).replace(".", decimal)
+        if isinstance(value, float) or name == "angles_rad"
+        else value
+        for name, value in zip(columns, row, strict=True)
+    ]
 
 
 class JsonLines(Sink):
@@ -187,9 +213,15 @@ class Xyz(Sink):
         "doubt is not marked"
     )
 
+    def __init__(
+        self, file: IO[bytes], coordinates: Coordinates = "centre", decimal: str = "."
+    ) -> None:
+        super().__init__(file, coordinates)
+        self._decimal = decimal
+
     def table(self, table: PointTable) -> None:
         lines = [f"{x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in table.xyz_mm.tolist()]
-        self._file.write("".join(lines).encode())
+        self._file.write("".join(lines).replace(".", self._decimal).encode())
         self._count(table)
 
 
@@ -199,16 +231,21 @@ class Template(Sink):
     Args:
         coordinates: of `{x}`, `{y}` and `{z}`.
         template: see `LineTemplate`.
+        decimal: sign of numbers.
 
     Raises:
         ValueError: the template is refused.
     """
 
     def __init__(
-        self, file: IO[bytes], coordinates: Coordinates = "centre", template: str = ""
+        self,
+        file: IO[bytes],
+        coordinates: Coordinates = "centre",
+        template: str = "",
+        decimal: str = ".",
     ) -> None:
         super().__init__(file, coordinates)
-        self._template = LineTemplate(template, SPECIMEN)
+        self._template = LineTemplate(template, SPECIMEN, decimal)
         if self._template.names.isdisjoint({"ok", "flags"}):
             self.lacks = "quality: what is in doubt is not marked; {ok} and {flags} are"
 

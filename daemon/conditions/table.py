@@ -90,6 +90,23 @@ CONDITIONS = (
         "and its wires, and take the points since then again",
     ),
     Condition(
+        "single_readings",
+        "device",
+        "each reading of an encoder is a new one",
+        "readings that follow the motion of their joints, for 20 s of motion after one "
+        "that did not",
+        "two readings within 30 s, or one that no hand could make, that repeat exactly "
+        "the count before while their joint moves on, as the next one shows: a read of "
+        "the encoder that failed",
+        QualityFlag.STALE,
+        "all",
+        "condition.single_readings",
+        "let the firmware print nothing, or a line that does not fit, where the read "
+        "of an encoder failed, and set the status of a latch board's channel; check "
+        "the encoder's wires; read an encoder that has a cycle of its own less often. "
+        "Then lead the joint for 20 s, and take the points since then again",
+    ),
+    Condition(
         "identity",
         "device",
         "the device has the serial numbers that were confirmed, in the same order",
@@ -198,15 +215,15 @@ CONDITIONS = (
         "temperature_band",
         "arm",
         "the arm's temperature, and its rate, are within [quality]; without limits "
-        "there, and without an effect that corrects for it, within 3 °C of those of "
-        "the identification",
+        "there, within 3 °C of those of the identification, or 15 °C with an effect "
+        "that corrects for it",
         "a temperature within the band",
         "one outside, a quick change, or no temperature where [quality] has limits",
         QualityFlag.TEMPERATURE,
         "all",
         "limit.temperature",
-        "wait until the temperature has settled; or identify the arm at this one, or "
-        "with its expansion",
+        "wait until the temperature has settled, and check the sensor and its unit; or "
+        "identify the arm at this one, or with its expansion",
         severity="warning",
     ),
     Condition(

@@ -3,6 +3,7 @@
 Every key is explained in docs/reference/configuration.md.
 """
 
+import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -137,6 +138,9 @@ class RecordingSection(StrictModel):
     max_mb: int = Field(default=20_000, ge=10, le=1_000_000)
 
 
+MOST_STOP_RAD = 8.0 * math.pi  # of a joint that has stops at all
+
+
 class EndStopSection(StrictModel):
     """End stops of a joint."""
 
@@ -151,6 +155,13 @@ class EndStopSection(StrictModel):
             text = (
                 f"low_rad {self.low_rad:g} and high_rad {self.high_rad:g}: nothing is "
                 f"left between margins of {self.margin_rad:g}; correct them"
+            )
+            raise ValueError(text)
+        if max(abs(self.low_rad), abs(self.high_rad)) > MOST_STOP_RAD:
+            text = (
+                f"low_rad {self.low_rad:g} and high_rad {self.high_rad:g} are beyond "
+                f"four turns, {MOST_STOP_RAD:.1f} rad: degrees? Such stops would be "
+                "reached by no joint; give radians, or leave them out"
             )
             raise ValueError(text)
         return self

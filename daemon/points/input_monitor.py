@@ -79,8 +79,14 @@ class InputMonitor:
                 level.has_rested = False
                 if level.is_active is not None:
                     level.is_active = not level.is_active
+        for which in self._inputs.keys() - self._levels.keys():
+            self._levels[which] = _Level(None, 0)
 
     # -- polarity --------------------------------------------------------------
+
+    def turns_round(self, device: str) -> bool:
+        """Return whether releases of a device's contacts may be presses."""
+        return device in self._masks
 
     def pressed_samples(self, samples: CountSamples) -> CountSamples:
         """Return samples whose inputs are active while they are pressed or touching."""
@@ -121,32 +127,32 @@ class InputMonitor:
                 is_active = bool(samples.inputs[-1] >> number & 1)
                 level.change(is_active, int(samples.sample_time_ns[-1]))
 
-    def bounces(self, latch: LatchedCounts, debounce_key: str) -> bool:
-        """Note an edge, by `pressed_latch`; return whether it is no press of a hand.
+    def take_edge(self, latch: LatchedCounts, debounce_key: str) -> bool:
+        """Note an edge; return whether it counts: a contact may have bounced.
 
         Args:
-            latch: of the edge.
+            latch: of the edge, by `pressed_latch`.
             debounce_key: of the device's configuration.
         """
         which = latch.device, latch.input or 0
         section, level = self._inputs.get(which), self._levels.get(which)
         if section is None or level is None:
-            return False
+            return True
         level.change(latch.active, latch.sample_time_ns)
         if not latch.active:
             level.released_ns = latch.sample_time_ns
             level.release_received_ns = latch.received_ns
-            return False
+            return True
         if section.trigger != "button" or level.released_ns is None:
-            return False
+            return True
         # By the arrival, too: a clock that is not tied yet may bring edges together.
         open_ns = latch.sample_time_ns - level.released_ns
         received_ns = latch.received_ns - level.release_received_ns
         if not 0 <= open_ns < BOUNCE_NS or received_ns >= BOUNCE_NS:
-            return False
+            return True
         # With other gestures it may be what makes a hold of the press.
-        is_left_out = set(section.gesture_actions) == {"click"}
-        effect = "it is no press" if is_left_out else "it counts as one more"
+        counts = set(section.gesture_actions) != {"click"}
+        effect = "it counts as one more press" if counts else "it is no press"
         self._events.report(
             "warning",
             BOUNCED,
@@ -156,10 +162,15 @@ class InputMonitor:
             remedy=f"raise {debounce_key} of {latch.device}, or exchange the button",
             data={"open_ms": round(open_ns * 1e-6, 3)},
         )
-        return is_left_out
+        return counts
 
-    def check(self, now_ns: int) -> None:
-        """Report inputs that are active for too long; call it often."""
+    def check(self, now_ns: int, *, is_scan_held: bool) -> None:
+        """Report inputs that are active for too long; call it often.
+
+        Args:
+            now_ns: the time.
+            is_scan_held: a scan runs while a button is pressed.
+        """
         for which, level in self._levels.items():
             lasts_ns = now_ns - level.since_ns
             if level.is_active is None:
@@ -168,16 +179,13 @@ class InputMonitor:
                 if lasts_ns >= REST_NS:
                     level.has_rested = True
                     self._end(which)
-            elif which not in self._reported and lasts_ns >= self._limit_ns(which):
-                self._report(which, level)
-
-    def _limit_ns(self, which: Input) -> float:
-        """How long an input may be active without a word."""
-        if not self._levels[which].has_rested:
-            return REST_NS
-        section = self._inputs[which]
-        is_held = section.hold is not None or section.trigger == "switch"
-        return float("inf") if is_held else HELD_NS
+            elif which not in self._reported:
+                section = self._inputs[which]
+                is_held = is_scan_held or section.hold or section.trigger == "switch"
+                if level.has_rested and is_held:
+                    continue
+                if lasts_ns >= (HELD_NS if level.has_rested else REST_NS):
+                    self._report(which, level)
 
     def _report(self, which: Input, level: _Level) -> None:
         section = self._inputs[which]

@@ -38,6 +38,7 @@ log = logging.getLogger("traverse.daemon.service")
 
 LARGEST_TIME_S = 9.2e9  # since 1970, in nanoseconds 63 bits
 IDENTIFIED_MARGIN_C = 3.0  # beyond the temperatures of the identification
+CORRECTED_MARGIN_C = 15.0  # the same where effects correct for the temperature
 WITHOUT_DIRECTION: tuple[Compensation, ...] = ("none", "shank")
 _NEVER_KNOWN = {
     Covariate.CAMPAIGN_TIME: "the time since the start of a campaign that is over",
@@ -191,18 +192,25 @@ class ArmModel:
 
     @property
     def temperature_limits_c(self) -> tuple[float | None, float | None]:
-        """Between which the geometry holds, where no effect corrects for temperature.
+        """Between which the geometry holds, with the effects that correct for it.
 
-        Aluminium grows by 23e-6 a degree: by 0.07 mm at a metre in 3 degrees.
+        Aluminium grows by 23e-6 a degree: by 0.07 mm at a metre in 3 degrees. With an
+        effect of temperature, one that is far from what was measured is wrong, such as
+        Fahrenheit of a cold room, or the effect is held too far.
         """
         identified = self.arm.identification
-        if identified is None or self.uses_temperature:
+        if identified is None:
             return None, None
         low_c, high_c = identified.temperature_low_c, identified.temperature_high_c
+        margin_c = self.temperature_margin_c
         return (
-            None if low_c is None else low_c - IDENTIFIED_MARGIN_C,
-            None if high_c is None else high_c + IDENTIFIED_MARGIN_C,
+            None if low_c is None else low_c - margin_c,
+            None if high_c is None else high_c + margin_c,
         )
+
+    @property
+    def temperature_margin_c(self) -> float:
+        return CORRECTED_MARGIN_C if self.uses_temperature else IDENTIFIED_MARGIN_C
 
     @property
     def effect_names(self) -> list[str]:

@@ -11,16 +11,13 @@ import numpy as np
 
 from traverse.arrays import Floats, Indices, Integers
 from traverse.drivers.base.values import (
-    STATUS_ERROR,
-    STATUS_MISSING,
-    STATUS_STALE,
+    NOT_READ,
     CountSamples,
 )
 
 SPEED_NS = 50_000_000  # speed is taken from so much before and after an outage
 SPEED_RISE = 2.0  # a hand may have moved faster in between
 LONG_AGO_NS = -(2**62)
-NOT_READ = STATUS_ERROR | STATUS_MISSING | STATUS_STALE
 
 
 @dataclass(frozen=True, slots=True)

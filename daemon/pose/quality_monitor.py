@@ -12,7 +12,7 @@ from traverse.daemon.config.filters import flag_bits
 from traverse.daemon.config.schema import QualitySection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.pose.arm_model import IDENTIFIED_MARGIN_C, ArmModel
+from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.limits import PoseLimits, SpeedTracker
 from traverse.daemon.pose.poses import LatchedPose, PoseBlock
 from traverse.daemon.pose.references import ReferenceMonitor
@@ -67,6 +67,11 @@ class PersistentFlags:
         self._are_configured = self._limits_c != (None, None)
         if not self._are_configured:
             self._limits_c = model.temperature_limits_c
+        corrects = "an" if model.uses_temperature else "no"
+        self._basis = (
+            f"{model.temperature_margin_c:g} °C beyond those of the identification, "
+            f"and {corrects} effect of the arm file corrects for the temperature"
+        )
         self._channels = set(
             zip(model.joint_devices, model.channels.tolist(), strict=True)
         )
@@ -132,12 +137,7 @@ class PersistentFlags:
             return FLAG_MEANINGS[flag]
         shown = "unknown" if temperature_c is None else f"{temperature_c:.1f} °C"
         low, high = ("none" if c is None else f"{c:.1f} °C" for c in self._limits_c)
-        basis = "as [quality] states"
-        if not self._are_configured:
-            basis = (
-                f"{IDENTIFIED_MARGIN_C:g} °C beyond those of the identification, and "
-                "no effect of the arm file corrects for the temperature"
-            )
+        basis = "as [quality] states" if self._are_configured else self._basis
         return f"the temperature is {shown}, its limits {low} and {high}: {basis}"
 
     def _has_changed(self, temperature_c: float | None) -> bool:

@@ -32,6 +32,7 @@ from traverse.drivers.base.values import (
     CountSamples,
     DeviceUp,
     Identity,
+    RepeatedCount,
 )
 from traverse.protocol.messages import QualityFlag
 
@@ -166,8 +167,16 @@ class ReferenceMonitor:
 
     # -- joints ---------------------------------------------------------------
 
-    def add(self, samples: CountSamples, max_speed_rad_s: float | None = None) -> None:
-        """Check a device's readings for outages and jumps."""
+    def add(
+        self,
+        samples: CountSamples,
+        max_speed_rad_s: float | None = None,
+        repeats: Sequence[RepeatedCount] = (),
+    ) -> None:
+        """Check a device's readings for outages and jumps.
+
+        What follows on repeated readings is no jump.
+        """
         device = samples.device
         monitors = self._monitors.get(device)
         if monitors is None:
@@ -175,7 +184,17 @@ class ReferenceMonitor:
             monitors = self._monitors[device] = self._new_monitors(device, speed_rad_s)
         outage_monitor, jump_monitor = monitors
         self._take_outages(device, outage_monitor.add(samples))
-        if jumps := jump_monitor.add(samples):
+        channels = self._model.channels[self.devices.joints_of(device)]
+        jumps = [
+            jump
+            for jump in jump_monitor.add(samples)
+            if not any(
+                repeat.channel == channels[jump.place]
+                and repeat.since_ns <= jump.since_ns < repeat.until_ns
+                for repeat in repeats
+            )
+        ]
+        if jumps:
             self._take_jumps(samples, jumps)
 
     def _take_outages(self, device: str, outages: Sequence[Outage]) -> None:

@@ -23,6 +23,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.daemon.config.schema import UncertaintySection
 from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.count_steps import CountStepMonitor
 from traverse.daemon.pose.poses import LatchedPose, PoseBlock
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.model.derivatives import probe_derivatives
@@ -142,11 +143,14 @@ class CovarianceEvaluator:
 
     Args:
         settings: standard deviations that no file of the arm states.
+        steps: by how many counts readings differ at least; None: by one.
     """
 
-    def __init__(self, settings: UncertaintySection) -> None:
-        self._settings = settings
-        self._cached: tuple[ArmModel, PointNoise] | None = None
+    def __init__(
+        self, settings: UncertaintySection, steps: CountStepMonitor | None = None
+    ) -> None:
+        self._settings, self._steps = settings, steps
+        self._cached: tuple[ArmModel, Floats | None, PointNoise] | None = None
 
     def covariance(self, model: ArmModel, reading: CovarianceInput) -> StatedCovariance:
         """Compute that of one sample, and its part by the arm's parameters."""
@@ -184,13 +188,23 @@ class CovarianceEvaluator:
         """Return the noise of a reading, which is constant for latched ones."""
         if reading.error_bounds_counts is not None or reading.jitter_ns:
             return self._evaluate(model, reading)
-        if self._cached is None or self._cached[0] is not model:
-            self._cached = model, self._evaluate(model, reading)
-        return self._cached[1]
+        steps_counts, cached = self._steps_counts, self._cached
+        if cached is None or cached[0] is not model or cached[1] is not steps_counts:
+            cached = model, steps_counts, self._evaluate(model, reading)
+            self._cached = cached
+        return cached[2]
+
+    @property
+    def _steps_counts(self) -> Floats | None:
+        return None if self._steps is None else self._steps.steps_counts
 
     def _evaluate(self, model: ArmModel, reading: CovarianceInput) -> PointNoise:
         settings = self._settings
         per_count_rad = np.abs(model.per_count_rad)
+        steps_counts = self._steps_counts
+        step_rad = (
+            per_count_rad if steps_counts is None else per_count_rad * steps_counts
+        )
         variances = np.full(len(per_count_rad), settings.encoder_rad**2)
         if reading.error_bounds_counts is not None:
             bounds_rad = reading.error_bounds_counts * per_count_rad[:, np.newaxis]
@@ -201,7 +215,7 @@ class CovarianceEvaluator:
             variances += (HAND_RAD_S2 * jitter_s**2 / 2.0) ** 2 / 3.0
         return PointNoise(
             np.sqrt(variances),
-            per_count_rad,
+            step_rad,
             settings.contact_mm,
             float(np.hypot(settings.trigger_s, jitter_s / np.sqrt(3.0))),
         )

@@ -19,6 +19,7 @@ from traverse.drivers.base.values import (
     DeviceTemperatures,
     DeviceUp,
     LatchedCounts,
+    RepeatedCount,
     StreamStarted,
 )
 
@@ -30,6 +31,7 @@ KINDS: dict[str, type[Delivery]] = {
     "lost": DeviceLost,
     "alarm": DeviceAlarm,
     "fault": DeviceFault,
+    "repeated": RepeatedCount,
     "temperatures": DeviceTemperatures,
     "clock": DeviceClockState,
     "counters": DeviceCounters,

@@ -37,6 +37,8 @@ class DeliveryQueue:
 
     Attributes:
         batch_window_ns: collection time of samples; set by the consumer.
+        always_wakes: every report wakes the loop; set by the consumer, who takes points
+            of releases, too.
         taken: number of takes by the consumer.
         dropped_samples: timed samples dropped because the loop did not keep up.
         dropped_others: reports dropped likewise; never latches.
@@ -54,6 +56,7 @@ class DeliveryQueue:
         self._max_others = max_others
         self._now_ns = monotonic_ns
         self.batch_window_ns = BATCH_WINDOW_NS
+        self.always_wakes = False
         self._woken_ns = 0
         self._is_woken = False
         self._gathers = self._is_wake_due = False  # the producer's own
@@ -101,7 +104,7 @@ class DeliveryQueue:
                         self.dropped_others += 1
                     return False
                 self._waiting_others += 1
-                wake = wakes
+                wake = wakes or self.always_wakes
             self._waiting.append(delivery)
             wake = wake and not self._is_woken
             if wake:

@@ -17,6 +17,9 @@ STATUS_MISSING, STATUS_INTERPOLATED, STATUS_TIME_UNCERTAIN = 16, 32, 64
 A driver does not set `STATUS_INTERPOLATED`, nor any bit that is not listed here.
 """
 
+NOT_READ = STATUS_ERROR | STATUS_MISSING | STATUS_STALE
+"""Bits of a count that was not read at its time."""
+
 
 def are_valid(status: NDArray[np.uint8]) -> Booleans:
     return np.asarray((status & (STATUS_ERROR | STATUS_MISSING)) == 0)
@@ -40,6 +43,8 @@ class Identity:
         boot: changes with each loss of power; empty if unknown.
         serials: unique numbers by channel, or one for all; empty texts where not
             reported.
+        steps_counts: by channel, by how many counts readings differ at least, where
+            the device's words have fewer digits than the counts that are made of them.
         reads_in_turn: it reads one channel after the other, so that counts at one
             instant are interpolated at any rate.
     """
@@ -55,6 +60,7 @@ class Identity:
     absolute: bool | None = None
     boot: str = ""
     serials: tuple[str, ...] = ()
+    steps_counts: tuple[float, ...] = ()
     reads_in_turn: bool = False
 
 
@@ -254,6 +260,30 @@ class DeviceFault:
 
 
 @dataclass(frozen=True, slots=True)
+class RepeatedCount:
+    """Some readings of a moving joint have repeated the count before them.
+
+    Attributes:
+        n_readings: that are old.
+        off_rad: by how much the first of them is.
+        since_ns: time of the last new reading before.
+        until_ns: time of the first new one after.
+        is_clear: no hand stops a joint and brings it back so; else it may be chance,
+            unless there is another one.
+        period_ns: between readings; only some of them may be samples.
+    """
+
+    device: str
+    channel: int
+    n_readings: int
+    off_rad: float
+    since_ns: int
+    until_ns: int
+    is_clear: bool
+    period_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class DeviceTemperatures:
     """Temperatures in Celsius by sensor; None where there is none.
 
@@ -299,6 +329,7 @@ Delivery = (
     | DeviceLost
     | DeviceAlarm
     | DeviceFault
+    | RepeatedCount
     | DeviceTemperatures
     | DeviceClockState
     | DeviceCounters

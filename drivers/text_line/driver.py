@@ -10,11 +10,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 from statistics import linear_regression, median
 
+import numpy as np
+
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.pending_edges import PendingEdges
 from traverse.drivers.base.values import (
     STATUS_MISSING,
     STATUS_TIME_UNCERTAIN,
+    CountSamples,
     DeviceError,
     DeviceUp,
     Identity,
@@ -23,6 +26,7 @@ from traverse.drivers.base.values import (
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.polling.channel import IMPLAUSIBLE, EncoderReading, PolledChannel
 from traverse.drivers.polling.pedals import PedalDebouncer
+from traverse.drivers.polling.repeats import RepeatDetector
 from traverse.drivers.polling.sampling import SampleBlockBuilder
 from traverse.drivers.text_line.board_time import (
     WRAP_SLACK_S,
@@ -87,6 +91,8 @@ class TextLineDriver(Driver):
             options.debounce_ms * 1_000_000, self._pattern.n_inputs
         )
         self._block = SampleBlockBuilder(self.device, put)
+        # All lines, where only some of them are samples.
+        self._lines = SampleBlockBuilder(self.device, self._look_for_repeats)
         self._clock_reporter = ClockReporter(self.device, put)
         self._held: list[_Arrived] = []
         self._line_bytes = 0
@@ -115,6 +121,9 @@ class TextLineDriver(Driver):
             )
             for k, counts in enumerate(options.counts_per_turn, start=1)
         ]
+        turns = np.array(options.counts_per_turn, np.int64)
+        places, count_rad = np.arange(len(turns)), 2.0 * np.pi / turns
+        self._detector = RepeatDetector(self.device, places, turns, count_rad)
         self._overlong = self._bad = self._jumps = 0
         before, period_ns = self._last, self._period_ns
         first = self._first_lines(self._port)
@@ -155,6 +164,7 @@ class TextLineDriver(Driver):
                         latency_ns
                         + (max(resolution_ns, 1e6) if has_time else self._period_ns / 2)
                     ),
+                    steps_counts=self._pattern.steps_counts,
                 ),
                 restarted,
             )
@@ -175,8 +185,9 @@ class TextLineDriver(Driver):
             if self._last is not None and self._last[0].ticks is not None:
                 self._clock_reporter.report(self._clock, now_ns)
             self._edges.hand_over()
-            if self._block.is_due(now_ns):
-                self._block.deliver(self._stream)
+            for block in (self._block, self._lines):
+                if block.is_due(now_ns):
+                    block.deliver(self._stream)
             if now_ns - self._told_ns >= TELL_NS:
                 self._told_ns = now_ns
                 self._report_losses()
@@ -291,6 +302,7 @@ class TextLineDriver(Driver):
 
     def _begin_stream(self, rate_hz: float) -> None:
         self._block.finish(self._stream)
+        self._lines.finish(self._stream)
         self._every = 0
         if not rate_hz:
             return
@@ -363,10 +375,17 @@ class TextLineDriver(Driver):
             if STATUS_MISSING not in sample.status:
                 for edge in self._buttons.detect_edges(sample):
                     self._edges.add(edge.number, edge.down, edge.first)
+            if self._every > 1:
+                self._lines.add(self._next_seq - 1, sample)
             if self._every and (self._next_seq - 1) % self._every == 0:
                 self._counters["samples_received"] += 1
                 doubts = max(c.status(sample.time_ns) for c in self._channels)
                 self._block.add((self._next_seq - 1) // self._every, sample, doubts)
+
+    def _look_for_repeats(self, lines: CountSamples) -> bool:
+        for repeat in self._detector.add(lines):
+            self._delivery_queue.put(repeat)
+        return True
 
     def _step(self, line: Line, received_ns: int, bad: int) -> int:
         """Return the step from the last line, 1 without a loss; 0: not to be taken.

@@ -24,6 +24,7 @@ FIELDS = {
 }
 WITHOUT_COUNT = {"x": "does not answer", "m": "has no magnet"}
 """What a board prints in place of the count of an encoder that has none."""
+SAME_STEP = 1.01  # counts: digits and counts are the same places
 SINGLE = ("time", "seq", "buttons", "checksum")
 KNOWN = ", ".join(f"{{{name}}}" for name in (*FIELDS, "skip"))
 
@@ -103,6 +104,7 @@ class LinePattern:
 
     Attributes:
         fields: names in the order of the line.
+        digits: most digits behind the point of an angle so far, or `decimals`.
 
     Raises:
         ValueError: the pattern is invalid, with the reason.
@@ -133,6 +135,7 @@ class LinePattern:
         self._per_turn = {"counts": 0.0, "deg": 360.0, "rad": math.tau}[unit]
         self._counts_per_turn = tuple(counts_per_turn)
         self._decimals = decimals
+        self.digits = decimals or 0
         self._ticks_per_time = ticks_per_time
         self._seq_limit = 1 << seq_bits
         self._checksum = checksum
@@ -144,6 +147,20 @@ class LinePattern:
     @property
     def n_inputs(self) -> int:
         return 8 if "buttons" in self.fields else self.fields.count("button")
+
+    @property
+    def steps_counts(self) -> tuple[float, ...]:
+        """By how many counts the printed angles differ at least; empty for counts.
+
+        Rounding to digits adds to that to counts.
+        """
+        if not self._per_turn:
+            return ()
+        steps = (
+            10.0**-self.digits / self._per_turn * counts
+            for counts in self._counts_per_turn
+        )
+        return tuple(math.hypot(1.0, s) if s > SAME_STEP else 1.0 for s in steps)
 
     def read(self, raw: bytes) -> Line | OddLine:
         if not raw.isascii():
@@ -182,6 +199,7 @@ class LinePattern:
             return int(word) % modulus
         if self._decimals is not None and len(digits) != self._decimals:
             raise _OddError(f"has {word!r} for joint {joint + 1}, see decimals")
+        self.digits = max(self.digits, len(digits))
         return round(value / self._per_turn * modulus) % modulus
 
     def _ticks(self, word: str) -> int:

@@ -99,6 +99,7 @@ def best_fit_alignment(
         *scatter_flags(common),
         *scale_flags(adjusted.transformation.scale),
         *disagreement,
+        *_already_there(from_mm, to_mm),
         *revealed_flags(test, points, is_stated=is_stated),
         *_suspects(points, is_stated=is_stated),
     ]
@@ -234,6 +235,20 @@ def _suspects(
     if not (worst.p_value or 0.0) < POINT_LEVEL:
         return []
     return [AlignmentWarning("suspect_point", WORDS.suspect_point(worst))]
+
+
+_ALREADY_THERE = 1e-3  # of the points' mean distance from their middle
+
+
+def _already_there(from_mm: Floats, to_mm: Floats) -> Iterator[AlignmentWarning]:
+    """Flag points that were aligned before they came here.
+
+    Where the arm stands its own origin is: no part's system has the same.
+    """
+    away_mm = np.linalg.norm(from_mm - to_mm, axis=1).max()
+    size_mm = np.linalg.norm(to_mm - to_mm.mean(axis=0), axis=1).mean()
+    if away_mm < _ALREADY_THERE * size_mm:
+        yield AlignmentWarning("already_aligned", WORDS.already_aligned(away_mm))
 
 
 _UNITS = {"metres": 1000.0, "inches": 25.4, "centimetres": 10.0, "feet": 304.8}

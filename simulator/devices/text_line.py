@@ -25,7 +25,10 @@ from traverse.simulator.devices.wrong_clock import ClockTable, WrongClock
 class TextLineTable(SerialTable):
     """A board that prints lines; only a ``sketch`` prints buttons, on bit 0, 1, ..."""
 
-    FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"status", "late"} | {"cut"}
+    FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"status", "late"} | {
+        "cut",
+        "unread",
+    }
     BY_CHANNEL: ClassVar[bool] = False
 
     port: str = Field(min_length=1)

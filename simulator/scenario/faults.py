@@ -64,6 +64,19 @@ class JumpFault(EncoderFault):
     step_counts: int
 
 
+class UnreadFault(EncoderFault):
+    """An encoder that is not read now and then: its last count is repeated.
+
+    Attributes:
+        probability: that a read fails after one that did not.
+        most: reads that fail in a row.
+    """
+
+    probability: float = Field(gt=0.0, le=1.0)
+    most: int = Field(default=1, ge=1, le=1000)
+    seed: int = Field(default=0, ge=0)
+
+
 class StatusFault(EncoderFault):
     """An encoder that reports its count as invalid or doubtful.
 
@@ -118,6 +131,7 @@ Fault.KINDS.update(
         "late": LateFault,
         "stuck": EncoderFault,
         "jump": JumpFault,
+        "unread": UnreadFault,
         "status": StatusFault,
         "gone": BoardFault,
         "silent": SpeakerFault,

@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 from traverse.arrays import Booleans, Floats, Integers
 from traverse.simulator.arm.truth import EncoderSet
 from traverse.simulator.scenario.course import Course
-from traverse.simulator.scenario.faults import EncoderFault, JumpFault, StatusFault
+from traverse.simulator.scenario.failing_reads import FailingReads
+from traverse.simulator.scenario.faults import (
+    EncoderFault,
+    JumpFault,
+    StatusFault,
+    UnreadFault,
+)
 from traverse.simulator.scenario.script import Script
 from traverse.simulator.scenario.signals import AlarmChange, InputChange
 
@@ -56,6 +62,9 @@ class Wiring:
 
     Moduli have shape (n_channels,); changes before ``from_script_s``, the power-up, are
     not reported.
+
+    Attributes:
+        failing_reads: of each fault of this kind.
     """
 
     def __init__(
@@ -74,7 +83,12 @@ class Wiring:
         self._script = script
         self._clock = clock
         self._inputs = list(inputs)
-        self._faults = faults
+        self.failing_reads = [
+            FailingReads(fault, seed[0])
+            for fault in faults
+            if isinstance(fault, UnreadFault)
+        ]
+        self._faults = [it for it in faults if not isinstance(it, UnreadFault)]
         self._moduli = moduli
         self._noise = np.random.default_rng([*seed, 1])
         self._edge_noise = np.random.default_rng([*seed, 2])
@@ -99,6 +113,8 @@ class Wiring:
             struck = (script_s >= fault.at_s) & (script_s < ends_s)
             if np.any(struck):
                 self._spoil(fault, struck, counts, status)
+        for failing in self.failing_reads:
+            failing.spoil(script_s, counts)
         return counts.astype(np.uint32), status
 
     def peek_change(self) -> InputChange | AlarmChange | None:

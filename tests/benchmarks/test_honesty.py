@@ -99,7 +99,7 @@ def test_a_clock_drifts():
 
 
 def test_every_fault_is_drawn_and_some_worlds_have_none():
-    plans = [draw_plan(seed) for seed in (*range(600), 821, 3281, 3638, 4241)]
+    plans = [draw_plan(seed) for seed in (*range(600), 821, 1408, 3281, 3638, 4241)]
     kinds = {kind for plan in plans for kind in plan.kinds}
     in_scan = {f"scan+{kind}" for kind in (*SCAN_KINDS, "daemon_restart")}
     assert kinds == {*FAULT_KINDS, *LONE_KINDS, *in_scan, "none"}
@@ -107,15 +107,16 @@ def test_every_fault_is_drawn_and_some_worlds_have_none():
 
 
 @pytest.mark.parametrize(
-    ("family", "kind", "flag"),
+    ("family", "kind", "size", "flag"),
     [
-        ("latch2", "frozen_device", "stale"),
-        ("canopen", "bus_off", "turns_uncertain"),
-        ("latch", "host_slew", ""),
+        ("latch2", "frozen_device", 0.0, "stale"),
+        ("canopen", "bus_off", 0.0, "turns_uncertain"),
+        ("latch", "host_slew", SLEW_PPM, ""),
+        ("text", "unread", 0.02, "stale"),
     ],
 )
-def test_what_is_drawn_alone_is_marked(tmp_path, family, kind, flag):
-    fault = PlannedFault(kind, 3.0, 8.0, SLEW_PPM)
+def test_what_is_drawn_alone_is_marked(tmp_path, family, kind, size, flag):
+    fault = PlannedFault(kind, 3.0, 8.0, size)
     changes = {"pace": "fast", "actions": (Action(2.5, "confirm"),)}
     plan = quiet_plan(family, faults=(fault,), duration_s=12.0, **changes)
     tally = World(plan, tmp_path).run().tally

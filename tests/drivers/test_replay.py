@@ -16,6 +16,7 @@ from traverse.drivers.base.values import (
     DeviceUp,
     Identity,
     LatchedCounts,
+    RepeatedCount,
     StreamStarted,
 )
 from traverse.drivers.replay import ReplayDriver, ReplayOptions
@@ -67,6 +68,7 @@ DELIVERIES = (
     DeviceAlarm("base", None, True, "worn", "worn", 3),
     DeviceAlarm("base", 1, False, 6, "slow", 0),
     DeviceFault("base", "samples_lost", "text", "remedy", 2),
+    RepeatedCount("base", 2, 1, -1.5e-3, BEGIN_NS, BEGIN_NS + 1, False, 10**7),
     DeviceCounters("base", {"samples_received": 3}),
     DeviceLost("base", "cable", "plug it in"),
 )

@@ -27,6 +27,7 @@ class CanOpenTable(DeviceTable):
         "emcy",
         "duplicate",
         "bus_off",
+        "unread",
     }
     BY_CHANNEL: ClassVar[bool] = True
 

@@ -53,7 +53,9 @@ MOST_EDGES_AHEAD = 4  # unacknowledged, before fast time waits for the host
 class LatchBoardTable(DeviceTable):
     """A controller board on a pty."""
 
-    FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"late", "reset"}
+    FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"late", "reset"} | {
+        "unread"
+    }
 
     port: str = Field(min_length=1)
     tick_rate_hz: int = Field(default=1_000_000, ge=100_000, le=100_000_000)

@@ -72,7 +72,10 @@ class MicroscribeTable(SerialTable):
         first_ticks: of the timer at power-up.
     """
 
-    FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"status"} | {"cut"}
+    FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"status"} | {
+        "cut",
+        "unread",
+    }
     BY_CHANNEL: ClassVar[bool] = False
     MOST_CHANNELS: ClassVar[int] = 8
 

@@ -227,6 +227,7 @@ def test_labels_that_the_campaign_does_not_know_are_refused(tmp_path: Path) -> N
         (("--kind", "lines"), "one of 'points', 'scans'"),
         (("--to", "text", "--template", "{os}"), "is no value of a point"),
         (("--template", "{seq}"), "needs --to text"),
+        (("--to", "ply", "--decimal", ","), "needs --to csv, text or xyz"),
         (("--kind", "scans"), "expected a recording"),
         (("--to", "campaign"), "needs --arm and --campaign"),
     ],

@@ -85,6 +85,23 @@ def test_csv_in_pandas(tmp_path: Path) -> None:
         assert frame["time_utc"].str.endswith("Z").all()
 
 
+def test_tables_for_spreadsheets_with_a_decimal_comma(tmp_path: Path) -> None:
+    path = written("csv", tmp_path, decimal=",")
+    table = pandas.read_csv(path, sep=";", decimal=",")
+    assert table[["x_mm", "y_mm", "z_mm"]].to_numpy().tolist() == [
+        list(place) for place in PLACES
+    ]
+    # No number of them has a point, which would be read as one of thousands.
+    numbers = table.columns.difference(["session", "id", "model", "time_utc"])
+    texts = pandas.read_csv(path, sep=";", dtype=str)[numbers].fillna("").to_numpy()
+    assert not any("." in cell for cell in texts.ravel())
+    assert "," in texts[0, numbers.get_loc("x_mm")]
+    lines = written("xyz", tmp_path, decimal=",").read_text("ascii").split("\n")
+    x, y, z = (float(word.replace(",", ".")) for word in lines[0].split())
+    np.testing.assert_allclose((x, y, z), PLACES[0], atol=1e-6)
+    assert "." not in lines[0]
+
+
 def test_json_lines_are_the_messages(tmp_path: Path) -> None:
     lines = written("jsonl", tmp_path).read_bytes().splitlines()
     assert [decode(Point, line, "json") for line in lines] == POINTS

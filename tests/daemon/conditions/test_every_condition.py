@@ -104,6 +104,27 @@ class BoardWorld:
         self.counts = path[-1]
         self.bench.clock.now_ns += 600_000_000
 
+    def repeat(self):
+        """Turn a joint, of which two readings repeat the count before."""
+        self._turn(1, repeated=(30, 45))
+
+    def turn_long(self):
+        """Turn it for long enough without."""
+        for turn in range(21):
+            self._turn((-1) ** turn)
+
+    def _turn(self, sense, repeated=()):
+        steps = np.tile([8, 0, 0], (100, 1)) * np.minimum(np.arange(100), 40)[:, None]
+        path = self.counts + sense * np.cumsum(steps, axis=0)
+        path[list(repeated)] = path[[row - 1 for row in repeated]]
+        first, start_ns = self._n, self.bench.clock.now_ns
+        self.bench.take(
+            count_samples(path, first=first, start_ns=start_ns - first * 10**7)
+        )
+        self._n += 100
+        self.counts = path[-1]
+        self.bench.clock.now_ns += 1_000_000_000
+
     def close(self):
         self.bench.device.driver.close()
 
@@ -235,6 +256,7 @@ PLANTS = {
     ),
     "readings": Plant(BoardWorld, put("status", STATUS_ERROR), put("status", 0)),
     "channels": Plant(BoardWorld, BoardWorld.freeze, BoardWorld.move),
+    "single_readings": Plant(BoardWorld, BoardWorld.repeat, BoardWorld.turn_long),
     "identity": Plant(begin_numbered, take(numbered("BBB222")), confirm),
     "reference": Plant(BoardWorld, take(replace(UP, restarted=True)), confirm),
     "device_clock": Plant(

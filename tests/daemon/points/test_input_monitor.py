@@ -7,8 +7,9 @@ import pytest
 
 from tests.daemon.arm_harness import IDENTITIES, ArmBench, edge
 from tests.daemon.two_devices import BEGIN_NS, base, wrist
-from traverse.daemon.config.schema import InputSection
+from traverse.daemon.config.schema import CaptureSection, InputSection
 from traverse.daemon.points.input_monitor import ACTIVE, BOUNCED
+from traverse.daemon.scans.plan import ScanPlan
 from traverse.drivers.base.values import DeviceUp
 
 MS = 1_000_000
@@ -66,6 +67,11 @@ async def test_a_pedal_that_is_pressed_since_the_start_is_reported_with_the_key(
 
 async def test_a_pedal_that_is_closed_at_rest_takes_points_when_it_opens(tmp_path):
     bench = await bench_of(tmp_path, normally_closed=True)
+    assert [
+        name
+        for name, device in bench.devices.items()
+        if device.delivery_queue.always_wakes
+    ] == ["handle"]
     pedal_up(bench, is_active=True)
     measure(bench)
     bench.take(edge("handle", EDGE_NS, 1, active=False))
@@ -140,6 +146,34 @@ async def test_a_button_that_is_held_for_long_is_reported_unless_it_is_to_be_hel
     assert events(bench, ACTIVE) == []
     wait(bench, 2.0)
     assert len(events(bench, ACTIVE)) == n
+    bench.close()
+
+
+async def test_a_button_that_holds_a_scan_is_not_reported(tmp_path):
+    bench = await bench_of(tmp_path)
+    pedal_up(bench, is_active=False)
+    wait(bench, 3.0)
+    plan = ScanPlan("held", 100.0, 1, held=True)
+    bench.scanner.start(plan, bench.measurement.model, bench.capture.session.id)
+    bench.take(edge("handle", bench.clock.now_ns))
+    wait(bench, 30.0)
+    assert events(bench, ACTIVE) == []
+    bench.close()
+
+
+async def test_a_button_that_a_reload_adds_is_followed(tmp_path):
+    bench = await bench_of(tmp_path)
+    measurement = bench.measurement
+    added = InputSection(source="base/1", trigger="button")
+    capture = CaptureSection(inputs=(added,))
+    changed = measurement.configuration.model_copy(update={"capture": capture})
+    measurement.apply_settings(changed, measurement.model)
+    for second in range(3):
+        samples = base().samples(range(100 * second, 100 * second + 100))
+        bench.take(replace(samples, inputs=np.full(100, 2, np.uint8)))
+        bench.clock.now_ns = BEGIN_NS + (second + 1) * 1000 * MS
+        measurement.check_recent()
+    assert [event.source for event in events(bench, ACTIVE)] == ["base/1"]
     bench.close()
 
 

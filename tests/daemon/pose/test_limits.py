@@ -101,3 +101,9 @@ def test_a_section_that_makes_no_sense_is_refused():
             QualitySection(**keys)
     with pytest.raises(ValidationError, match="nothing is left"):
         EndStopSection(joint="J1", low_rad=0.0, high_rad=0.05)
+
+
+def test_end_stops_in_degrees_are_refused():
+    with pytest.raises(ValidationError, match=r"low_rad -170 .* degrees"):
+        EndStopSection(joint="J1", low_rad=-170.0, high_rad=170.0)
+    EndStopSection(joint="J1", low_rad=-12.5, high_rad=12.5)

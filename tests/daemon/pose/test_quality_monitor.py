@@ -99,13 +99,20 @@ def test_without_limits_the_temperatures_of_the_identification_count(model):
     assert wide.block(0.0, 39.0) == [0] * 4
 
 
-def test_an_arm_that_corrects_for_its_temperature_has_no_limits_of_it(tmp_path):
+def test_an_arm_that_corrects_for_its_temperature_has_wider_limits(tmp_path):
     warm = arm_model(
         tmp_path, ARM_FILE + effect("thermal_expansion", expansion_per_c=2e-5)
     )
     known = Identification(temperature_low_c=19.5, temperature_high_c=21.0)
     arm = warm.arm.model_copy(update={"identification": known})
-    assert replace(warm, arm=arm).temperature_limits_c == (None, None)
+    # 59 degrees Fahrenheit of a cold room are no 59 °C.
+    seen_c = (21.0, 35.9, 59.0, 4.6, 4.4)
+    bench = Bench(replace(warm, arm=arm), temperature_change_c=None)
+    flags = [bench.block(0.0, celsius)[0] for celsius in seen_c]
+    marked = QualityFlag.TEMPERATURE
+    assert [flag & marked for flag in flags] == [0, 0, marked, 0, marked]
+    lost = [event.text for event in bench.events if event.code == "limit.temperature"]
+    assert "59.0 °C, its limits 4.5 °C and 36.0 °C: 15 °C beyond" in lost[0]
 
 
 def test_three_degrees_within_five_minutes_are_too_many(model):

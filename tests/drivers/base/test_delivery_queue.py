@@ -83,6 +83,10 @@ async def test_what_wakes_nobody_waits_for_the_next_or_to_be_asked_for():
         delivery_queue.wake()
         await asyncio.sleep(0)
         assert batches == [[FAULT, LOST], [FAULT]]
+        delivery_queue.always_wakes = True
+        assert delivery_queue.put(FAULT, wakes=False)
+        await asyncio.sleep(0)
+        assert len(batches) == 3
 
 
 async def test_samples_beyond_the_bound_are_dropped_and_counted():

@@ -3,7 +3,9 @@ import os
 import select
 import threading
 import time
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from tests.drivers.simulated_peer import SimulatedPeer
@@ -15,6 +17,7 @@ from traverse.drivers.base.values import (
     DeviceLost,
     DeviceUp,
     LatchedCounts,
+    RepeatedCount,
 )
 from traverse.drivers.text_line.driver import TextLineDriver
 from traverse.simulator.devices.text_line import SimulatedTextLine, TextLineTable
@@ -330,3 +333,38 @@ async def test_each_simulated_board_is_read(tmp_path, form):
     if "{time}" in options["pattern"]:  # others are as regular as this computer
         assert rate_hz == pytest.approx(100.0, rel=1e-6)
     assert deliveries.of(LatchedCounts) == []
+
+
+class SwingingCounts:
+    """Two joints swing to and fro, twice in a second."""
+
+    def counts(self, script_s, noise):
+        del noise
+        swing = np.rint(8000.0 * np.sin(4.0 * np.pi * script_s)).astype(np.int64)
+        return np.column_stack([swing, -swing]) % 65_536
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 200.0])
+async def test_old_counts_in_lines_that_are_no_samples_are_seen(tmp_path, rate_hz):
+    """The board prints 200 lines a second; where all are samples the daemon looks."""
+    table = TextLineTable(kind="text-line", id="t", port="board", rate_hz=200.0)
+    fault = {"kind": "unread", "channel": 1, "probability": 0.02}
+    mounting = replace(mounted(tmp_path, table, fault), source=SwingingCounts())
+    with SimulatedPeer(
+        tmp_path / "board", lambda: SimulatedTextLine(table, mounting), mounting
+    ) as board:
+        rig = PeerRig(board, TextLineDriver, **OPTIONS)
+        with rig.driver:
+            deliveries = await streaming(rig, rate_hz)
+            n_samples = 3 * rate_hz
+            await deliveries.until(lambda: len(deliveries.seqs()) > n_samples, "3 s")
+    repeats = deliveries.of(RepeatedCount)
+    if rate_hz == 200.0:
+        assert repeats == []
+        return
+    assert repeats
+    for repeat in repeats:
+        assert (repeat.device, repeat.channel) == ("device", 1)
+        assert repeat.n_readings == 1
+        assert repeat.period_ns == pytest.approx(5_000_000, rel=0.2)
+        assert 0.3e-3 < abs(repeat.off_rad) < 60e-3  # the way in 5 ms

@@ -169,3 +169,20 @@ def test_odd_options_are_refused_with_the_reason(keys, words):
             **{"port": "p", "pattern": "{joint}", "counts_per_turn": (4096,), **keys}
         )
     assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("unit", "words", "counts_per_turn", "step"),
+    [
+        ("rad", "0.30,-0.41", 1 << 16, 104.3),  # Arduino prints two digits
+        ("deg", "17.19,-23.49", 1 << 20, 29.13),
+        ("deg", "17.1912,-23.4", 36_000, 1.0),
+        ("deg", "17.19,-23.49", 36_000, 1.0),
+        ("counts", "300,-400", 1 << 16, None),
+    ],
+)
+def test_angles_are_known_to_their_digits(unit, words, counts_per_turn, step):
+    pattern = LinePattern("A,{joint},{joint}", unit, (counts_per_turn,) * 2)
+    assert isinstance(pattern.read(b"A," + words.encode()), Line)
+    expected = () if step is None else (step, step)
+    assert pattern.steps_counts == pytest.approx(expected, rel=1e-3)

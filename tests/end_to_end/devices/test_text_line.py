@@ -4,7 +4,7 @@ import pytest
 
 from tests.end_to_end.agreement import assert_where_the_ball_was
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.workbench import REST, SPHERE, Workbench, rest
+from tests.end_to_end.workbench import REST, SPHERE, SWEEP, Workbench, rest
 
 pytestmark = pytest.mark.needs("mosquitto")
 
@@ -21,6 +21,12 @@ FAULTS = """
 [[fault]]
 kind = "cut"
 probability = 0.02
+"""
+UNREAD = """
+[[fault]]
+kind = "unread"
+channel = 1
+probability = 0.05
 """
 
 
@@ -50,3 +56,21 @@ async def test_points_of_a_printing_board_are_where_the_ball_was(
         await listener.event("device.frames_rejected")
     assert_where_the_ball_was(bench, listener.points, bench.presses())
     assert all(point.quality.ok for point in listener.points)
+
+
+@pytest.mark.slow
+async def test_a_board_that_prints_old_counts_now_and_then_is_in_doubt(
+    bench: Workbench,
+) -> None:
+    write_daemon(bench)
+    motions = (rest(3.0), SWEEP, SPHERE.format(points=4), REST)
+    bench.write_simulator(*motions, board=BOARD, faults=UNREAD)
+    async with measuring(bench, state=None) as (listener, _, _):
+        event = await listener.event("condition.single_readings", active=True)
+        await listener.n_points(4)
+    assert "of J2 (base/1)" in event.text
+    assert {"from_ns", "until_ns", "flags", "readings"} <= event.data.keys()
+    until_ns = int(event.data["until_ns"])
+    later = [point for point in listener.points if point.time_ns > until_ns]
+    assert later
+    assert all("stale" in point.quality.flags for point in later)

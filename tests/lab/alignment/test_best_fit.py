@@ -93,6 +93,21 @@ def test_a_scale_of_other_units_is_flagged():
     assert "unlikely_scale" in codes(alignment)
 
 
+def test_part_coordinates_are_not_aligned_a_second_time():
+    points, rng = common(WIDE), np.random.default_rng(5)
+    aligned_before = [
+        Place(p.place_mm + rng.normal(0.0, STD_MM, 3), STD_MM**2 * np.eye(3))
+        for p in points.nominal
+    ]
+    alignment = aligned(points, aligned_before)
+    assert alignment.is_good  # its residuals say nothing
+    assert codes(alignment) == {"already_aligned"}
+    assert alignment.outcome.state is State.DOUBT
+    beside_mm = np.array([2.0, 0.0, 0.0])
+    beside = [Place(p.place_mm + beside_mm, p.covariance_mm2) for p in aligned_before]
+    assert codes(aligned(points, beside)) == set()
+
+
 @pytest.mark.parametrize("stated", [True, False])
 def test_other_units_and_exchanged_names_are_named_as_causes(stated):
     points = common(WIDE * [1.0, 1.0, 0.7], seed=3, stated=stated)

@@ -122,6 +122,28 @@ def test_a_jumping_encoder_is_off_by_its_step_modulo_its_modulus():
     assert np.array_equal(off, np.where(TIMES >= 1.0, -500, 0))
 
 
+@pytest.mark.parametrize("most", [1, 3])
+def test_an_encoder_that_is_not_read_shows_the_count_before(most):
+    fault = {"kind": "unread", "channel": 0, "probability": 0.1, "most": most}
+    fault |= {"at_s": 1.0, "duration_s": 2.0}
+    good, _ = wiring().latch(TIMES, edge=False)
+    wired = wiring(fault)
+    blocks = [wired.latch(block, edge=False)[0] for block in np.split(TIMES[:600], 60)]
+    counts = np.concatenate(blocks)
+    failed_s = np.array(wired.failing_reads[0].failed_s)
+    assert 10 <= len(failed_s) <= 20 * (most + 1) / 2 + 20
+    assert ((failed_s >= 0.99) & (failed_s < 3.0)).all()
+    expected = good[:600].copy()
+    for read_s, time_s in failed_s:
+        expected[round(100 * time_s), 0] = good[round(100 * read_s), 0]
+    in_a_row = np.rint(100 * (failed_s[:, 1] - failed_s[:, 0])).max()
+    assert in_a_row == most
+    assert np.array_equal(counts, expected)
+    # The same instant, as of another channel, is the same read.
+    again, _ = wired.latch(TIMES[599:600], edge=False)
+    assert np.array_equal(again[0], counts[-1])
+
+
 def test_a_status_error_raises_and_clears_its_alarm():
     fault = {"kind": "status", "channel": 1, "at_s": 1.0, "duration_s": 2.0, "code": 1}
     wired = wiring(fault, begin_s=10.0)
