@@ -14,9 +14,13 @@ from traverse.daemon.acquisition.interpolation import (
     exact,
     interpolate,
 )
-from traverse.daemon.pose.outages import NOT_READ
 from traverse.daemon.pose.stops import GAP_NS, STEP_NS, Series
-from traverse.drivers.base.values import CountSamples, LatchedCounts, are_valid
+from traverse.drivers.base.values import (
+    NOT_READ,
+    CountSamples,
+    LatchedCounts,
+    are_valid,
+)
 
 KEPT_NS = 5_000_000_000  # an edge that is older finds nothing to interpolate
 MAX_READINGS = 100_000
