@@ -17,6 +17,7 @@ from traverse.client.exports.ros_messages import (
 )
 from traverse.protocol.messages import Point
 
+END_OF_TIME_NS = 2**31 * 10**9  # seconds have 31 bits
 _HEADER = """
 ================================================================================
 MSG: std_msgs/Header
@@ -111,6 +112,11 @@ class Ros2(Sink):
         self._writer.finish()  # type: ignore[no-untyped-call]  # its library has few types
 
     def _write(self, message: RosMessage) -> None:
+        if message.time_ns >= END_OF_TIME_NS:
+            raise ValueError(
+                f"a time of {message.time_ns * 1e-9:.0f} s UTC: those of ROS 2 end on "
+                "19 January 2038; set the clock right, or export to another format"
+            )
         self._writer.write_message(
             f"/traverse/{message.topic}",
             self._schemas[message.kind],

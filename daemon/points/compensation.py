@@ -15,7 +15,11 @@ from traverse.daemon.points.capture import PointMeasurement
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.pose.trajectory import TrajectoryBuffer, first_sample_beyond
 from traverse.kinematics.effects.pose import contact_shifts, pose_flags
-from traverse.kinematics.probing.compensation import surface_point, towards_material
+from traverse.kinematics.probing.compensation import (
+    DirectionError,
+    surface_point,
+    towards_material,
+)
 from traverse.protocol.messages import QualityFlag
 
 UNKNOWN = QualityFlag.SURFACE_UNKNOWN.value
@@ -74,7 +78,7 @@ class TipCompensator:
 
     @property
     def needs_trajectory(self) -> bool:
-        return self._method == "pretouch" and self.air_mm is None
+        return self._method == "pretouch"
 
     def before(self, time_ns: int, place_mm: Floats) -> Floats | None:
         """Earlier place of the probe, (3,); None where it does not matter."""
@@ -107,10 +111,9 @@ class TipCompensator:
             return measured
         other_mm = self._middle_mm
         if method == "pretouch":
-            other_mm = measured.before_mm if self.air_mm is None else self.air_mm
+            other_mm = self._pretouch_mm(measured)
         elif method == "pulled":
             other_mm = None if pull is None else pull.place_mm
-        self.air_mm = None
         towards = towards_material(method, pose.xyz_mm, pose.ijk, other_mm)
         model = measured.model
         # Along the shank is a habit, not a measured direction: no effect rests on it.
@@ -128,6 +131,24 @@ class TipCompensator:
             surface_mm=surface_point(pose.xyz_mm, towards, model.probe_radius_mm),
             compensation=method,
         )
+
+    def _pretouch_mm(self, measured: PointMeasurement) -> Floats | None:
+        """Return the place from which a point was touched; that in the air counts once.
+
+        Raises:
+            DirectionError: the probe came from the other side than that of the air.
+        """
+        (air_mm, self.air_mm), before_mm = (self.air_mm, None), measured.before_mm
+        if air_mm is None or before_mm is None:
+            return before_mm if air_mm is None else air_mm
+        at_mm = measured.pose.xyz_mm
+        if (at_mm - air_mm) @ (at_mm - before_mm) < 0.0:
+            raise DirectionError(
+                "pretouch: the place in the air lies on the other side of where the "
+                "probe came from, that of an earlier touch, perhaps; take the point "
+                "again, with a place in the air on its own side, or without"
+            )
+        return air_mm
 
 
 def without_direction(measured: PointMeasurement) -> PointMeasurement:

@@ -73,3 +73,9 @@ def test_a_scan_is_clouds_of_what_is_ok_and_what_is_not():
         assert points["x"] == pytest.approx(1e-3 * SCAN.xyz_mm[SCAN.ok == is_ok, 0])
         rows += points["seq"].tolist()
     assert sorted(rows) == SCAN.seq.tolist()
+
+
+def test_times_that_ros_cannot_write_are_refused():
+    late = POINTS[0].model_copy(update={"time_ns": 2**31 * 10**9})
+    with pytest.raises(ValueError, match="end on 19 January 2038"):
+        messages(lambda sink: sink.points([late]))

@@ -94,6 +94,18 @@ def test_a_place_in_the_air_that_was_pressed_counts_once_and_before_the_path(mod
     )
 
 
+def test_a_place_in_the_air_of_another_side_is_contradicted_by_the_path(model):
+    path = path_of(model, [AT_MM + np.array([0.0, 9.0, 0.0])], -5)
+    tip = TipCompensator(settings("pretouch"), path)
+    tip.air_mm = AT_MM + np.array([4.0, -90.0, 0.0])  # pressed, and never touched from
+    measured = replace(
+        PointMeasurement(model, pose(), None), before_mm=tip.before(START_NS, AT_MM)
+    )
+    with pytest.raises(DirectionError, match="other side of where the probe came from"):
+        tip.compensated(measured, None)
+    assert tip.air_mm is None  # the next touch has its own
+
+
 def test_the_material_lies_away_from_where_the_probe_is_pulled(model):
     places_mm = [AT_MM + np.array([0.0, 0.0, z]) for z in (0.0, 0.0, 1.0, 2.5, 30.0)]
     path = path_of(model, places_mm, 1)
