@@ -101,10 +101,10 @@ CONDITIONS = (
         QualityFlag.STALE,
         "all",
         "condition.single_readings",
-        "let the firmware print nothing, or a line that does not fit, where the read "
-        "of an encoder failed, and set the status of a latch board's channel; check "
-        "the encoder's wires; read an encoder that has a cycle of its own less often. "
-        "Then lead the joint for 20 s, and take the points since then again",
+        "where the read of an encoder failed let the firmware print `x` or no line, or "
+        "set the status of the latch board's channel; check the encoder's wires; read "
+        "an encoder that has a cycle of its own less often. Then lead the joint for "
+        "20 s, and take the points since then again",
     ),
     Condition(
         "identity",
