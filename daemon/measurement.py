@@ -35,8 +35,6 @@ from traverse.daemon.pose.condition_subjects import (
     counting_subjects,
     subjects_by_condition,
 )
-from traverse.daemon.pose.count_steps import CountStepMonitor
-from traverse.daemon.pose.frozen_joints import FrozenJointMonitor
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import ArmReadings, PoseBlock
@@ -45,7 +43,6 @@ from traverse.daemon.pose.published import PublishedNumbers
 from traverse.daemon.pose.quality_monitor import QualityMonitor
 from traverse.daemon.pose.reference_memory import ReferenceMemory
 from traverse.daemon.pose.references import ReferenceMonitor
-from traverse.daemon.pose.repeat_monitor import RepeatMonitor
 from traverse.daemon.pose.rest import RestDetector
 from traverse.daemon.pose.trajectory import TrajectoryBuffer
 from traverse.daemon.pose.uncertainty import (
@@ -54,6 +51,7 @@ from traverse.daemon.pose.uncertainty import (
     CovarianceInput,
     SkewMonitor,
 )
+from traverse.daemon.readings.monitors import ReadingMonitors
 from traverse.daemon.scans.between import samples_between
 from traverse.daemon.scans.instants import ScanInstants
 from traverse.daemon.scans.scanner import Scanner, ScanSink
@@ -151,8 +149,9 @@ class Measurement(MeasurementContext):
         self.alignment = ActiveAlignment()
         self.capture = Capture(clock, sinks.write_point, self.alignment, session)
         published = PublishedNumbers(clock.to_utc_ns, self.capture.points_since)
-        self.frozen_joints = FrozenJointMonitor(self.conditions, published)
-        self.repeats = RepeatMonitor(self.conditions, published)
+        self.reading_monitors = ReadingMonitors(
+            model, self.conditions, published, events
+        )
         self._use_conditions()
         self.conditions.changed = changed
         self.states = DeviceStateTracker(
@@ -176,9 +175,8 @@ class Measurement(MeasurementContext):
         self.quality = QualityMonitor(
             configuration.quality, model, clock, events, references
         )
-        self.count_steps = CountStepMonitor(model, events)
         self.uncertainty = CovarianceEvaluator(
-            configuration.uncertainty, self.count_steps
+            configuration.uncertainty, self.reading_monitors.count_steps
         )
         self.point_wait_ns = int(settings.point_wait_s * 1e9)
         self.inputs = InputMonitor(capture, events)
@@ -236,7 +234,7 @@ class Measurement(MeasurementContext):
         self.set_model(model)
         self.quality.use(configuration.quality, model)
         self.uncertainty = CovarianceEvaluator(
-            configuration.uncertainty, self.count_steps
+            configuration.uncertainty, self.reading_monitors.count_steps
         )
         self.inputs.use(capture)
         self._wake_at_presses()
@@ -255,20 +253,14 @@ class Measurement(MeasurementContext):
             self.conditions.doubt("geometry", cause=cause)
         else:
             self.conditions.establish("geometry")
-        if not self.frozen_joints.counts:
-            self.conditions.establish("channels")
-        for device in model.devices:
-            if not self.repeats.is_in_doubt(device):
-                self.conditions.establish("single_readings", device)
+        self.reading_monitors.establish()
 
     def set_model(self, model: ArmModel) -> None:
         self.evaluate_readings()
-        if not model.has_same_encoders(self.model):
-            self.repeats.begin_all()
+        self.reading_monitors.use_model(model)
         self.pipeline.use_model(model)
         self._use_conditions()
         self.quality.use_model(model)
-        self.count_steps.use(model)
         self.trajectory.forget()  # it was that of another ball
         self.points.arm_changed()
 
@@ -318,9 +310,7 @@ class Measurement(MeasurementContext):
             "air_mm": None if air_mm is None else air_mm.tolist(),
             "temperatures": self.quality.persistent.temperatures[-MAX_TEMPERATURES:],
             "pipeline": self.pipeline.state,
-            "frozen_joints": self.frozen_joints.state,
-            "repeats": self.repeats.state,
-            "count_steps": self.count_steps.state,
+            **self.reading_monitors.state,
             "references": self.quality.references.state,
             "conditions": self.conditions.state,
             "utc_doubt": [self.utc.doubt, self.utc.remedy],
@@ -397,8 +387,7 @@ class Measurement(MeasurementContext):
                 self._use_conditions()
                 self.quality.persistent.on_device_up(device.section.id)
                 self.quality.references.on_up(delivery)
-                self.repeats.begin(device.section.id)
-                self.count_steps.on_up(delivery)
+                self.reading_monitors.on_up(delivery)
                 if delivery.restarted:
                     self.trajectory.forget()
                 # What cannot latch gives its points out of the stream.
@@ -418,7 +407,7 @@ class Measurement(MeasurementContext):
             case DeviceFault():
                 self.states.on_fault(device, delivery)
             case RepeatedCount():
-                self.repeats.take(self.model, [delivery])
+                self.reading_monitors.take_repeat(delivery)
 
     def _take_temperatures(self, device: Device, delivery: DeviceTemperatures) -> None:
         device.take_temperatures(delivery)
@@ -440,10 +429,9 @@ class Measurement(MeasurementContext):
         ):
             return
         moduli_counts = () if device.identity is None else device.identity.moduli_counts
-        repeats = self.repeats.add(self.model, samples, moduli_counts)
+        repeats = self.reading_monitors.add_samples(samples, moduli_counts)
         references = self.quality.references
         references.add(samples, device.max_speed_rad_s, repeats)
-        self.count_steps.add(samples)
         self._note_device_clock(samples)
         waited_ns = self.clock.running.monotonic_ns() - samples.received_ns
         self.sinks.latencies["queue_wait"].add(waited_ns)
@@ -482,7 +470,7 @@ class Measurement(MeasurementContext):
     def _read(self, samples: CountSamples) -> ArmReadings:
         readings = self.pipeline.read(samples)
         self.trajectory.follow(readings)
-        self.frozen_joints.add(self.model, readings, self.resampler.series_between)
+        self.reading_monitors.add_readings(readings, self.resampler.series_between)
         return readings
 
     def evaluate_readings(self) -> None:

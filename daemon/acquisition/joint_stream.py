@@ -14,7 +14,7 @@ from traverse.daemon.acquisition.interpolation import (
     exact,
     interpolate,
 )
-from traverse.daemon.pose.stops import GAP_NS, STEP_NS, Series
+from traverse.daemon.readings.stops import GAP_NS, STEP_NS, Series
 from traverse.drivers.base.values import (
     NOT_READ,
     CountSamples,

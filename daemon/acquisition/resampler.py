@@ -23,7 +23,7 @@ from traverse.daemon.acquisition.joint_stream import NEVER_NS, JointStream
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import JointCounts
-from traverse.daemon.pose.stops import Series
+from traverse.daemon.readings.stops import Series
 from traverse.drivers.base.values import (
     STATUS_LATE,
     STATUS_MISSING,

@@ -17,13 +17,13 @@ time by which the instant of all joints may be off, the speed changes, too.
 """
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from traverse.arrays import Floats
 from traverse.daemon.config.schema import UncertaintySection
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.count_steps import CountStepMonitor
 from traverse.daemon.pose.poses import LatchedPose, PoseBlock
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.model.derivatives import probe_derivatives
@@ -138,16 +138,26 @@ class StatedCovariance:
     shared_mm: Floats | None
 
 
+class CountSteps(Protocol):
+    """By how many counts the readings of joints differ at least.
+
+    Attributes:
+        steps_counts: (n_joints,), at least 1. Another array after a change.
+    """
+
+    steps_counts: Floats
+
+
 class CovarianceEvaluator:
     """Computes covariances of ball centres.
 
     Args:
         settings: standard deviations that no file of the arm states.
-        steps: by how many counts readings differ at least; None: by one.
+        steps: of counts; None: readings differ by one.
     """
 
     def __init__(
-        self, settings: UncertaintySection, steps: CountStepMonitor | None = None
+        self, settings: UncertaintySection, steps: CountSteps | None = None
     ) -> None:
         self._settings, self._steps = settings, steps
         self._cached: tuple[ArmModel, Floats | None, PointNoise] | None = None

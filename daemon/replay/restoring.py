@@ -30,11 +30,7 @@ def restore(measurement: Measurement, state: Mapping[str, Any]) -> None:
     measurement.quality.references.resume(state["references"])
     if not state["fresh"]:
         measurement.pipeline.resume(state["pipeline"])
-        measurement.frozen_joints.resume(state["frozen_joints"])
-        if "repeats" in state:
-            measurement.repeats.resume(state["repeats"])
-        if (count_steps := state.get("count_steps")) is not None:
-            measurement.count_steps.resume(count_steps)
+        measurement.reading_monitors.resume(state)
     if state["probe"] is not None:
         measurement.probe = LibraryProbe.model_validate_json(state["probe"])
     measurement.capture.session.id = state["session"]

@@ -10,9 +10,9 @@ from tests.protocol.message_examples import POINT
 from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.conditions.table import ARM
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.pose.frozen_joints import FrozenJointMonitor
 from traverse.daemon.pose.poses import ArmReadings
 from traverse.daemon.pose.published import PublishedNumbers
+from traverse.daemon.readings.frozen_joints import FrozenJointMonitor
 from traverse.drivers.base.values import CountSamples
 
 RATES_HZ = (50.0, 100.0, 1000.0)

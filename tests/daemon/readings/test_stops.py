@@ -9,7 +9,7 @@ import pytest
 
 from traverse.daemon.acquisition.interpolation import EncoderReadings
 from traverse.daemon.acquisition.joint_stream import series_of
-from traverse.daemon.pose.stops import Window, stopped_joints
+from traverse.daemon.readings.stops import Window, stopped_joints
 from traverse.drivers.base.values import STATUS_MISSING
 
 COUNT_RAD = 2.0 * np.pi / (1 << 24)  # next to nothing

@@ -10,7 +10,7 @@ from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.jumps import JumpMonitor
 from traverse.daemon.pose.published import PublishedNumbers
-from traverse.daemon.pose.repeat_monitor import RepeatMonitor
+from traverse.daemon.readings.repeat_monitor import RepeatMonitor
 from traverse.drivers.base.values import DeviceUp
 
 CONDITION = "single_readings"

@@ -6,8 +6,8 @@ import pytest
 from tests.daemon.values import SetClock, arm_model
 from traverse.daemon.config.schema import UncertaintySection
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.pose.count_steps import CountStepMonitor
 from traverse.daemon.pose.uncertainty import CovarianceEvaluator, CovarianceInput
+from traverse.daemon.readings.count_steps import CountStepMonitor
 from traverse.drivers.base.values import (
     STATUS_MISSING,
     CountSamples,

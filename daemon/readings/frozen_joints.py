@@ -22,14 +22,14 @@ from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import ArmReadings
 from traverse.daemon.pose.published import PublishedNumbers
-from traverse.daemon.pose.stops import (
+from traverse.daemon.pose.trajectory import INVALID_FLAGS
+from traverse.daemon.readings.stops import (
     GAP_NS,
     Series,
     Window,
     stopped_joints,
     thinned,
 )
-from traverse.daemon.pose.trajectory import INVALID_FLAGS
 from traverse.protocol.messages import QualityFlag
 
 CONDITION = "channels"  # that this feeds

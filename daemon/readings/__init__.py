@@ -1,0 +1,1 @@
+"""What the readings of encoders show of these: frozen, repeated and coarse counts."""
