@@ -56,7 +56,7 @@ async def touch(listener: Listener, n: int) -> None:
 
 async def test_a_campaign_is_collected_as_it_is_touched(campaign: Workbench) -> None:
     bench = campaign
-    lead_in = rest(1.0)
+    lead_in = rest(3.0)  # until the clock of the board is tied
     bench.write_simulator(lead_in, CONE.format(postures=5), SPHERE.format(points=5))
     bench.write_daemon(capture="live_rate_hz = 100.0")
     arguments = options(bench, "--each", "5", "--json")

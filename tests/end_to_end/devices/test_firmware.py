@@ -3,6 +3,8 @@
 Compiled for this computer, and as the processor of an Arduino Mega runs it.
 """
 
+import asyncio
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,7 @@ pytestmark = pytest.mark.needs("mosquitto", "compiler")
 
 TURNING_COUNTS_S = 90_000
 LATE_COUNTS = TURNING_COUNTS_S // 1000  # in a millisecond; a latch takes 30 us
+PRESSES_APART_S = 0.1  # a contact that closes again sooner is one that bounces
 TURNS = np.array([2**23] * 4 + [2**22] * 3)
 POSTURES = (
     (400_000, 5_500_000, 7_300_000, 2_100_000, 70_000, 4_000_000, 300_000),
@@ -57,6 +60,7 @@ async def test_each_press_is_a_point_with_the_counts_latched_at_its_contact(
                     await listener.n_points(n + 1)
                     board.do("input 0 0")
                     await until(lambda n=n: board.next_edge() == 2 * n + 2, "released")
+                    await asyncio.sleep(PRESSES_APART_S)
                 assert await daemon.stop() == 0
     arm = MatrixArm(bench.arm_file)
     points = listener.points

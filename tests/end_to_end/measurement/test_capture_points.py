@@ -3,7 +3,7 @@ import pytest
 
 from tests.end_to_end.agreement import assert_one_point_an_edge, covariance
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.workbench import CONE, DEMO_ARM, REST, SPHERE, Workbench
+from tests.end_to_end.workbench import CONE, DEMO_ARM, REST, SPHERE, Workbench, rest
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.protocol.messages import (
     LabelArgs,
@@ -131,7 +131,8 @@ async def test_a_hold_averages_from_its_press_on(bench: Workbench) -> None:
 
 async def test_the_touched_point_lies_on_the_sphere(bench: Workbench) -> None:
     bench.change("arm.toml", '"hard"', '"switching"')
-    bench.write_simulator(SPHERE.format(points=5))
+    lead_in = rest(3.0)  # until the clock of the board is tied
+    bench.write_simulator(lead_in, SPHERE.format(points=5))
     bench.write_daemon(
         trigger="switch",
         capture='tracking_rate_hz = 1000.0\ncompensation = "pretouch"\n'
