@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+MOST_COUNTS = 1 << 32  # of an encoder's turns
+
 
 @dataclass(frozen=True, slots=True)
 class PositionRegisters:
@@ -27,8 +29,12 @@ class PositionRegisters:
     scale: float
     modulus: int
 
-    def count(self, words: Sequence[int]) -> int:
-        """The count, from 0 to below the modulus.
+    def count(self, words: Sequence[int]) -> int | None:
+        """Return the count, from 0 to below the modulus; None if it is beyond.
+
+        An encoder sends nothing beyond its modulus: the meaning of the words, or the
+        modulus, is another one. Where its real one has no place in 32 bits, the
+        position is taken modulo.
 
         Raises:
             ValueError: Not so many words as expected.
@@ -41,5 +47,8 @@ class PositionRegisters:
         if self.signed and value >> (16 * self.words - 1):
             value -= 1 << 16 * self.words
         if self.scale != 1.0:
-            value = round(value * self.scale)
+            value = round(value * self.scale)  # to the modulus itself, perhaps
+        may_be_larger = 2 * self.modulus > MOST_COUNTS
+        if not (-self.modulus <= value <= self.modulus or may_be_larger):
+            return None
         return value % self.modulus

@@ -20,7 +20,7 @@ from traverse.drivers.polling.channel import EncoderReading, PolledChannel, Read
 from traverse.drivers.polling.exchange import ExchangeTimer
 from traverse.drivers.polling.polled_driver import PolledDriver, PolledOptions
 from traverse.plurals import counted
-from traverse.protocol.modbus import PositionRegisters
+from traverse.protocol.modbus import MOST_COUNTS, PositionRegisters
 from traverse.strict_toml.reader import StrictModel
 
 FIXED_SILENCE_ABOVE_BAUD = 19_200
@@ -74,7 +74,7 @@ class ModbusEncoder(StrictModel):
 
     @model_validator(mode="after")
     def _check_range(self) -> "ModbusEncoder":
-        if self.modulus > 2**32:
+        if self.modulus > MOST_COUNTS:
             raise ValueError(
                 f"{self.counts_per_turn} counts per turn in "
                 f"{counted(self.turns, 'turn', 'are')} "
@@ -145,6 +145,12 @@ BUSY_CODE = 6  # of an exception, Modbus Application Protocol V1.1b3, section 7
 SHIFTED = ReadError(
     "shifted", "sends more than requested", "check cable and termination"
 )
+BEYOND = ReadError(
+    "beyond",
+    "sends positions beyond counts_per_turn times turns",
+    "set turns if it counts several; else check position_register, words, word_order, "
+    "scale and counts_per_turn with the encoder's manual",
+)
 
 
 class ModbusDriver(PolledDriver[ModbusClient]):
@@ -207,12 +213,12 @@ class ModbusDriver(PolledDriver[ModbusClient]):
         if isinstance(reply, ReadError):
             return reply
         words, (sent_ns, received_ns) = reply
+        if (count := registers.count(words)) is None:
+            return BEYOND
         time_ns, bound_ns = self._timer.latch(
             sent_ns, received_ns, REQUEST_BYTES, REPLY_BYTES + 2 * len(words)
         )
-        return EncoderReading(
-            *(registers.count(words), time_ns, self._flags[channel], bound_ns)
-        )
+        return EncoderReading(count, time_ns, self._flags[channel], bound_ns)
 
     def _cycle_is_valid(self) -> bool:
         now_ns = self._now_ns()

@@ -8,6 +8,7 @@ from tests.simulator.one_hinge import mounted
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_WARNING,
+    CountSamples,
     DeviceAlarm,
     DeviceFault,
     DeviceLost,
@@ -148,6 +149,15 @@ def test_registers_that_are_not_there_are_reported_with_a_remedy(tmp_path):
     assert run.alarms() == [(0, "encoder_missing", True)]
     assert "position_register" in run.of(DeviceAlarm)[0].remedy
     assert run.counters()["refused"] >= 3
+
+
+def test_words_in_the_other_order_are_no_counts(tmp_path):
+    # The count would be the high word, which is 0: a joint that rests for ever.
+    run = entries_of(tmp_path, table={"word_order": "low"})
+    lost = run.of(DeviceLost)[0]
+    assert "beyond counts_per_turn" in lost.reason
+    assert "word_order" in lost.remedy
+    assert not run.of(CountSamples)
 
 
 def test_an_echo_is_skipped(tmp_path):
