@@ -11,7 +11,7 @@ from typing import Any, Literal, Self, Unpack
 from traverse.broker.address import BrokerAddress
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.commands import ArmCommands, ScanOptions
-from traverse.client.daemon_pulse import UNHEARD, DaemonPulse, unheard
+from traverse.client.daemon_pulse import SILENT, DaemonPulse, as_offline
 from traverse.client.errors import Counters
 from traverse.client.feeds import Feed, Feeds, ScanBlocks
 from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
@@ -170,7 +170,7 @@ class Arm(ArmCommands):
             return "no connection to the broker"
         status = self._statuses.latest
         seems_online = status is not None and status.online
-        return UNHEARD if seems_online and self._pulse.is_silent else ""
+        return SILENT if seems_online and self._pulse.is_silent else ""
 
     @property
     def cursor(self) -> dict[str, int]:
@@ -243,7 +243,7 @@ class Arm(ArmCommands):
             TimeoutError: none was ever published at this broker.
         """
         status = await self._statuses.first(self._reply_timeout_s)
-        return unheard(status) if self.absence else status
+        return as_offline(status) if self.absence else status
 
     async def published_status(self) -> Status:
         """Return the latest state that the daemon published, however long ago.
@@ -255,7 +255,7 @@ class Arm(ArmCommands):
             TimeoutError: none was ever published at this broker.
         """
         status = await self._statuses.first(self._reply_timeout_s)
-        return status if self.is_connected else unheard(status)
+        return status if self.is_connected else as_offline(status)
 
     async def health(self) -> Health:
         """Return the daemon's latest figures.

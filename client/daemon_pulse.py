@@ -11,7 +11,7 @@ from traverse.protocol.messages import Status
 
 TURN_S = 0.25
 SILENT_S = 1.5
-UNHEARD = "nothing arrives from its daemon, which may be stopped"
+SILENT = "nothing arrives from its daemon, which may be stopped"
 
 
 class DaemonPulse:
@@ -58,7 +58,7 @@ class DaemonPulse:
             self._changed()
 
 
-def unheard(status: Status) -> Status:
-    """Return the last status of a daemon that is not heard of any more."""
+def as_offline(status: Status) -> Status:
+    """Return the last status of a daemon from which nothing arrives any more."""
     unknown = {"alarms": (), "conditions": ()}
     return status.model_copy(update={"online": False, "state": "offline", **unknown})

@@ -53,7 +53,6 @@ from traverse.daemon.pose.uncertainty import (
 )
 from traverse.daemon.readings.monitors import ReadingMonitors
 from traverse.daemon.scans.between import samples_between
-from traverse.daemon.scans.instants import ScanInstants
 from traverse.daemon.scans.scanner import Scanner, ScanSink
 from traverse.daemon.step_listener import StepListener
 from traverse.drivers.base.values import (
@@ -507,7 +506,9 @@ class Measurement(MeasurementContext):
         needs_all = self.scanner.needs(poses)
         if needs_all and self.scanner.instants is not None:
             needs_all = False
-            self._scan_between(poses, self.scanner.instants)
+            between = samples_between(self, poses, self.scanner.instants)
+            if between is not None:
+                self.scanner.take(model, *between)
         live = self.live.message(model, poses, self.capture.session.id, samples.device)
         if needs_all or live is not None:
             rows = slice(None) if needs_all else slice(-1, None)
@@ -520,13 +521,6 @@ class Measurement(MeasurementContext):
             if live is not None:
                 self.sinks.offer_live(_with_covariance(live, covariances_mm2[-1]))
         self.temperatures.check(model, self.joint_devices)
-
-    def _scan_between(self, poses: PoseBlock, instants: ScanInstants) -> None:
-        """Pass on samples of a scan whose instants lie between those of its stream."""
-        due = instants.until(poses.stream, poses.seq, poses.sample_time_ns)
-        samples = samples_between(self, poses, *due)
-        if samples is not None:
-            self.scanner.take(self.model, *samples)
 
     def _begins(self, poses: PoseBlock) -> bool:
         """Return whether nothing before a block says how fast the arm moves."""

@@ -17,13 +17,14 @@ import numpy as np
 from benchmarks.honesty.arm import LIBRARY, PACES, arm_truth, play, write_arm
 from benchmarks.honesty.cable import Cable, Delay, DeviceEnd, open_host_end
 from benchmarks.honesty.can import HostBus, MemoryLine
+from benchmarks.honesty.count_faults import COUNT_KINDS, CountFaults
 from benchmarks.honesty.daemon import (
     AtOnce,
     DaemonRun,
     WorldClock,
     to_thread_at_once,
 )
-from benchmarks.honesty.devices import Freeze, MountedDevice, mount
+from benchmarks.honesty.devices import MountedDevice, mount
 from benchmarks.honesty.families import FAMILIES
 from benchmarks.honesty.hub import Housed, Hub
 from benchmarks.honesty.judge import Judge, Tally
@@ -31,7 +32,6 @@ from benchmarks.honesty.loop import VirtualLoop
 from benchmarks.honesty.plan import (
     ALL_DEVICES,
     ANSWER_S,
-    FROZEN_KINDS,
     OF_LINE,
     OF_POWER,
     Action,
@@ -41,7 +41,7 @@ from benchmarks.honesty.plan import (
     least_delay_s,
 )
 from benchmarks.honesty.timeline import device_timeline, host_timeline
-from benchmarks.honesty.unread import LOOK_S, MOST_FAILED, UnreadWatch
+from benchmarks.honesty.unread import MOST_FAILED
 from benchmarks.trials.lines import Line
 from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.config.schema import (
@@ -52,7 +52,6 @@ from traverse.daemon.config.schema import (
 )
 from traverse.daemon.errors import CaptureRefusedError, RequestRefusedError
 from traverse.daemon.monitoring.events import Occurrence
-from traverse.daemon.pose.jumps import least_jump_rad
 from traverse.daemon.state_dir import PROBE
 from traverse.protocol.messages import (
     HomeArgs,
@@ -70,9 +69,6 @@ SERIAL_DRIVERS = ("latch_board", "text_line", "microscribe")
 DAY_S = 86_400.0
 # How far an unmarked UTC may be back and ahead: as the daemon states it.
 SYNCHRONISED_S, ALONE_S = (1.0, 1.0), (60.0 + DAY_S + 60.0, 400.0 * DAY_S)
-STEP_S, QUICK_STEPS = 0.01, 15  # of joints that are seen to freeze
-SEEN_SLACK_S = 0.25  # of blocks and checks
-READINGS_THAT_TELL, NEARLY_RAD = 4.0, 1e-3  # of a jump
 CHANGE_S, RETRY_S = 0.1, 0.5  # of a probe that is changed; of a start that is refused
 
 
@@ -122,7 +118,17 @@ class World:
         self._mounted: list[MountedDevice] = []
         self._daemon: DaemonRun | None = None
         self._swapped = False
-        self.unread: UnreadWatch | None = None
+        self.count_faults = CountFaults(
+            plan,
+            self._family,
+            self._rng,
+            self.truth,
+            self.hub,
+            self.judge,
+            self._mounted,
+            lambda: self._daemon,
+            self._note,
+        )
 
     def _note(self, text: str) -> None:
         if self._is_verbose:
@@ -229,7 +235,7 @@ class World:
                 entry["kind"] = "bus_off"
             elif fault.kind == "unread":
                 entry |= {"kind": "unread", "probability": fault.size}
-                entry["channel"] = self._unread_channel(fault)
+                entry["channel"] = self.count_faults.unread_channel(fault)
                 entry["most"] = self.plan.seed % MOST_FAILED + 1
             else:
                 continue
@@ -271,105 +277,9 @@ class World:
             hub.at(end_s, lambda: (self._folder / "elsewhere").rename(library))
         elif fault.kind == "swap":
             self._schedule_swap(fault)
-        elif fault.kind in FROZEN_KINDS:
-            self._freeze(fault)
-        elif fault.kind == "preset":
-            self._preset(fault)
-        elif fault.kind == "unread":
-            self._watch_unread(fault)
+        elif fault.kind in COUNT_KINDS:
+            self.count_faults.schedule(fault)
         self._note(f"          fault {fault}")
-
-    def _freeze(self, fault: PlannedFault) -> None:
-        """Freeze counts once two joints have been quick, and stay so, if ever."""
-        mounted = self._mounted[fault.device]
-        joints, quick_rad_s = mounted.source.encoders.joints, self._family.quick_rad_s
-        times_s = np.arange(fault.at_s, fault.at_s + fault.lasts_s, STEP_S)
-        readings_rad = self.truth.course.readings_rad(times_s)
-        is_quick = np.abs(np.diff(readings_rad, axis=0)) > quick_rad_s * STEP_S
-        before = round(self._family.moving_s / STEP_S)
-        windows = np.lib.stride_tricks.sliding_window_view(
-            is_quick, before + QUICK_STEPS, axis=0
-        )
-        lasting = np.asarray(windows.all(axis=2))
-        of_device = lasting[:, joints]
-        enough = of_device.any(axis=1) & (lasting.sum(axis=1) > 1)
-        if fault.kind == "frozen_device":
-            enough &= lasting.sum(axis=1) > of_device.sum(axis=1)
-        if not enough.any():
-            return
-        row = int(np.argmax(enough))
-        channels = np.arange(len(joints))
-        if fault.kind == "frozen_channel":
-            channels = self._rng.choice(np.flatnonzero(of_device[row]), 1)
-        from_s = float(times_s[row + before])
-        mounted.source.freeze = Freeze(
-            tuple(channels.tolist()), from_s, fault.at_s + fault.lasts_s
-        )
-        seen_s = from_s + self._family.still_s + SEEN_SLACK_S
-        self.judge.pardon(from_s, seen_s)
-        self._note(f"          {mounted.source.freeze}, shown by {seen_s:.3f} s")
-
-    def _unread_channel(self, fault: PlannedFault) -> int:
-        """Return a channel of a device whose joint moves a good deal of the time."""
-        joints = self._family.joints(fault.device)
-        times_s = np.arange(fault.at_s, fault.at_s + fault.lasts_s, STEP_S)
-        readings_rad = self.truth.course.readings_rad(times_s)[:, joints]
-        ways_rad = np.abs(np.diff(readings_rad, axis=0)).sum(axis=0)
-        moving = np.argsort(ways_rad)[len(ways_rad) // 2 :]
-        return int(np.random.default_rng([self.plan.seed, 0x556E]).choice(moving))
-
-    def _watch_unread(self, fault: PlannedFault) -> None:
-        mounted = self._mounted[fault.device]
-        self.unread = UnreadWatch(
-            self.plan,
-            fault,
-            self._family,
-            self._unread_channel(fault),
-            self.truth.course,
-            self.judge,
-            lambda: mounted.device.wiring,
-            lambda: self._daemon.measurement.rate_hz if self._daemon else 0.0,
-        )
-        look = self.unread.look
-        for at_s in np.arange(fault.at_s, self.plan.duration_s, LOOK_S).tolist():
-            self.hub.at(at_s, lambda: look(self.hub.now_s))
-
-    def _preset(self, fault: PlannedFault) -> None:
-        mounted, housed = self._mounted[fault.device], self.hub.devices[fault.device]
-        source = mounted.source
-        channel = int(self._rng.integers(len(source.offsets)))
-        per_turn = np.asarray(source.encoders.counts_per_turn)
-
-        def set_anew() -> None:
-            source.offsets = source.offsets.copy()
-            source.offsets[channel] += round(fault.size * per_turn[channel])
-            self._judge_jump(fault, channel)
-
-        self.hub.at(fault.at_s, lambda: housed.live(self.hub.now_s))
-        self.hub.at(fault.at_s, set_anew)
-
-    def _judge_jump(self, fault: PlannedFault, channel: int) -> None:
-        """Judge numbers until a jump shows, if it can in the present motion."""
-        rate_hz = self._daemon.measurement.rate_hz if self._daemon else 0.0
-        if self._daemon is None or not rate_hz:
-            return
-        mounted = self._mounted[fault.device]
-        encoders, monitors = mounted.source.encoders, self._daemon.jump_monitors()
-        count_rad = 2.0 * np.pi / float(encoders.counts_per_turn[channel])
-        about_s = self.hub.now_s + np.array([-STEP_S, STEP_S])
-        way_rad = np.diff(self.truth.course.readings_rad(about_s), axis=0)[0]
-        speed_rad_s = float(way_rad[encoders.joints[channel]]) / (2.0 * STEP_S)
-        period_s = (1.0 if self._family.is_checked else 2.0) / rate_hz
-        by_rad, least_rad = 2.0 * np.pi * abs(fault.size), NEARLY_RAD
-        unknown_s = monitors[mounted.table.id].unknown_s
-        least_rad += least_jump_rad(period_s, count_rad, speed_rad_s, unknown_s)
-        if by_rad < least_rad:
-            self.judge.note_unseen(fault.at_s)
-            self.judge.tally.jump_rad = by_rad, least_rad
-        else:
-            shown_s = fault.at_s + READINGS_THAT_TELL * period_s + SEEN_SLACK_S
-            self.judge.pardon(fault.at_s, shown_s)
-        self._note(f"          jump of {by_rad:.4f} rad, {least_rad:.4f} can be seen")
 
     def _look_at_power(self, fault: PlannedFault) -> None:
         mounted, housed = self._mounted[fault.device], self.hub.devices[fault.device]

@@ -18,7 +18,7 @@ from traverse.broker.address import BrokerAddress
 from traverse.broker.errors import MqttError
 from traverse.broker.packets import Message
 from traverse.client.cancel_tasks import cancel_tasks
-from traverse.client.daemon_pulse import DaemonPulse, unheard
+from traverse.client.daemon_pulse import DaemonPulse, as_offline
 from traverse.client.errors import BrokerUnreachableError
 from traverse.client.gateways.outlets import Report
 from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
@@ -200,7 +200,7 @@ class HomeAssistantGateway:
             self._report(f"{self._arm} is shown by {self.base}/config")
         checked = await asyncio.to_thread(self._last_check)
         is_silent = self._status.online and self._pulse.is_silent
-        status = unheard(self._status) if is_silent else self._status
+        status = as_offline(self._status) if is_silent else self._status
         state = state_of(status, self._health, checked)
         # A time that was never is none that Home Assistant reads.
         known = state.keys() - ({"last_check"} if checked is None else set())

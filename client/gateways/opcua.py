@@ -226,7 +226,7 @@ class OpcUaServer:
         """Write a state.
 
         Args:
-            status: of the arm; offline while nothing is heard of it.
+            status: of the arm; offline while nothing arrives from its daemon.
             absence: why nothing is known of it; else empty.
         """
         self._online = status.online
@@ -240,7 +240,7 @@ class OpcUaServer:
             "ArmFile": status.model or "",
         }
         when = _date(status.time_ns)
-        # That it is not heard of is known here; all else is what it said last.
+        # That nothing arrives is known here; all else is what it said last.
         for name, kind in _STATE_FIELDS.items():
             is_known = not absence or name in ("Online", "State")
             code = _GOOD if is_known else _LAST_KNOWN

@@ -15,7 +15,7 @@ from traverse.daemon.config.schema import ScanSection
 from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import PoseBlock
-from traverse.daemon.scans.instants import ScanInstants
+from traverse.daemon.scans.between import ScanInstants
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.scans.selection import ButtonGate, ButtonKey, ScanSelection
 from traverse.kinematics.filters import PointBlock

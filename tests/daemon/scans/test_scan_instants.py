@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from traverse.daemon.scans.instants import ScanInstants
+from traverse.daemon.scans.between import ScanInstants
 
 BEGIN_NS = 10**12
 MS = 1_000_000
