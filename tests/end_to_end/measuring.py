@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import AsyncIterator
 
+from benchmarks.tools.network import Network
 from tests.end_to_end.listener import Listener, listening
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
@@ -25,6 +26,18 @@ async def measuring(
                 yield listener, simulator, daemon
                 await _end(daemon)
             await _end(simulator)
+
+
+@contextlib.asynccontextmanager
+async def measuring_over(
+    network: Network, bench: Workbench
+) -> AsyncIterator[tuple[Listener, Program, Program]]:
+    """As `measuring`, but the daemon reaches the broker by a network alone."""
+    direct, bench.port = bench.port, network.port
+    bench.write_daemon()
+    bench.port = direct
+    async with measuring(bench) as measured:
+        yield measured
 
 
 async def _end(program: Program) -> None:

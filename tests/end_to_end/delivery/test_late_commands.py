@@ -9,7 +9,7 @@ from paho.mqtt.properties import Properties
 
 from benchmarks.tools.network import Network
 from tests.end_to_end.listener import Listener
-from tests.end_to_end.measuring import measuring
+from tests.end_to_end.measuring import measuring, measuring_over
 from tests.end_to_end.workbench import Workbench
 from traverse.client import Arm, NoAnswerError
 from traverse.daemon.commands.expiry import EXPIRED, SETTLING_S, VALID_S
@@ -73,41 +73,39 @@ async def test_commands_to_a_stopped_daemon_are_refused_when_it_wakes(
 
 @pytest.mark.slow
 async def test_commands_on_a_network_that_stood_are_refused(resting: Workbench) -> None:
-    async with Network(resting.port) as network:
-        direct, resting.port = resting.port, network.port
-        resting.write_daemon()
-        resting.port = direct
-        async with measuring(resting) as (listener, _, _):
-            network.swallow()
-            await press(resting, "held", expiry_s=1)
-            await asyncio.sleep(3.0)  # shorter than what ends the connection
-            network.pass_on()
-            assert await answer(listener, "held") == EXPIRED
-            await press(resting, "settling")
-            assert await answer(listener, "settling") == EXPIRED
-            await asyncio.sleep(SETTLING_S)
-            await press(resting, "later")
-            assert await answer(listener, "later") == "ok"
-            assert len(listener.points) == 1
+    async with (
+        Network(resting.port) as network,
+        measuring_over(network, resting) as (listener, _, _),
+    ):
+        network.swallow()
+        await press(resting, "held", expiry_s=1)
+        await asyncio.sleep(3.0)  # shorter than what ends the connection
+        network.pass_on()
+        assert await answer(listener, "held") == EXPIRED
+        await press(resting, "settling")
+        assert await answer(listener, "settling") == EXPIRED
+        await asyncio.sleep(SETTLING_S)
+        await press(resting, "later")
+        assert await answer(listener, "later") == "ok"
+        assert len(listener.points) == 1
 
 
 @pytest.mark.slow
 async def test_commands_to_a_lost_connection_are_answered(resting: Workbench) -> None:
-    async with Network(resting.port) as network:
-        direct, resting.port = resting.port, network.port
-        resting.write_daemon()
-        resting.port = direct
-        async with measuring(resting) as (listener, _, _):
-            network.refuse()
-            await network.cut()
-            await press(resting, "held")
-            await asyncio.sleep(VALID_S + 0.5)
-            network.pass_on()
-            assert await answer(listener, "held") == EXPIRED
-            assert not listener.points
-            await asyncio.sleep(SETTLING_S)
-            await press(resting, "later")
-            assert await answer(listener, "later") == "ok"
+    async with (
+        Network(resting.port) as network,
+        measuring_over(network, resting) as (listener, _, _),
+    ):
+        network.refuse()
+        await network.cut()
+        await press(resting, "held")
+        await asyncio.sleep(VALID_S + 0.5)
+        network.pass_on()
+        assert await answer(listener, "held") == EXPIRED
+        assert not listener.points
+        await asyncio.sleep(SETTLING_S)
+        await press(resting, "later")
+        assert await answer(listener, "later") == "ok"
 
 
 async def test_a_command_held_between_its_sender_and_the_broker_is_refused(

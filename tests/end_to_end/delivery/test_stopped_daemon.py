@@ -7,7 +7,7 @@ import time
 import pytest
 
 from benchmarks.tools.network import Network
-from tests.end_to_end.measuring import measuring
+from tests.end_to_end.measuring import measuring, measuring_over
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
 from traverse.client import Arm
@@ -27,7 +27,7 @@ async def test_a_stopped_daemon_is_offline_for_programs_and_gateways(
         lines = (*options, "--file", "lines.txt")
         with Program(resting.folder, "lines", "gateway", "lines", *lines) as gateway:
             await gateway.says("lines.txt")
-            await asyncio.sleep(1.0)  # it has heard the clock
+            await asyncio.sleep(1.0)  # the clock has come
             assert (await arm.status()).online
             daemon.process.send_signal(signal.SIGSTOP)
             begun_s = time.monotonic()
@@ -44,18 +44,17 @@ async def test_a_stopped_daemon_is_offline_for_programs_and_gateways(
 async def test_a_daemon_that_ends_while_the_broker_comes_back_is_offline(
     resting: Workbench,
 ) -> None:
-    async with Network(resting.port) as network:
-        direct, resting.port = resting.port, network.port
-        resting.write_daemon()
-        resting.port = direct
-        async with measuring(resting) as (listener, _, daemon):
-            network.refuse()
-            await network.cut()
-            await daemon.says("broker.lost")
-            await until(lambda: not listener.statuses[-1].online, "the will")
-            daemon.process.send_signal(signal.SIGTERM)
-            await daemon.says("stopping")
-            network.pass_on()
-            assert await daemon.ended() == 0
-            async with Arm(resting.arm, f"{resting.host}:{resting.port}") as arm:
-                assert (await arm.published_status()).state == "offline"
+    async with (
+        Network(resting.port) as network,
+        measuring_over(network, resting) as (listener, _, daemon),
+    ):
+        network.refuse()
+        await network.cut()
+        await daemon.says("broker.lost")
+        await until(lambda: not listener.statuses[-1].online, "the will")
+        daemon.process.send_signal(signal.SIGTERM)
+        await daemon.says("stopping")
+        network.pass_on()
+        assert await daemon.ended() == 0
+        async with Arm(resting.arm, f"{resting.host}:{resting.port}") as arm:
+            assert (await arm.published_status()).state == "offline"
