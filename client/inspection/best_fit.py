@@ -22,6 +22,7 @@ from traverse.kinematics.helmert.adjustment import (
     reliability_of,
 )
 from traverse.kinematics.helmert.shape import shape_of
+from traverse.kinematics.helmert.symmetry import other_orders
 from traverse.kinematics.helmert.transformation import Helmert, mirrored_share
 from traverse.kinematics.helmert.volume import (
     Box,
@@ -165,6 +166,14 @@ def _fit(
     index = disposition_index(to_mm, box)
     covariance = _trusted(adjusted)
     error = volume_error(box, adjusted.centre_mm, covariance) if is_known else None
+    error_mm2 = np.sum(adjusted.misclosures_mm**2, axis=1)
+    if is_known:
+        errors_mm2 = measured.covariances_mm2 + onto.covariances_mm2
+        error_mm2 = np.trace(errors_mm2, axis1=1, axis2=2)
+    doubts = [
+        *_doubts(adjusted, to_mm, index, is_known=is_known),
+        *_other_order(names, to_mm, float(np.sqrt(np.mean(error_mm2)))),
+    ]
     x_mm, y_mm, z_mm = adjusted.misclosures_mm.T.tolist()
     return BestFit(
         adjusted.transformation,
@@ -175,7 +184,7 @@ def _fit(
         adjusted.redundancy,
         index,
         error,
-        tuple(_doubts(adjusted, to_mm, index, is_known=is_known)),
+        tuple(doubts),
     )
 
 
@@ -276,4 +285,19 @@ def _doubts(
         yield (
             f"at the worst touched place an error of a feature counts "
             f"{index.max_mm:.1f} times; take features farther apart"
+        )
+
+
+def _other_order(names: list[str], to_mm: Floats, error_mm: float) -> Iterator[str]:
+    orders = other_orders(to_mm, error_mm)
+    if orders:
+        exchanged = ", ".join(
+            f"{names[row]} as {names[place]}"
+            for row, place in enumerate(orders[0].order.tolist())
+            if row != place
+        )
+        yield (
+            f"the features fit as well in another order ({exchanged}): nothing shows "
+            "that each was touched under its own name; take one that breaks the "
+            "symmetry"
         )

@@ -20,6 +20,7 @@ from traverse.kinematics.helmert.adjustment import (
     reliability_of,
 )
 from traverse.kinematics.helmert.shape import shape_of
+from traverse.kinematics.helmert.symmetry import other_orders
 from traverse.kinematics.helmert.transformation import closed_helmert, mirrored_share
 from traverse.kinematics.helmert.volume import Volume, disposition_index, mean_motions
 from traverse.lab.alignment.nominal import VolumeFunction
@@ -61,6 +62,7 @@ def best_fit_alignment(
     """
     from_mm, to_mm = places_mm(common.measured), places_mm(common.nominal)
     from_covariance, to_covariance, is_stated = _errors(common)
+    covariances_mm2 = from_covariance + to_covariance if is_stated else None
     adjusted = adjusted_helmert(
         from_mm,
         to_mm,
@@ -100,6 +102,7 @@ def best_fit_alignment(
         *scale_flags(adjusted.transformation.scale),
         *disagreement,
         *_already_there(from_mm, to_mm),
+        *_symmetric(common.names, to_mm, adjusted, covariances_mm2),
         *revealed_flags(test, points, is_stated=is_stated),
         *_suspects(points, is_stated=is_stated),
     ]
@@ -249,6 +252,28 @@ def _already_there(from_mm: Floats, to_mm: Floats) -> Iterator[AlignmentWarning]
     size_mm = np.linalg.norm(to_mm - to_mm.mean(axis=0), axis=1).mean()
     if away_mm < _ALREADY_THERE * size_mm:
         yield AlignmentWarning("already_aligned", WORDS.already_aligned(away_mm))
+
+
+def _symmetric(
+    names: Sequence[str],
+    to_mm: Floats,
+    adjusted: AdjustedHelmert,
+    covariances_mm2: Floats | None,
+) -> Iterator[AlignmentWarning]:
+    """Flag points that fit as well in another order: nothing shows the right one."""
+    error_mm2 = np.sum(adjusted.misclosures_mm**2, axis=1)
+    if covariances_mm2 is not None:
+        error_mm2 = np.trace(covariances_mm2, axis1=1, axis2=2)
+    orders = other_orders(to_mm, float(np.sqrt(np.mean(error_mm2))))
+    if orders:
+        exchanged = [
+            (names[row], names[place])
+            for row, place in enumerate(orders[0].order.tolist())
+            if row != place
+        ]
+        turn_degrees = float(np.degrees(orders[0].turn_rad))
+        text = WORDS.symmetric(exchanged, len(orders), turn_degrees)
+        yield AlignmentWarning("symmetric", text)
 
 
 _UNITS = {"metres": 1000.0, "inches": 25.4, "centimetres": 10.0, "feet": 304.8}

@@ -91,6 +91,19 @@ def test_an_exchange_of_places_is_a_doubt(rng):
     assert unknown.doubts[0].startswith("U of the features is not known")
 
 
+def test_places_that_fit_in_another_order_are_a_doubt(rng):
+    corners = (
+        (0.0, 0.0, 0.0),
+        (300.0, 0.0, 0.0),
+        (300.0, 200.0, 0.0),
+        (0.0, 200.0, 0.0),
+    )
+    rectangle = dict(zip(NOMINALS_MM, corners, strict=True))
+    measured, _ = drawn(rng, np.array(corners))
+    doubts = best_fit(measured, rectangle, is_known=True).doubts
+    assert any("fit as well in another order (hole a as hole b" in d for d in doubts)
+
+
 def test_three_features_show_no_error_across_their_plane(rng):
     measured, _ = drawn(rng)
     three = {name: NOMINALS_MM[name] for name in ("hole a", "hole b", "hole c")}

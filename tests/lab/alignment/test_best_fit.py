@@ -109,6 +109,24 @@ def test_part_coordinates_are_not_aligned_a_second_time():
 
 
 @pytest.mark.parametrize("stated", [True, False])
+def test_points_that_fit_in_another_order_are_symmetric(stated):
+    corners = np.array([[0.0, 0, 0], [900, 0, 0], [900, 500, 0], [0, 500, 0]])
+    pairs = np.array([[200.0, 250, 300], [700, 250, 300]])
+    points = common(np.concatenate([corners, pairs]), seed=3, stated=stated)
+    wrong = [points.measured[row] for row in (2, 3, 0, 1, 5, 4)]
+    turned = aligned(points, wrong)
+    assert turned.is_good  # its residuals say nothing
+    for fit in (turned, aligned(points, points.measured)):
+        (flag,) = (f for f in fit.flags if f.code == "symmetric")
+        assert "another order, P0 as P2, P1 as P3" in flag.text
+        assert "turned by 180 degrees" in flag.text
+        assert fit.outcome.state is State.DOUBT
+    off = np.array([[0.0, 0, 0]] * 5 + [[1.0, 0, 0]])
+    beside = common(np.concatenate([corners, pairs]) + off, seed=3, stated=stated)
+    assert "symmetric" not in codes(aligned(beside, beside.measured))
+
+
+@pytest.mark.parametrize("stated", [True, False])
 def test_other_units_and_exchanged_names_are_named_as_causes(stated):
     points = common(WIDE * [1.0, 1.0, 0.7], seed=3, stated=stated)
     inches = [Place(p.place_mm / 25.4, p.covariance_mm2) for p in points.measured]
