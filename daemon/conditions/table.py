@@ -129,8 +129,9 @@ CONDITIONS = (
         "an absolute encoder needs it once; one without a serial number of its own "
         "after each start and each loss of its port, unless `assumed_devices` names "
         "its device",
-        "the device has been without power, has other firmware or another home, one of "
-        "its counts has jumped, or a joint may have turned unseen",
+        "the device has been without power, has other firmware or another home, was "
+        "confirmed with another arm's file, one of its counts has jumped, or a joint "
+        "may have turned unseen",
         QualityFlag.TURNS_UNCERTAIN,
         "all",
         "device.turns_uncertain",

@@ -12,6 +12,7 @@ from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.reference_memory import (
     ConfirmedDevice,
     ReferenceMemory,
+    arm_text,
     encoders_text,
 )
 from traverse.daemon.pose.serial_numbers import changed_serials, new_serials
@@ -104,6 +105,11 @@ class KnownDevices:
         if known.encoders != self.encoders_text(device):
             text = "counts, or is homed, otherwise than when confirmed"
             return f"{device}, or the arm file, {text}"
+        if not self._is_of_this_arm(known):
+            return (
+                f"{device} was confirmed with the arm file of {known.arm}, and it is "
+                f"of {self.arm_text} now"
+            )
         firmware = self.identities[device].firmware
         if known.firmware not in ("", firmware):
             text = f"firmware {known.firmware} when confirmed, {firmware} now"
@@ -114,6 +120,22 @@ class KnownDevices:
         """Describe how a device counts, and how its joints are homed."""
         moduli_counts = self.identities[device].moduli_counts
         return encoders_text(self._model, device, moduli_counts)
+
+    def is_exchanged(self, device: str) -> bool:
+        """Return whether another device, or one of another arm, was confirmed."""
+        known = self.confirmed(device)
+        return known is not None and not (
+            known.serials == self.identities[device].serials
+            and self._is_of_this_arm(known)
+        )
+
+    def _is_of_this_arm(self, known: ConfirmedDevice) -> bool:
+        return known.arm in {"", self.arm_text}
+
+    @property
+    def arm_text(self) -> str:
+        """Name the arm whose file is used."""
+        return arm_text(self._model)
 
     def is_recognised(self, device: str) -> bool:
         """Return whether an exchange of the confirmed device would be noticed."""

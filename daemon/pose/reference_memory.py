@@ -18,6 +18,7 @@ class ConfirmedDevice:
         boot: its power-up; empty if it cannot tell.
         firmware: of the device; empty if it does not say.
         offsets_rad: by joint, added to its reading by homing.
+        arm: of which it was a part, see `arm_text`; empty if that was not kept.
     """
 
     encoders: str
@@ -25,6 +26,7 @@ class ConfirmedDevice:
     boot: str = ""
     firmware: str = ""
     offsets_rad: Mapping[str, float] = field(default_factory=dict)
+    arm: str = ""
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> Self:
@@ -36,7 +38,8 @@ class ConfirmedDevice:
         offsets_rad = {str(j): float(a) for j, a in dict(values["offsets_rad"]).items()}
         serials = tuple(str(serial) for serial in values["serials"])
         encoders, boot = str(values["encoders"]), str(values["boot"])
-        return cls(encoders, serials, boot, str(values["firmware"]), offsets_rad)
+        firmware, arm = str(values["firmware"]), str(values.get("arm", ""))
+        return cls(encoders, serials, boot, firmware, offsets_rad, arm)
 
     def to_values(self) -> dict[str, Any]:
         return {**asdict(self), "serials": list(self.serials)}
@@ -65,6 +68,12 @@ class ReferenceMemory:
     def writing(self) -> "Future[None] | None":
         """The last addition's write; None if it is not stored."""
         return None
+
+
+def arm_text(model: ArmModel) -> str:
+    """Name the arm of an arm file; another one's geometry does not fit its devices."""
+    number = model.arm.serial_number
+    return f"{model.arm.name}, serial number {number}" if number else model.arm.name
 
 
 def encoders_text(model: ArmModel, device: str, moduli_counts: Sequence[int]) -> str:

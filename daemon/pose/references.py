@@ -27,6 +27,7 @@ from traverse.daemon.pose.published import PublishedNumbers
 from traverse.daemon.pose.reference_memory import (
     ConfirmedDevice,
     ReferenceMemory,
+    arm_text,
 )
 from traverse.drivers.base.values import (
     CountSamples,
@@ -105,6 +106,7 @@ class ReferenceMonitor:
         is_other = (
             not model.has_same_encoders(self._model)
             or model.arm.home != self._model.arm.home
+            or arm_text(model) != arm_text(self._model)
         )
         if is_other:
             before = ()
@@ -297,10 +299,9 @@ class ReferenceMonitor:
                 continue
             left = self._unhomed.setdefault(device, set()) - homed
             self._unhomed[device] = left
-            known = self.devices.confirmed(device)
-            is_other = known is not None and known.serials != identity.serials
-            if left or is_other:
+            if left or self.devices.is_exchanged(device):
                 continue
+            known = self.devices.confirmed(device)
             accepted[device] = f"{device} has been homed"
             if moved:
                 accepted[device] += (
@@ -333,6 +334,7 @@ class ReferenceMonitor:
                 identity.boot,
                 identity.firmware,
                 offsets_rad,
+                self.devices.arm_text,
             )
         if confirmed:
             self.devices.memory.add(confirmed)

@@ -183,6 +183,41 @@ def test_a_reload_with_an_effect_that_depends_on_turns_is_in_doubt(tmp_path):
     assert not rig.is_doubtful
 
 
+OTHER_ARM = ARM.replace("[[joints]]", 'serial_number = "7"\n[[joints]]', 1)
+
+
+@pytest.mark.parametrize("is_reloaded", [True, False])
+def test_devices_are_confirmed_with_the_file_of_one_arm(tmp_path, is_reloaded):
+    rig = Rig(tmp_path)
+    rig.accept(up(absolute=True))
+    memory = rig.monitor.devices.memory
+    if is_reloaded:
+        rig.monitor.use(rig.limits, arm_model(tmp_path, OTHER_ARM))
+    else:
+        rig = Rig(tmp_path, OTHER_ARM, memory)
+        rig.monitor.on_up(up(absolute=True))
+    assert rig.is_doubtful
+    assert "serial number 7 now" in rig.events[-1].text
+    rig.monitor.home({"J1": 0.0})  # which says nothing of the links
+    assert rig.is_doubtful
+    rig.monitor.confirm()
+    assert not rig.is_doubtful
+    again = Rig(tmp_path, OTHER_ARM, memory)
+    again.monitor.on_up(up(absolute=True))
+    assert not again.is_doubtful
+
+
+def test_what_was_confirmed_before_arms_were_kept_stays_confirmed(tmp_path):
+    rig = Rig(tmp_path)
+    rig.accept(up(absolute=True))
+    values = rig.monitor.devices.memory.devices["base"].to_values()
+    del values["arm"]
+    memory = ReferenceMemory({"base": ConfirmedDevice.from_values(values)})
+    later = Rig(tmp_path, memory=memory)
+    later.monitor.on_up(up(absolute=True))
+    assert not later.is_doubtful
+
+
 def test_what_is_confirmed_outlives_the_daemon(tmp_path):
     path = tmp_path / "references.json"
     memory = ReferenceFile(path)
