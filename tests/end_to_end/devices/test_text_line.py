@@ -55,7 +55,10 @@ async def test_points_of_a_printing_board_are_where_the_ball_was(
         await listener.n_points(4)
         await listener.event("device.frames_rejected")
     assert_where_the_ball_was(bench, listener.points, bench.presses())
-    assert all(point.quality.ok for point in listener.points)
+    # Whole lines are as good as ever; a busy machine may read some too late to know
+    # their times.
+    flags = {flag for point in listener.points for flag in point.quality.flags}
+    assert flags <= {"time_uncertain"}
 
 
 @pytest.mark.slow
