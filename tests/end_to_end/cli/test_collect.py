@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tests.campaign_texts import ONE_CONE
+from tests.end_to_end.agreement import is_marked_for_time
 from tests.end_to_end.listener import Listener
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, Program
@@ -25,6 +26,9 @@ from traverse.testing.waiting import until
 pytestmark = pytest.mark.needs("mosquitto")
 
 SEEN_NS = 200_000_000  # motion is known for a quarter of a second
+# The simulated operator touches as often as the script says; a busy machine
+# may leave the clock in doubt at some touches, for which an operator would touch again.
+ALLOW = ("--allow", "surface_unknown,empirical,time_uncertain")
 CAMPAIGN = ONE_CONE + '[[artefacts]]\nid = "ball"\nkind = "sphere"\n'
 
 
@@ -59,7 +63,7 @@ async def test_a_campaign_is_collected_as_it_is_touched(campaign: Workbench) -> 
     lead_in = rest(3.0)  # until the clock of the board is tied
     bench.write_simulator(lead_in, CONE.format(postures=5), SPHERE.format(points=5))
     bench.write_daemon(capture="live_rate_hz = 100.0")
-    arguments = options(bench, "--each", "5", "--json")
+    arguments = options(bench, "--each", "5", "--json", *ALLOW)
     collecting = Program(bench.folder, "collect", *arguments)
     with collecting:
         await collecting.says("Touch seat (cone): 5 more")
@@ -80,15 +84,20 @@ async def test_a_campaign_is_collected_as_it_is_touched(campaign: Workbench) -> 
     took = [point.angles_rad for point in listener.points]
     np.testing.assert_array_equal(collected.poses.angles_rad, took)
     assert len(presses) == 10
-    apart_s = np.diff([press["script_s"] for press in presses])
-    np.testing.assert_allclose(np.diff(collected.poses.time_s), apart_s, atol=2e-3)
+    certain = [not is_marked_for_time(point) for point in listener.points]
+    assert sum(certain) >= 7
+    pressed_s = np.array([press["script_s"] for press in presses])
+    late_s = (collected.poses.time_s - pressed_s)[certain]
+    assert np.abs(np.diff(late_s)).max() < 2e-3
     # The arm was led to each touch: every pose has the sense of some joint's motion,
-    # but where a busy machine published no live pose in the quarter second before it.
+    # but where a busy machine published no live pose in the quarter second before it,
+    # or does not know when it was.
     senses = collected.poses.approaches
     assert senses is not None
     was_seen = [
-        any(0 <= point.time_ns - at_ns < SEEN_NS for at_ns in listener.live_ns)
-        for point in listener.points
+        is_certain
+        and any(0 <= point.time_ns - at_ns < SEEN_NS for at_ns in listener.live_ns)
+        for point, is_certain in zip(listener.points, certain, strict=True)
     ]
     assert sum(was_seen) >= 7
     assert (np.abs(np.nan_to_num(senses)).sum(axis=1) > 0)[was_seen].all()
@@ -193,7 +202,7 @@ async def test_a_touch_of_another_seat_is_questioned(
         rest(3.0), *(CONE.format(postures=2), ANOTHER.format(postures=1), REST)
     )
     bench.write_daemon()
-    with terminal(bench, *options(bench, "--each", "4")) as screen:
+    with terminal(bench, *options(bench, "--each", "4", *ALLOW)) as screen:
         await screen.shows("following")
         async with measuring(bench):
             await screen.shows("is 53.0 mm off the others on seat and does not count")

@@ -4,6 +4,7 @@ import sys
 
 import pytest
 
+from tests.end_to_end.agreement import is_marked_for_time
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import CONE, SPHERE, Workbench, rest
@@ -15,6 +16,19 @@ from traverse.testing.waiting import until
 pytestmark = pytest.mark.needs("mosquitto")
 
 LEAD_IN = rest(4.0)
+N_TOUCHES = 19
+TRIES = 3
+
+
+async def all_touches_count(bench: Workbench) -> bool:
+    """Touch cone and sphere; return whether no touch is left out.
+
+    A busy machine may leave the clock in doubt at some. An operator would touch again
+    then; the simulated one has no more touches, and the check has to begin anew.
+    """
+    async with measuring(bench) as (listener, _, _):
+        await listener.n_points(N_TOUCHES)
+    return not any(map(is_marked_for_time, listener.points))
 
 
 WITHOUT_SCIPY = (
@@ -31,29 +45,30 @@ async def test_without_scipy_it_says_so_first_and_computes_later(
     bench.write_daemon(capture="live_rate_hz = 100.0")
     words = ["daily-check", "--arm", "arm.toml", "--history", "interim.db"]
     where = ["--broker", f"{bench.host}:{bench.port}", "--radius", "50.8"]
-    out = (bench.folder / "out").open("w+")
-    with (
-        out,
-        subprocess.Popen(  # noqa: ASYNC220 - it returns at once
-            [sys.executable, "-u", "-c", WITHOUT_SCIPY, *words, *where],
-            cwd=bench.folder,
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=out,
-        ) as process,
-    ):
 
-        def output() -> str:
-            return (bench.folder / "out").read_text("utf-8")
+    def output() -> str:
+        return (bench.folder / "out").read_text("utf-8")
 
-        await until(lambda: "following" in output(), "it follows")
-        before = output()
-        assert f"needs scipy, which is not installed; {remedy('lab')}" in before
-        assert before.index("needs scipy") < before.index("cone left: the cone")
-        async with measuring(bench) as (listener, _, _):
-            await listener.n_points(19)
-            await until(lambda: process.poll() is not None, "it ends")
-        assert process.returncode == 2
+    for _ in range(TRIES):
+        with (
+            (bench.folder / "out").open("w+") as out,
+            subprocess.Popen(  # noqa: ASYNC220 - it returns at once
+                [sys.executable, "-u", "-c", WITHOUT_SCIPY, *words, *where],
+                cwd=bench.folder,
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=out,
+            ) as process,
+        ):
+            await until(lambda: "following" in output(), "it follows")
+            before = output()
+            assert f"needs scipy, which is not installed; {remedy('lab')}" in before
+            assert before.index("needs scipy") < before.index("cone left: the cone")
+            if await all_touches_count(bench):
+                await until(lambda: process.poll() is not None, "it ends")
+                break
+            process.kill()
+    assert process.returncode == 2
     folder = output().strip().rpartition(" ")[2]
     later = f"traverse {' '.join(words)} --campaign {folder}"
     assert output().splitlines()[-1] == f"kept, and not judged; later: {later}"
@@ -72,15 +87,14 @@ async def test_a_daily_check_is_collected_and_kept(bench: Workbench) -> None:
     bench.write_daemon(capture="live_rate_hz = 100.0")
     where = ["--broker", f"{bench.host}:{bench.port}"]
     words = ["daily-check", "--arm", "arm.toml", "--config", "daemon.toml"]
-    checking = Program(
-        bench.folder, "daily-check", *words, *where, "--radius", "50.8", "--json"
-    )
-    with checking:
-        await checking.says("cone left: the cone, 5 points with the elbow to the left")
-        await checking.says("following")
-        async with measuring(bench) as (listener, _, _):
-            await listener.n_points(19)
-            assert await checking.ended() == 0
+    words += [*where, "--radius", "50.8", "--json"]
+    for _ in range(TRIES):
+        with Program(bench.folder, "daily-check", *words) as checking:
+            await checking.says("cone left: the cone, 5 points with the elbow to the")
+            await checking.says("following")
+            if await all_touches_count(bench):
+                assert await checking.ended() == 0
+                break
     outcome = json.loads(checking.output)
     values = {figure["key"]: figure["value_mm"] for figure in outcome["figures"]}
     assert outcome["state"] == "doubt"  # nothing judges a first check
