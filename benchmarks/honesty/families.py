@@ -69,6 +69,12 @@ class Family:
         return len(self.devices)
 
     @property
+    def latches_presses(self) -> bool:
+        """Whether all counts are latched at the very edge of the button."""
+        drivers = [spec.section["driver"] for spec in self.devices]
+        return drivers == ["latch-board"]
+
+    @property
     def still_s(self) -> float:
         """After which time an encoder that froze in motion is seen to have."""
         count_rad = 2.0 * np.pi / self.devices[0].counts_per_turn

@@ -1,7 +1,10 @@
 """Judge of the daemon's messages against the simulator's truth.
 
 A number is a lie if it is unmarked and farther off, at the instant that it claims, than
-four times its stated standard deviation plus `SLACK_MM`; or if it is unmarked and the
+four times its stated standard deviation plus `SLACK_MM`. The place of a press that a
+board latches at its edge is judged at the true instant of that press, and its time by
+itself: it must not be off by more than four standard deviations of an instant that the
+driver bounds, plus `SLACK_S`. A number is also a lie if it is unmarked and the
 computer's UTC is off by more than is stated: a second if the kernel's clock is
 synchronised; else it may be from just before the latest trusted time until 400 days
 after it. The stated standard deviation of a place is the root of the trace of its
@@ -9,7 +12,7 @@ covariance; without one, as of the first pose, that of the last message.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,11 +21,13 @@ import numpy as np
 from benchmarks.honesty.arm import ArmTruth
 from benchmarks.honesty.hub import Hub
 from traverse.arrays import Booleans, Floats, Integers
+from traverse.drivers.base.values import LatchedCounts
 from traverse.protocol.messages import REMARKS, Live, Point, Scan
 from traverse.protocol.messages.point import Covariance
 from traverse.protocol.messages.quality import flag_names
 
 SIGMAS, SLACK_MM = 4.0, 0.02
+SLACK_S = 2e-5  # the same for an arm that moves at 1 m/s
 LEAST_UTC_S = 1.0  # that is shown as wrong
 SETTLED_S = 5.0
 LEAST_STD_MM = 0.01  # of the arms here, before any is stated
@@ -40,6 +45,7 @@ class Lie:
     off_mm: float
     allowed_mm: float
     utc_off_s: float
+    press_off_s: float = 0.0
 
     def __str__(self) -> str:
         text = (
@@ -48,6 +54,8 @@ class Lie:
         )
         if abs(self.utc_off_s) > LEAST_UTC_S:
             text += f"; UTC {self.utc_off_s:.3g} s off"
+        if self.press_off_s:
+            text += f"; the press was {1e3 * self.press_off_s:.3f} ms beside"
         return text
 
 
@@ -81,6 +89,8 @@ class Tally:
         worst: of unmarked numbers, the largest share of the permitted error.
         unseen: numbers that a jump of a count made wrong that is too small to be seen,
             or a failed read before any that could be.
+        press_off_s: of unmarked presses that were latched at their edge, the largest
+            error of the time.
         jump_rad: that jump, and the least one that can be seen.
     """
 
@@ -92,6 +102,7 @@ class Tally:
     examples: list[Lie] = field(default_factory=list)
     worst: float = 0.0
     unseen: Counter[str] = field(default_factory=Counter)
+    press_off_s: float = 0.0
     jump_rad: tuple[float, float] = 0.0, 0.0
 
 
@@ -102,6 +113,8 @@ class Judge:
         utc_s: True UTC at a true time.
         utc_tolerance_s: How far UTC may be back and ahead now.
         note: Called with each judged point, for people.
+        presses_s: True times of presses, in order, if their counts are latched at the
+            edge by one device; else none.
     """
 
     def __init__(
@@ -111,9 +124,13 @@ class Judge:
         utc_s: Callable[[float], float],
         utc_tolerance_s: Callable[[], tuple[float, float]],
         note: Callable[[str], object] = lambda text: None,
+        *,
+        presses_s: Sequence[float] = (),
     ) -> None:
         self._hub, self._truth, self._utc_s, self._note = hub, truth, utc_s, note
         self.tally = Tally()
+        self._presses_s = np.array(presses_s)
+        self._press_bounds_s: dict[int, float] = {}
         self._utc_tolerance_s = utc_tolerance_s
         self._last_std_mm = LEAST_STD_MM
         self._offsets_ns: list[int] = []
@@ -169,6 +186,10 @@ class Judge:
             if self._is_named:
                 self._unnamed[point.id] = lie
 
+    def take_edge(self, edge: LatchedCounts) -> None:
+        """Note how far its driver says that the instant of an edge may be off."""
+        self._press_bounds_s[edge.sample_time_ns] = edge.time_bound_ns * 1e-9
+
     def live(self, live: Live, utc_offset_ns: int) -> None:
         std_mm = self._std_mm(live.covariance_mm2)
         self._judge(Claims.of("live", live), std_mm, utc_offset_ns)
@@ -202,20 +223,28 @@ class Judge:
         if utc_offset_ns not in offsets:
             offsets.insert(0, utc_offset_ns)
             del offsets[OFFSETS_KEPT:]
-        off_mm, at_s, utc_off_s = self._errors(times_ns, xyz_mm)
+        is_press = kind == "button" and len(self._presses_s) > 0
+        off_mm, at_s, utc_off_s = self._errors(times_ns, xyz_mm, is_press=is_press)
         for other_ns in offsets[1:]:  # a block may have begun before UTC was set
             if (np.abs(utc_off_s) > 60.0).any() or len(times_ns) > 1:
-                otherwise = self._errors(times_ns, xyz_mm, other_ns)
+                otherwise = self._errors(times_ns, xyz_mm, other_ns, is_press=is_press)
                 better = otherwise[0] < off_mm
                 off_mm = np.where(better, otherwise[0], off_mm)
                 at_s = np.where(better, otherwise[1], at_s)
+        tally = self.tally
         allowed_mm = SLACK_MM + SIGMAS * std_mm
         back_s, ahead_s = self._utc_tolerance_s()
         wrong = (off_mm > allowed_mm) | (utc_off_s < -back_s) | (utc_off_s > ahead_s)
+        press_off_s = 0.0
+        if is_press:
+            press_off_s = abs(float((at_s - self._nearest_presses_s(at_s))[0]))
+            bound_s = self._press_bounds_s[int(times_ns[0]) - utc_offset_ns]
+            wrong |= press_off_s > SLACK_S + SIGMAS * bound_s / np.sqrt(3.0)
+            if ok.any():
+                tally.press_off_s = max(tally.press_off_s, press_off_s)
         from_s, until_s = self._pardoned_s
         pardoned = wrong & (at_s >= from_s) & (at_s <= until_s)
         wrong &= ~pardoned
-        tally = self.tally
         tally.ok[kind] += int(ok.sum())
         tally.doubt[kind] += int((~ok).sum())
         if ok.any():
@@ -224,10 +253,11 @@ class Judge:
             if at_s[row] > SETTLED_S:
                 tally.settled[kind] += 1
                 tally.doubts[flags[row]] += 1
-        columns = at_s, off_mm, allowed_mm, utc_off_s
+        columns = np.column_stack([at_s, off_mm, allowed_mm, utc_off_s])
 
         def lie_of(row: int) -> Lie:
-            return Lie(kind, *(float(column[row]) for column in columns))
+            at, off, allowed, utc_off = columns[row].tolist()
+            return Lie(kind, at, off, allowed, utc_off, press_off_s)
 
         for row in np.flatnonzero(ok & wrong).tolist():
             self._add_lie(lie_of(row))
@@ -251,13 +281,19 @@ class Judge:
             self.tally.examples.append(lie)
 
     def _errors(
-        self, times_ns: Integers, xyz_mm: Floats, offset_ns: int | None = None
+        self,
+        times_ns: Integers,
+        xyz_mm: Floats,
+        offset_ns: int | None = None,
+        *,
+        is_press: bool = False,
     ) -> tuple[Floats, Floats, Floats]:
         """Return errors of places (n, 3), their true times, and the error of UTC."""
         hub = self._hub
         offset_ns = self._offsets_ns[0] if offset_ns is None else offset_ns
         at_s = np.array([hub.true_s(int(t) - offset_ns) for t in times_ns.tolist()])
-        off_mm = np.linalg.norm(xyz_mm - self._truth.centres_mm(at_s), axis=1)
+        place_s = self._nearest_presses_s(at_s) if is_press else at_s
+        off_mm = np.linalg.norm(xyz_mm - self._truth.centres_mm(place_s), axis=1)
         utc_off_s = np.array(
             [
                 (int(t) - round(1e9 * self._utc_s(float(instant_s)))) * 1e-9
@@ -265,6 +301,11 @@ class Judge:
             ]
         )
         return off_mm, at_s, utc_off_s
+
+    def _nearest_presses_s(self, at_s: Floats) -> Floats:
+        away_s = np.abs(self._presses_s - at_s[:, np.newaxis])
+        nearest: Floats = self._presses_s[away_s.argmin(axis=1)]
+        return nearest
 
     def _std_mm(self, covariance_mm2: Covariance | None) -> Floats:
         if covariance_mm2 is not None:

@@ -108,6 +108,9 @@ class World:
             lambda true_s: UTC_S + true_s,
             lambda: SYNCHRONISED_S if self._is_synchronised() else ALONE_S,
             self._note,
+            presses_s=[event.time_s for event in script.events if event.level]
+            if self._family.latches_presses
+            else (),
         )
         # The arm was measured with yesterday.
         good_ns = round(1e9 * (UTC_S - DAY_S))
@@ -428,6 +431,7 @@ class World:
             take_scan=lambda run, scan: judge.scan(scan, offset_ns(run)),
             take_live=lambda run, live: judge.live(live, offset_ns(run)),
             take_event=take_event,
+            take_edge=judge.take_edge,
             is_synchronised=self._is_synchronised,
         )
         self._daemon = daemon
@@ -530,6 +534,7 @@ def world_line(seed: int) -> Line:
         "settled_doubt": dict(tally.settled),
         "lies": dict(tally.lies),
         "unseen": dict(tally.unseen),
+        "press_off_s": tally.press_off_s,
         "jump_rad": list(tally.jump_rad),
         "flags": dict(tally.doubts),
         "examples": [str(lie) for lie in tally.examples[:3]],

@@ -125,6 +125,23 @@ def test_what_is_drawn_alone_is_marked(tmp_path, family, kind, size, flag):
     assert not flag or any(flag in flags for flags in tally.doubts)
 
 
+@pytest.mark.parametrize("is_bounded", [True, False])
+def test_a_latched_press_is_judged_by_its_edge_and_its_time_by_itself(
+    tmp_path, is_bounded
+):
+    """Delays leave open when it was; what nothing had bounded would be a lie."""
+    plan = quiet_plan("latch", pace="fast", duration_s=20.0)
+    world = World(replace(plan, delays_s=((8e-3, 4e-3, 0.0),)), tmp_path)
+    if not is_bounded:
+        take = world.judge.take_edge
+        world.judge.take_edge = lambda edge: take(replace(edge, time_bound_ns=0))
+    tally = world.run().tally
+    assert tally.ok["button"] >= 5
+    assert tally.press_off_s > 1e-3
+    assert (not tally.lies) == is_bounded
+    assert is_bounded or "ms beside" in str(tally.examples[0])
+
+
 def test_a_probe_whose_library_vanishes_stays_on_and_a_change_is_refused(tmp_path):
     actions = [Action(2.5, "confirm")]
     actions += [Action(at_s, "probe", at_s % 2) for at_s in (3.0, 4.0, 5.0, 7.0)]
