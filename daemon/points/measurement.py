@@ -31,7 +31,8 @@ from traverse.daemon.pose.uncertainty import (
     SkewMonitor,
     is_only_skewed,
 )
-from traverse.drivers.base.values import LatchedCounts
+from traverse.drivers.base.values import STATUS_LATE, STATUS_STALE, LatchedCounts
+from traverse.kinematics.effects.base.block import Covariate
 from traverse.kinematics.probing.compensation import DirectionError
 from traverse.protocol.messages import QualityFlag
 
@@ -225,21 +226,21 @@ class PointEvaluator:
         if pose is None:
             return None
         latch = observation.latch
-        jitter_ns = 0 if latch is None else latch.time_bound_ns
+        bound_ns = 0 if latch is None else latch.time_bound_ns
         if pose.error_bounds_counts is not None:
             # An instant by another clock than that of the readings: what both leave
             # open moves all joints together.
             clocks_ns = stage.resampler.time_bound_at_ns(pose.sample_time_ns)
-            jitter_ns = max(clocks_ns, observation.time_bound_ns)
+            bound_ns = max(clocks_ns, observation.time_bound_ns)
         speeds_rad_s = stage.trajectory.speeds_rad_s(
             pose.sample_time_ns, pose.angles_rad
         )
         pose = stage.quality.with_flags(pose, speeds_rad_s, temperature_c)
-        if speeds_rad_s is None and jitter_ns:
+        if speeds_rad_s is None and bound_ns:
             # How far a motion in that time leads cannot be stated.
             unknown = int(QualityFlag.MOTION_UNKNOWN)
             pose = replace(pose, quality=pose.quality | unknown)
-        if jitter_ns >= MOST_JITTER_NS or self._is_denied(latch, pose):
+        if bound_ns >= MOST_JITTER_NS or self._is_denied(latch, pose):
             unknown = int(QualityFlag.TIME_UNCERTAIN)
             pose = replace(pose, quality=pose.quality | unknown)
         return self._measured(
@@ -252,22 +253,45 @@ class PointEvaluator:
                 None
                 if pose.error_bounds_counts is None
                 else pose.error_bounds_counts[np.newaxis],
-                jitter_ns,
-                is_of_edge=observation.is_edge and pose.error_bounds_counts is None,
+                self._jitter_ns(observation, bound_ns),
             ),
             temperature_c,
         )
+
+    def _jitter_ns(self, observation: Observation, bound_ns: int) -> int:
+        """Return for how long the ball may have moved between an instant and counts.
+
+        Strategy: counts that a device latched at an edge are the place of that edge,
+        however well its clock is tied to the host's: only what the device itself leaves
+        between the two moves the ball. An effect by the speed depends on the clock,
+        too: a counter that stood still between a reading and the edge makes the joints
+        seem faster.
+
+        Args:
+            observation: what was seen.
+            bound_ns: how far its instant may be off.
+        """
+        stage, latch = self._stage, observation.latch
+        if latch is None or not observation.is_edge or not self._is_at_once(latch):
+            return bound_ns
+        needs = stage.pipeline.model.effects.needs
+        identity = stage.joint_devices.devices[0].identity
+        if identity is None or any(n.covariate is Covariate.SPEED for n in needs):
+            return bound_ns
+        return identity.jitter_ns
 
     def _is_denied(self, latch: LatchedCounts | None, pose: LatchedPose) -> bool:
         """Return whether a latch was not at its instant, by readings or its arrival."""
         stage = self._stage
         if latch is None:
             return False
+        # A whole latch and the readings have one counter: no host blunts the check.
+        ticks = latch.device_ticks if self._is_at_once(latch) else None
         count_rad = np.abs(stage.pipeline.model.per_count_rad)
         is_known = stage.conditions.is_established("device_clock", latch.device)
-        is_denied = stage.trajectory.denies(pose, latch.time_bound_ns, count_rad) or (
-            is_known and bool(pose.quality & QualityFlag.TIME_UNCERTAIN)
-        )
+        is_denied = stage.trajectory.denies(
+            pose, count_rad, bound_ns=latch.time_bound_ns, ticks=ticks
+        ) or (is_known and bool(pose.quality & QualityFlag.TIME_UNCERTAIN))
         if is_denied:
             stage.conditions.mark(
                 "device_clock",
@@ -343,3 +367,13 @@ class PointEvaluator:
         devices = self._stage.joint_devices
         reads_all = devices.is_single and devices.devices[0].section.id == latch.device
         return reads_all and bool(latch.counts)
+
+    def _is_at_once(self, latch: LatchedCounts) -> bool:
+        """Whether these counts are of the very instant that the latch is about."""
+        joint_devices = self._stage.joint_devices
+        is_late = any(status & (STATUS_LATE | STATUS_STALE) for status in latch.status)
+        return (
+            joint_devices.has_simultaneous_latch
+            and self._is_whole(latch)
+            and not is_late
+        )

@@ -6,6 +6,7 @@ Poses are computed on demand, so that storing a stream is cheap.
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterator
+from operator import attrgetter
 
 import numpy as np
 
@@ -77,7 +78,14 @@ class TrajectoryBuffer:
             return passed_rad / (elapsed_ns * 1e-9)
         return None
 
-    def denies(self, pose: LatchedPose, bound_ns: int, count_rad: Floats) -> bool:
+    def denies(
+        self,
+        pose: LatchedPose,
+        count_rad: Floats,
+        *,
+        bound_ns: int,
+        ticks: int | None = None,
+    ) -> bool:
         """Return whether the readings around an instant deny latched counts.
 
         Between two readings a joint is where it has been in them, or beside that by
@@ -85,27 +93,36 @@ class TrajectoryBuffer:
 
         Args:
             pose: of the latched counts.
-            bound_ns: how far the instant may be off.
             count_rad: of each joint, (n_joints,).
+            bound_ns: how far the instant may be off.
+            ticks: of the latch, by the counter of the readings, which leaves nothing
+                open; None if they have none in common.
         """
-        begin_ns, end_ns = (
-            pose.sample_time_ns - bound_ns,
-            pose.sample_time_ns + bound_ns,
-        )
+        if ticks is None:
+            at_ns = pose.sample_time_ns
+            begin, end = at_ns - bound_ns, at_ns + bound_ns
+            instants_of = attrgetter("samples.sample_time_ns")
+        else:
+            begin = end = ticks
+            instants_of = attrgetter("samples.device_ticks")
         followed: list[ArmReadings] = []
         for readings in reversed(self._readings):
             followed.insert(0, readings)
-            if readings.samples.sample_time_ns[0] <= begin_ns:
+            if instants_of(readings)[0] <= begin:
                 break
         else:
             return False
-        all_ns = np.concatenate([r.samples.sample_time_ns for r in followed])
-        first = int(np.searchsorted(all_ns, begin_ns, side="right")) - 1
-        end = int(np.searchsorted(all_ns, end_ns)) + 1
-        if end > len(all_ns) or all_ns[end - 1] - all_ns[first] > NEAR_NS:
+        instants = np.concatenate([instants_of(readings) for readings in followed])
+        first = int(np.searchsorted(instants, begin, side="right")) - 1
+        last = int(np.searchsorted(instants, end))
+        if last == len(instants):
             return False
-        quality = np.concatenate([r.quality for r in followed])[first:end]
-        counts = np.concatenate([r.counts for r in followed])[first:end]
+        all_ns = np.concatenate([r.samples.sample_time_ns for r in followed])
+        if all_ns[last] - all_ns[first] > NEAR_NS:
+            return False
+        around = slice(first, last + 1)
+        quality = np.concatenate([r.quality for r in followed])[around]
+        counts = np.concatenate([r.counts for r in followed])[around]
         low, high = counts.min(axis=0), counts.max(axis=0)
         slack = (high - low) / 2.0 + SLACK_COUNTS + KNOCK_RAD / count_rad
         is_beside = (pose.counts < low - slack) | (pose.counts > high + slack)

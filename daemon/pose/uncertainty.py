@@ -111,9 +111,8 @@ class CovarianceInput:
         speeds_rad_s: of the joints, (n, n_joints); NaN where unknown.
         error_bounds_counts: by interpolation, (n, n_joints, 2), see `Interpolated`;
             None if all were latched.
-        jitter_ns: error of the instants beyond `[uncertainty] trigger_s`.
-        is_of_edge: the place is that of a press or touch, whatever its time: no motion
-            of later belongs to it.
+        jitter_ns: for how long the ball may have moved between the instants and the
+            readings, beyond `[uncertainty] trigger_s`.
         samples: averaged for the one point.
     """
 
@@ -121,7 +120,6 @@ class CovarianceInput:
     speeds_rad_s: Floats
     error_bounds_counts: Floats | None = None
     jitter_ns: int = 0
-    is_of_edge: bool = False
     samples: int = 1
 
 
@@ -181,8 +179,7 @@ class CovarianceEvaluator:
         self, model: ArmModel, reading: CovarianceInput
     ) -> PointUncertainties | None:
         """Compute uncertainties; None while the largest part is not known."""
-        is_lost = reading.jitter_ns >= MOST_JITTER_NS and not reading.is_of_edge
-        if model.geometry_doubt or is_lost:
+        if model.geometry_doubt or reading.jitter_ns >= MOST_JITTER_NS:
             return None
         return point_uncertainties(
             model.geometry,
@@ -221,8 +218,7 @@ class CovarianceEvaluator:
             by_bounds = bounds_rad[..., 0] ** 2 + bounds_rad[..., 1] ** 2 / 3.0
             variances = (variances + by_bounds)[:, np.newaxis]
         jitter_s = reading.jitter_ns * 1e-9
-        if not reading.is_of_edge:
-            variances += (HAND_RAD_S2 * jitter_s**2 / 2.0) ** 2 / 3.0
+        variances += (HAND_RAD_S2 * jitter_s**2 / 2.0) ** 2 / 3.0
         return PointNoise(
             np.sqrt(variances),
             step_rad,

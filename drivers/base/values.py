@@ -37,7 +37,8 @@ class Identity:
             otherwise points are interpolated.
         counts_per_turn: by channel, as the device reports; None or left out if it
             does not. It must agree with the arm file.
-        jitter_ns: error of the instant of a reading, as the driver states.
+        jitter_ns: error of the instant of a reading, as the driver states; of a device
+            that latches also the time from an edge to its latch.
         absolute: its counts are right again after a loss of power; None: that depends
             on unknown encoders.
         boot: changes with each loss of power; empty if unknown.

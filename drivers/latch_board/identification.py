@@ -3,7 +3,7 @@
 from traverse.drivers.base.values import DeviceAlarm, DeviceRefusedError, Identity
 from traverse.protocol.latch_board import messages as wire
 
-JITTER_NS = 50_000  # of the mapped time
+JITTER_NS = 50_000  # of the mapped time, and from an edge to a latch that is not late
 MIN_TICK_RATE_HZ, MAX_TICK_RATE_HZ = 100_000, 100_000_000
 
 REMEDIES = {

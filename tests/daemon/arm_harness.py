@@ -142,8 +142,12 @@ class ArmBench:
         return self.devices[name].driver.acknowledged
 
 
-def edge(device, instant_ns, token=0, *, number=0, active=True, counts=()):
+def edge(
+    device, instant_ns, token=0, *, number=0, active=True, counts=(), time_bound_ns=0
+):
+    # A tick is a nanosecond, as of the readings in `two_devices`.
+    times_ns = (instant_ns,) * 3
     status = (0,) * len(counts)
     return LatchedCounts(
-        device, number, active, token, 0, instant_ns, instant_ns, counts, status
+        device, number, active, token, *times_ns, counts, status, time_bound_ns
     )

@@ -79,26 +79,18 @@ def test_parts_are_those_of_the_law(tmp_path):
     )
     curved_rad2 = (5.0 * 0.003**2 / 2.0) ** 2 / 3.0
     expected = counts_only + 4.0 * np.outer(way_mm, way_mm)
-    with_start = expected + curved_rad2 * by_angles @ by_angles.T
-    assert covariance == pytest.approx(with_start, rel=1e-5)
-    # What was latched at an edge is of that place, whenever it was.
-    of_edge = {"jitter_ns": 3_000_000, "is_of_edge": True}
-    covariance = stated(model, late, speeds_rad_s=speeds[np.newaxis], **of_edge)
+    expected += curved_rad2 * by_angles @ by_angles.T
     assert covariance == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize(
-    ("jitter_ns", "is_of_edge", "is_stated"),
-    [(99_000_000, False, True), (100_000_000, False, False), (10**9, True, True)],
+    ("jitter_ns", "is_stated"), [(99_000_000, True), (100_000_000, False)]
 )
-def test_an_instant_without_a_bound_has_no_covariance_but_that_of_an_edge(
-    tmp_path, jitter_ns, is_of_edge, is_stated
-):
+def test_an_instant_without_a_bound_has_no_covariance(tmp_path, jitter_ns, is_stated):
     reading = CovarianceInput(
         Block(ANGLES_RAD[np.newaxis]),
         np.zeros((1, 3)),
         jitter_ns=jitter_ns,
-        is_of_edge=is_of_edge,
     )
     model, evaluator = arm_model(tmp_path), CovarianceEvaluator(UncertaintySection())
     assert (evaluator.covariance(model, reading).own_mm2 is not None) == is_stated
