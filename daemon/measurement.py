@@ -5,7 +5,7 @@ replays and tests; `traverse.daemon.executor` has its commands.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -573,6 +573,9 @@ class Measurement(MeasurementContext):
         rate_hz = started.rate_hz
         device = self.devices[started.device]
         device.period_ns = round(1e9 / rate_hz) if rate_hz > 0 else 0
+        if started.reached_hz and device.identity is not None:
+            reached_hz = started.reached_hz
+            device.identity = replace(device.identity, max_rate_hz=reached_hz)
         if started.device in model.devices:
             self.resampler.set_rate(started.device, started.rate_hz)
         if started.device == self.resampler.clock:

@@ -209,7 +209,10 @@ class Driver(ABC):
         rate_hz = min(rate_hz, reached_hz)
         self._stream += 1
         other_hz = 0.0 if rate_hz == requested_hz else requested_hz
-        self._deliver_state(StreamStarted(self.device, self._stream, rate_hz, other_hz))
+        known_hz = reached_hz if math.isfinite(reached_hz) else 0.0
+        self._deliver_state(
+            StreamStarted(self.device, self._stream, rate_hz, other_hz, known_hz)
+        )
         return rate_hz
 
     def _run(self) -> None:

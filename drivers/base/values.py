@@ -193,12 +193,14 @@ class StreamStarted:
 
     Attributes:
         requested_hz: the requested rate if the device cannot stream at it; else 0.
+        reached_hz: the fastest rate of the device now; 0: that of its identity.
     """
 
     device: str
     stream: int
     rate_hz: float
     requested_hz: float = 0.0
+    reached_hz: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,6 @@ waited. A board whose time or counts jump has lost power.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
-from statistics import linear_regression, median
 
 import numpy as np
 
@@ -34,12 +32,17 @@ from traverse.drivers.text_line.board_time import (
     wrap_of,
 )
 from traverse.drivers.text_line.line import Line, LineSplitter, OddLine
+from traverse.drivers.text_line.line_rate import (
+    LEAST_LINES,
+    LineRateMonitor,
+    first_period_ns,
+)
 from traverse.drivers.text_line.options import TextLineOptions
 from traverse.drivers.timing.clock_report import ClockReporter
 from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.plurals import counted
 
-FIRST_LINES, LEAST_LINES = 10, 3  # to learn the rate
+FIRST_LINES = 10  # to learn the rate
 FIRST_SPAN_NS = 600_000_000  # lines may arrive in bunches; the clock takes as long
 FIRST_S = 8.0  # a board that is reset by opening its port needs two
 START_AGAIN_NS = 1_000_000_000
@@ -113,6 +116,7 @@ class TextLineDriver(Driver):
         self._clock = DeviceClock(options.tick_rate_hz, options.wrap_ticks)
         self._clock_reporter.forget()
         self._held.clear()
+        self._ticks: int | None = None  # of the last line, unwrapped
         self._time_ns = 0
         self._channels = [
             PolledChannel(
@@ -132,7 +136,7 @@ class TextLineDriver(Driver):
         check_advance(
             times, options.port, options.time_unit, 1e9 / options.tick_rate_hz
         )
-        self._period_ns = self._learned_period_ns(first)
+        self._period_ns = first_period_ns(first, 1e9 / options.tick_rate_hz)
         restarted = self._up_before and (
             self._reset or not self._continues(before, first[-1], period_ns)
         )
@@ -146,6 +150,7 @@ class TextLineDriver(Driver):
             arrived = _Arrived(line, ticks, received_ns, received_ns, 1, 0)
             sample = self._sample(arrived)
         self._bunch_until_ns = first[-1][1] + BUNCH_NS
+        self._line_rate = LineRateMonitor(self._period_ns, first[-1][1])
         self._buttons.begin(sample)
         resolution_ns = 1e9 / options.tick_rate_hz
         has_time = lines[0].ticks is not None
@@ -263,25 +268,6 @@ class TextLineDriver(Driver):
         self._rejected = self._bad = 0
         return first
 
-    def _learned_period_ns(self, first: list[tuple[Line, int]]) -> float:
-        """Return the time between lines [ns], by the board's time if it prints one."""
-        steps = [
-            (b.ticks - a.ticks) * 1e9 / self.options.tick_rate_hz
-            for (a, _), (b, _) in pairwise(first)
-            if a.ticks is not None and b.ticks is not None and b.ticks > a.ticks
-        ]
-        if steps:
-            return median(steps)
-        # Those of the first read may have waited: they say nothing about the rate. Of
-        # several that were read together the last one had just arrived.
-        arrived = dict[int, int]()  # when read: the number of the last line
-        for number, (_, received_ns) in enumerate(first):
-            arrived[received_ns] = number
-        reads_ns, numbers = list(arrived), list(arrived.values())
-        if len(reads_ns) < LEAST_LINES:
-            return (reads_ns[-1] - reads_ns[0]) / max(1, numbers[-1] - numbers[0])
-        return linear_regression(numbers, reads_ns).slope
-
     def _continues(
         self, before: tuple[Line, int] | None, now: tuple[Line, int], period_ns: float
     ) -> bool:
@@ -339,16 +325,35 @@ class TextLineDriver(Driver):
             step = self._step(line, received_ns, bad)
             if step <= 0:
                 continue
+            before = self._ticks
             ticks = self._learn(line, received_ns)
+            passed_ns = None
+            if ticks is not None and before is not None:
+                passed_ns = (ticks - before) * 1e9 / self.options.tick_rate_hz
+            self._line_rate.add(1 + bad if line.seq is None else step, passed_ns)
             self._last = (line, received_ns)
             self._held.append(_Arrived(line, ticks, arrived_ns, received_ns, step, bad))
         self._release(received_ns)
+        if self._line_rate.has_changed(received_ns):
+            self._change_rate()
+
+    def _change_rate(self) -> None:
+        """Begin the stream anew at the rate that the board has now."""
+        before_hz, self._period_ns = 1e9 / self._period_ns, self._line_rate.period_ns
+        self._fault(
+            "rate_changed",
+            f"the board on {self.options.port} prints {1e9 / self._period_ns:.4g} "
+            f"lines a second now; it was {before_hz:.4g}",
+            "if it is not meant to, look at its program and at what else it sends",
+        )
+        if self._every:
+            self._begin_stream(self._rate_hz)
 
     def _learn(self, line: Line, received_ns: int) -> int | None:
         """Return the unwrapped time of a line; the clock learns from it."""
         if line.ticks is None:
             return None
-        ticks = self._clock.unwrap_one(line.ticks)
+        self._ticks = ticks = self._clock.unwrap_one(line.ticks)
         self._clock.update(ticks, received_ns)
         self._counters["clock_steps"] = self._clock.steps
         return ticks

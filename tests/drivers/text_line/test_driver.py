@@ -18,6 +18,7 @@ from traverse.drivers.base.values import (
     DeviceUp,
     LatchedCounts,
     RepeatedCount,
+    StreamStarted,
 )
 from traverse.drivers.text_line.driver import TextLineDriver
 from traverse.simulator.devices.text_line import SimulatedTextLine, TextLineTable
@@ -56,6 +57,7 @@ class FakeBoard(PtyPeer):
         spoil: how the next lines are printed instead; each is used once.
         n_lost: number of next lines that are not printed.
         time_of: what it prints as its time, of its milliseconds.
+        period_ms: of its time, between two lines.
     """
 
     def __init__(self, link):
@@ -67,17 +69,19 @@ class FakeBoard(PtyPeer):
         self.printed = 0
         self.reset = False
         self.time_of = lambda ms: ms
+        self.period_ms, self.due_ms = PERIOD_MS, 0
 
     def _live(self):
         while self._plugged:
             with self.lock:
                 if self.reset:
-                    self.reset, self.seq = False, 0
+                    self.reset, self.seq, self.due_ms = False, 0, 0
                     self.begun_s = time.monotonic()
                 ms = int((time.monotonic() - self.begun_s) * 1000)
                 # Lines that are due; a late one has the time at which it was due.
-                while (due_ms := self.seq * PERIOD_MS) <= ms:
-                    self._print(due_ms)
+                while self.due_ms <= ms:
+                    self._print(self.due_ms)
+                    self.due_ms += self.period_ms
             select.select([], [], [], 0.002)
 
     def _print(self, ms):
@@ -172,6 +176,33 @@ async def test_a_board_that_begins_anew_is_a_restart(rig):
         await deliveries.until(lambda: len(deliveries.of(DeviceUp)) == 2, "it is back")
     assert [ups.restarted for ups in deliveries.of(DeviceUp)] == [False, True]
     assert "reset" in deliveries.of(DeviceLost)[0].reason
+
+
+@pytest.mark.parametrize("field", ["{seq},{time}", "{seq},{skip}", "{skip},{skip}"])
+@pytest.mark.parametrize("period_ms", [40, 2])
+async def test_a_board_that_prints_at_another_rate_is_followed(
+    tmp_path, field, period_ms
+):
+    pattern = PATTERN.replace("{seq},{time}", field)
+    with FakeBoard(tmp_path / "board") as board:
+        rig = BoardRig(board, pattern=pattern)
+        with rig.driver:
+            deliveries = await streaming(rig, 200.0)
+            await deliveries.until(deliveries.seqs, "samples")
+            with board.lock:
+                board.period_ms = period_ms
+            await deliveries.until(
+                lambda: len(deliveries.of(StreamStarted)) == 2, "the other rate"
+            )
+            await deliveries.until(
+                lambda: deliveries.of(CountSamples)[-1].stream == 2, "samples of it"
+            )
+    texts = [f.text for f in deliveries.of(DeviceFault) if f.code == "rate_changed"]
+    before, now = deliveries.of(StreamStarted)
+    assert now.reached_hz == pytest.approx(1000.0 / period_ms, rel=0.1)
+    assert before.reached_hz == pytest.approx(200.0, rel=0.1)
+    assert len(texts) == 1
+    assert deliveries.of(DeviceLost) == []
 
 
 async def loss_of(board, **options):
