@@ -11,7 +11,9 @@ from traverse.protocol.messages import Scan, ScanArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 
-TRIES = 3
+# At 10 kHz a board's buffer lasts 0.13 s, and a busy computer may stand still for
+# longer: this one lasts for seconds.
+ROOMY = "transmit_buffer_bytes = 2000000"
 SETTLED_S = 1.0  # the host learns the board's clock in the first half second
 
 
@@ -38,19 +40,12 @@ def assert_complete(blocks: list[Scan], rate_hz: float) -> None:
     "rate_hz", [333.3, pytest.param(10_000.0, marks=pytest.mark.slow)]
 )
 async def test_a_scan_is_complete_at_its_rate(bench: Workbench, rate_hz: float) -> None:
-    bench.write_simulator(SWEEP, top="repeat = true")
+    bench.write_simulator(SWEEP, top="repeat = true", board=ROOMY)
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
-        for _ in range(TRIES):
-            blocks = await scanned(listener, rate_hz, int(rate_hz))
-            points = len(numbers(blocks))
-            if not blocks[-1].lost:
-                break
-            # At 10 kHz a board's buffer lasts 0.13 s: a busy computer may lose, but not
-            # in silence.
-            assert (blocks[-1].total or 0) - points == blocks[-1].lost
+        blocks = await scanned(listener, rate_hz, int(rate_hz))
     assert_complete(blocks, rate_hz)
-    assert points >= int(rate_hz)
+    assert len(numbers(blocks)) >= int(rate_hz)
     arm = MatrixArm(bench.arm_file)
     for block in blocks[:: max(1, len(blocks) // 20)]:
         if len(block.dtime_ns):
