@@ -31,7 +31,7 @@ from traverse.protocol.messages import (
     ScanArgs,
     Status,
 )
-from traverse.protocol.topics import command_topic
+from traverse.protocol.topics import ROOT, command_topic
 
 MOST_READINGS = 8
 
@@ -74,12 +74,14 @@ class CommandClient:
         self._status: Status | None = None
         self._clock = DaemonClock()
         self._news = ChangeSignal()
+        self._has_answered = False
 
     def take_clock(self, clock: Clock) -> None:
         self._clock.take(clock)
 
     def take_reply(self, reply: Reply) -> None:
         """Take an answer, to one of our requests or to another client's."""
+        self._has_answered = True
         future = self._waiting.get(reply.request)
         if future is not None and not future.done():
             future.set_result(reply)
@@ -167,6 +169,11 @@ class CommandClient:
             )
         if not self._status.online:
             return f"{failure}; the arm is offline: start its daemon"
+        if not self._has_answered:
+            failure += (
+                ", nor to any other: do the broker's access lists let the arm read "
+                f"{ROOT}/{self._arm}/cmd/#, and this program its reply/#?"
+            )
         return (
             f"{failure}; it may have been executed, and will not be any more: check "
             "the points before you send it again"

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import math
 import time
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
@@ -33,7 +34,9 @@ class PublishLoop:
     """Take messages from the queue whenever the connection has room for them.
 
     A message is written in the call that offers it. Several may be on their way, so
-    none waits for the answer to another.
+    none waits for the answer to another. What is sent at QoS 0 a broker refuses without
+    a word; so the first message of each kind on a connection asks for an answer, and
+    after a refusal now and then another.
 
     Args:
         properties: makes a message's packed properties of MQTT 5.
@@ -55,6 +58,7 @@ class PublishLoop:
         self._in_flight: dict[int, tuple[str, OutgoingMessage, float]] = {}
         self._is_sending = self._is_full = False
         self._refused: set[str] = set()
+        self._asks_from_s: dict[str, float] = {}  # by kind of QoS 0
         self._points_resume_s = 0.0
         self._failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
@@ -65,6 +69,7 @@ class PublishLoop:
             MqttError: it failed, or the broker does not answer.
         """
         self._client, queue = client, self.queue
+        self._asks_from_s.clear()
         for kind in LIMITS:
             self.limit_exceeded(kind, "")
         try:
@@ -115,7 +120,8 @@ class PublishLoop:
             )
         ):
             kind, message = next_message
-            number = client.next_number() if message.qos else 0
+            asks = self._asks_for_answer(client, kind, message)
+            number = client.next_number() if asks else 0
             packet = self._packet(client, kind, message, number)
             if packet is None:
                 continue
@@ -127,6 +133,17 @@ class PublishLoop:
                 self.queue.done(kind, message)
         return packets
 
+    def _asks_for_answer(
+        self, client: MqttClient, kind: str, message: OutgoingMessage
+    ) -> bool:
+        if message.qos:
+            return True
+        now_s = time.monotonic()
+        if client.version is not Version.V5 or now_s < self._asks_from_s.get(kind, 0.0):
+            return False  # before MQTT 5 an answer is always yes
+        self._asks_from_s[kind] = now_s + REFUSED_S
+        return True
+
     def _packet(
         self, client: MqttClient, kind: str, message: OutgoingMessage, number: int
     ) -> bytes | None:
@@ -136,7 +153,7 @@ class PublishLoop:
             packet = publish_packet(
                 message.topic,
                 message.payload,
-                qos=message.qos,
+                qos=1 if number else 0,
                 retain=message.retain,
                 number=number,
                 properties=self.properties(message) if is_5 else b"",
@@ -174,6 +191,8 @@ class PublishLoop:
         kind, message, _ = answered
         if refusal is None:
             self.queue.done(kind, message)
+            if not message.qos:
+                self._asks_from_s[kind] = math.inf
             if kind in self._refused - {REPLY}:
                 self._refused.remove(kind)
                 if self._refused <= {REPLY}:

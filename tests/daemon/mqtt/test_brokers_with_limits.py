@@ -218,6 +218,24 @@ async def test_refused_messages_are_said_once_and_hold_up_no_others(kind):
             await until(lambda: bench.changes[-1][0], "the end of the refusal")
 
 
+async def test_poses_that_are_refused_without_a_word_are_asked_for():
+    topic = "traverse/bench-7/live"
+    broker = PlayedBroker(accepted(), refused=[topic])
+    async with broker.running() as address, Bench(address).running() as bench:
+        for n in range(3):
+            bench.queue.offer("live", OutgoingMessage(topic, b"%d" % n))
+            await until(lambda: not bench.queue.waiting("live"), "an answer")
+        assert [topic in text for up, text in bench.changes if not up] == [True]
+        assert (bench.queue.dropped["live"], bench.queue.sent["live"]) == (1, 2)
+        broker.refused.clear()
+        broker.cut()
+        await until(lambda: len(broker.connects) == 3, "another connection")
+        for n in range(2):
+            bench.queue.offer("live", OutgoingMessage(topic, b"%d" % n))
+            await until(lambda n=n: bench.queue.sent["live"] == 3 + n, "it")
+        assert bench.changes[-1][0]
+
+
 async def test_a_refused_subscription_is_said():
     broker = PlayedBroker(accepted(), subscribed=0xA2)
     async with broker.running() as address, Bench(address).running() as bench:
