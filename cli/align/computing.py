@@ -1,6 +1,6 @@
 """The computation of `traverse align`: from files to an alignment's values."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -113,8 +113,22 @@ def _onto_nominal(
         volume_of,
         source,
         with_scale=options.scale,
+        radii_mm=_radii_mm(options, touches, known),
         remarks=[*remarks, *left_out],
     )
+
+
+def _radii_mm(
+    options: AlignmentOptions, touches: Sequence[Touch], names: Collection[str]
+) -> set[float]:
+    """Return the radii of balls whose centres are aligned; of spheres none matter."""
+    if options.spheres:
+        return set()
+    return {
+        touch.off_mm
+        for touch in touches
+        if touch.off_mm is not None and not {*touch.names}.isdisjoint(names)
+    }
 
 
 def _leapfrog(
@@ -143,6 +157,7 @@ def _leapfrog(
         source,
         method="leapfrog",
         with_scale=options.scale,
+        radii_mm=_radii_mm(options, [*before, *touches], second),
         remarks=[
             *remarks,
             *left_out,

@@ -5,7 +5,7 @@ names. Neither is small: where the cause is one of these, the residuals fail eve
 and what the tests say of single points leads astray.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -52,9 +52,12 @@ def best_fit_alignment(
     *,
     method: str = "best-fit",
     with_scale: bool = False,
+    radii_mm: Collection[float] = (),
     remarks: Sequence[str] = (),
 ) -> AlignmentResult:
     """Adjust the transformation (with a scale: seven parameters); say what it is worth.
+
+    ``radii_mm`` are those of the balls whose centres are the measured places.
 
     Raises:
         HelmertError: The points do not determine it; says what is left open.
@@ -101,6 +104,7 @@ def best_fit_alignment(
         *scatter_flags(common),
         *scale_flags(adjusted.transformation.scale),
         *disagreement,
+        *_different_balls(radii_mm),
         *_already_there(from_mm, to_mm),
         *_symmetric(common.names, to_mm, adjusted, covariances_mm2),
         *revealed_flags(test, points, is_stated=is_stated),
@@ -238,6 +242,16 @@ def _suspects(
     if not (worst.p_value or 0.0) < POINT_LEVEL:
         return []
     return [AlignmentWarning("suspect_point", WORDS.suspect_point(worst))]
+
+
+_SAME_BALL_MM = 0.01
+
+
+def _different_balls(radii_mm: Collection[float]) -> Iterator[AlignmentWarning]:
+    """Flag centres of different balls: in a seat each is at a place of its own."""
+    if radii_mm and max(radii_mm) - min(radii_mm) > _SAME_BALL_MM:
+        text = WORDS.different_balls(min(radii_mm), max(radii_mm))
+        yield AlignmentWarning("different_balls", text)
 
 
 _ALREADY_THERE = 1e-3  # of the points' mean distance from their middle

@@ -116,6 +116,24 @@ def test_points_bring_covariances_names_and_arm(files, tmp_path):
     assert any("carry flags" in remark for remark in values["remarks"])
 
 
+@pytest.mark.parametrize(("changed", "is_flagged"), [("P1", True), ("bore", False)])
+def test_centres_of_different_balls_are_flagged(files, tmp_path, changed, is_flagged):
+    names = [*(f"P{n}" for n in range(5)), "bore"]  # which is not aligned
+    radii_mm = [1.5 if name == changed else 3.0 for name in names]
+    places = [*measured().tolist(), [1.0, 2.0, 3.0]]
+    rows = [
+        f"{name},{x},{y},{z},{radius_mm}"
+        for name, (x, y, z), radius_mm in zip(names, places, radii_mm, strict=True)
+    ]
+    points = tmp_path / "two.csv"
+    points.write_text("\n".join(["name,x_mm,y_mm,z_mm,probe_radius_mm", *rows]))
+    words = (points, "--nominal", files[1], "--std", 0.01, "--json")
+    values = json.loads(align(*words).stdout)
+    flags = {flag["code"]: flag["text"] for flag in values["flags"]}
+    assert ("different_balls" in flags) == is_flagged
+    assert not is_flagged or "of 1.5 to 3 mm radius" in flags["different_balls"]
+
+
 def test_a_failed_test_is_exit_status_1_and_strict_looks_at_flags(files):
     points, nominal = files
     align(points, "--nominal", nominal, "--std", 0.0001, status=1)
