@@ -44,6 +44,8 @@ class Amt21Options(PolledOptions):
         return addresses
 
 
+SHORT_MODEL_BITS = 12
+SHOWS_MODEL = 20  # readings that change: of 14 bits one in four has 0 in the low two
 TURNS_CHECK_NS = 1_000_000_000  # in between, whole turns are counted by the host
 
 WRONG_BITS = ReadError(
@@ -70,6 +72,9 @@ class Amt21Driver(PolledDriver[Amt21Line]):
         self._bits = self.options.bits
         self._turns = self.options.turns
         self._turns_checked_ns = [0] * len(self._addresses)
+        self._multiples_of_4: dict[int, set[int]] = {}  # by channel; until another
+        if self._bits == amt21.VALUE_BITS:
+            self._multiples_of_4 = {n: set() for n in range(len(self._addresses))}
 
     def _open(self) -> tuple[str, Sequence[PolledChannel]]:
         options = self.options
@@ -122,7 +127,26 @@ class Amt21Driver(PolledDriver[Amt21Line]):
         unused = amt21.VALUE_BITS - self._bits
         if answer.count & ((1 << unused) - 1):
             return WRONG_BITS
+        if channel in self._multiples_of_4:
+            self._look_for_short_model(channel, answer.count)
         return replace(answer, count=answer.count >> unused)
+
+    def _look_for_short_model(self, channel: int, value: int) -> None:
+        """Report a model of 12 bits, whose steps of 4 look like spoilt readings."""
+        seen = self._multiples_of_4[channel]
+        if value % 4 == 0:
+            seen.add(value)
+        if value % 4 or len(seen) == SHOWS_MODEL:
+            del self._multiples_of_4[channel]
+            if value % 4 == 0:
+                self._fault(
+                    "fewer_bits",
+                    f"encoder {self._addresses[channel]:#04x} sends multiples of 4 "
+                    f"only: it is a model of {SHORT_MODEL_BITS} bits, whose steps are "
+                    "taken for spoilt readings",
+                    f"set bits = {SHORT_MODEL_BITS}, and counts_per_turn = 4096 in the "
+                    "arm file",
+                )
 
     def _position_and_turns(self, channel: int) -> EncoderReading | ReadError:
         request = amt21.turns_request(self._addresses[channel])

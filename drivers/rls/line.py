@@ -19,7 +19,11 @@ DOUBTED_TIMEOUTS = 8  # a reply that arrives later than that is not to our reque
 SILENT = ReadError(
     "silent", "does not answer", "check its power, its wires and baud rate"
 )
-SHORT = ReadError("short", "answers with too few bytes", "check cable and baud rate")
+SHORT = ReadError(
+    "short",
+    "answers with too few bytes",
+    "check cable and baud rate, and that bits and turns are those of the encoder",
+)
 GARBLED = ReadError(
     "garbled",
     "answers with what is no reply",
@@ -29,7 +33,8 @@ GARBLED = ReadError(
 SHIFTED = ReadError(
     "shifted",
     "sends more than requested",
-    "check the cable; is it in the continuous mode?",
+    "check the cable, and that bits and turns are those of the encoder; is it in the "
+    "continuous mode?",
     is_damage=True,
 )
 

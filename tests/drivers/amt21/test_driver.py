@@ -57,6 +57,14 @@ def test_a_reading_is_stamped_in_the_middle_of_its_exchange():
     assert np.abs(off).max() <= 1
 
 
+@pytest.mark.parametrize("step", [1, 4])
+def test_a_model_of_12_bits_that_is_read_as_14_is_named(step):
+    run = Played(line(step=step))
+    faults = [fault for fault in run.of(DeviceFault) if fault.code == "fewer_bits"]
+    assert len(faults) == (3 if step == 4 else 0)
+    assert all("set bits = 12" in fault.remedy for fault in faults)
+
+
 @pytest.mark.parametrize("speed_counts_s", [0.0, 10.0, 1e5])
 def test_an_encoder_that_turns_is_read_again_where_its_reply_was_late(speed_counts_s):
     def delay(run: Played) -> None:
