@@ -14,7 +14,7 @@ import logging
 import os
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -82,10 +82,12 @@ class UtcMemory:
     Attributes:
         good_ns: latest trusted time; 0 for none.
         confirmed_ns: latest time that the operator confirmed.
+        set_by_ns: by how much a trusted time was set while nothing kept it; 0 for not.
     """
 
     good_ns: int = 0
     confirmed_ns: int = 0
+    set_by_ns: int = 0
 
 
 class UtcJudge:
@@ -102,6 +104,19 @@ class UtcJudge:
     ) -> None:
         self.memory = memory
         self._synchronised = synchronised
+        self._trusted: tuple[int, int] | None = None  # the last UTC, and elapsed time
+
+    def note_elapsed(self, utc_ns: int, elapsed_ns: int) -> None:
+        """Note a present time beside one that runs on whatever UTC is set to.
+
+        Whether it was right before a clock was set by hand, or is now, nobody knows.
+        """
+        if self._trusted is not None:
+            set_by_ns = utc_ns - self._trusted[0] - (elapsed_ns - self._trusted[1])
+            if abs(set_by_ns) > MAX_BACK_NS:
+                self.memory.set_by_ns += set_by_ns
+        is_trusted = self.memory.set_by_ns or not self.doubt(utc_ns)
+        self._trusted = (utc_ns, elapsed_ns) if is_trusted else None
 
     def unverified(self, utc_ns: int) -> str:
         """A possible time of which nothing has shown yet that it is right, in words.
@@ -122,6 +137,7 @@ class UtcJudge:
     def confirm(self, utc_ns: int) -> None:
         """Accept a present time on the operator's word."""
         self.memory.good_ns = self.memory.confirmed_ns = utc_ns
+        self.memory.set_by_ns = 0
 
     def _doubt(self, utc_ns: int) -> str:
         good_ns = self.memory.good_ns
@@ -129,6 +145,7 @@ class UtcJudge:
         if impossible := self._impossible(utc_ns):
             return f"{now}, {impossible}"
         if self._synchronised():
+            self.memory.set_by_ns = 0
             return ""
         if not good_ns:
             return (
@@ -140,7 +157,10 @@ class UtcJudge:
             return (
                 f"{now}, {(utc_ns - good_ns) / DAY_NS:.0f} days after it was last right"
             )
-        return ""
+        set_by_s = self.memory.set_by_ns * 1e-9
+        is_set = abs(self.memory.set_by_ns) > MAX_BACK_NS
+        text = f"{now}; it was set by {set_by_s:+.0f} s, and no program keeps it"
+        return f"{text} synchronised" if is_set else ""
 
     def _impossible(self, utc_ns: int) -> str:
         """Why a time cannot be, unless it was confirmed."""
@@ -165,9 +185,8 @@ class UtcFile:
         try:
             stored = json_of(path)
             if isinstance(stored, dict):
-                self.memory = UtcMemory(
-                    int(stored.get("good_ns", 0)), int(stored.get("confirmed_ns", 0))
-                )
+                names = ("good_ns", "confirmed_ns", "set_by_ns")
+                self.memory = UtcMemory(*(int(stored.get(name, 0)) for name in names))
         except FileNotFoundError:
             pass
         except (OSError, ValueError, TypeError) as error:
@@ -177,14 +196,13 @@ class UtcFile:
 
     def keep(self) -> None:
         """Write the memory if it is newer by some minutes."""
-        good_ns, confirmed_ns = self.memory.good_ns, self.memory.confirmed_ns
-        written = self._written
-        if (
-            abs(good_ns - written.good_ns) < REMEMBER_NS
-            and confirmed_ns == written.confirmed_ns
+        memory, written = self.memory, self._written
+        if abs(memory.good_ns - written.good_ns) < REMEMBER_NS and (
+            (memory.confirmed_ns, memory.set_by_ns)
+            == (written.confirmed_ns, written.set_by_ns)
         ):
             return
-        self._written = UtcMemory(good_ns, confirmed_ns)
+        self._written = replace(memory)
         text = json.dumps(vars(self._written), indent=1)
         self._thread.submit(self._write, text).add_done_callback(self._report)
 

@@ -34,7 +34,9 @@ class UtcWatch:
         if now_ns - self._looked_ns < LOOK_NS:
             return
         self._looked_ns = now_ns
-        doubt = self._judge.doubt(self._clock.to_utc_ns(now_ns))
+        utc_ns = self._clock.to_utc_ns(now_ns)
+        self._judge.note_elapsed(utc_ns, self._clock.elapsed_ns())
+        doubt = self._judge.doubt(utc_ns)
         if bool(doubt) != self._is_doubted:
             self._is_doubted = bool(doubt)
             self._judged(doubt, REMEDY if doubt else "")

@@ -245,13 +245,14 @@ CONDITIONS = (
         "the computer's UTC can be believed",
         "a possible time that a program keeps synchronised, or that was confirmed once "
         "for this computer",
-        "a time that cannot be, or of which nothing says that it is right",
+        "a time that cannot be, or of which nothing says that it is right; one that is "
+        "set by more than a minute while no program keeps it",
         QualityFlag.UTC_UNCERTAIN,
         "all",
         "condition.utc",
         "set the computer's clock, and let it be synchronised",
         command="reference",
-        remembered="the latest time that was believed",
+        remembered="the latest time that was believed, and how it was set since",
     ),
 )
 BY_NAME = {condition.name: condition for condition in CONDITIONS}

@@ -155,6 +155,63 @@ def test_changes_are_reported_once_and_outlive_a_restart(tmp_path):
     assert judged == [("", "")]
 
 
+class AwakeClock(SetClock):
+    """A clock that may be suspended, or set."""
+
+    slept_ns = 0
+
+    def elapsed_ns(self):
+        return self.now_ns + self.slept_ns
+
+    def pass_by(self, *, set_by_ns=0, slept_ns=0):
+        self.now_ns += LOOK_NS
+        self.slept_ns += slept_ns
+        self.offset_ns += set_by_ns + slept_ns
+
+
+HOUR_NS = 3600 * 10**9
+
+
+def test_a_clock_that_nothing_keeps_and_that_is_set_by_an_hour_is_confirmed(tmp_path):
+    clock = AwakeClock()
+    clock.offset_ns = SOON_NS - clock.now_ns
+    its, judged = watch(tmp_path, clock)
+    its.confirm()
+    for change in (
+        {"slept_ns": 9 * HOUR_NS},
+        {"set_by_ns": 20 * 10**9},  # by hand now and then
+        {"set_by_ns": HOUR_NS},
+        {},
+    ):
+        clock.pass_by(**change)
+        its.check()
+    its.close()
+    assert [bool(doubt) for doubt, _ in judged] == [False, True]
+    assert "set by +3600 s, and no program keeps it" in judged[1][0]
+    its, judged = watch(tmp_path, clock)  # after a restart, too
+    its.check()
+    clock.pass_by()
+    its.check()
+    clock.pass_by(set_by_ns=-HOUR_NS)  # back again
+    its.check()
+    its.close()
+    assert [bool(doubt) for doubt, _ in judged] == [True, False]
+
+
+def test_a_time_that_was_set_is_believed_once_it_is_kept_or_confirmed():
+    for synchronised in (True, False):
+        its = judge(good_ns=SOON_NS, synchronised=False)
+        its.note_elapsed(SOON_NS, 0)
+        its.note_elapsed(SOON_NS + HOUR_NS, 10**9)
+        assert its.doubt(SOON_NS + HOUR_NS)
+        if synchronised:
+            its = UtcJudge(its.memory, lambda: True)
+        else:
+            its.confirm(SOON_NS + HOUR_NS)
+        assert its.doubt(SOON_NS + HOUR_NS) == ""
+        assert its.memory.set_by_ns == 0
+
+
 @pytest.mark.parametrize("content", ["", "[]", '{"good_ns": "x"}', "{"])
 def test_a_file_that_makes_no_sense_is_begun_anew(tmp_path, content):
     (tmp_path / "utc.json").write_text(content)
