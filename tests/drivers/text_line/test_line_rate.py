@@ -36,3 +36,10 @@ def test_lines_that_waited_and_come_at_once_are_none():
 
 def test_losses_in_a_timed_line_are_none():
     assert changes([10, 10, 30] * 200, timed=True) == []
+
+
+def test_a_timer_that_stands_still_is_none():
+    monitor = LineRateMonitor(10.0 * MS, 0)
+    for number in range(1, 500):
+        monitor.add(1, 0.0)
+        assert not monitor.has_changed(number * 10 * MS)
