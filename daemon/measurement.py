@@ -31,10 +31,7 @@ from traverse.daemon.points.input_monitor import InputMonitor
 from traverse.daemon.points.measurement import MeasurementContext
 from traverse.daemon.pose.alignment import ActiveAlignment
 from traverse.daemon.pose.arm_model import ArmModel, model_with_probe
-from traverse.daemon.pose.condition_subjects import (
-    counting_subjects,
-    subjects_by_condition,
-)
+from traverse.daemon.pose.condition_subjects import subjects_by_condition
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import ArmReadings, PoseBlock
@@ -247,7 +244,7 @@ class Measurement(MeasurementContext):
         model, section = self.model, self.configuration.quality
         identities = {name: it.identity for name, it in self.devices.items()}
         subjects = subjects_by_condition(model, section, identities)
-        self.conditions.use(subjects, counting_subjects(model))
+        self.conditions.use(subjects, model.devices)
         if cause := model.geometry_doubt:
             self.conditions.doubt("geometry", cause=cause)
         else:

@@ -72,7 +72,7 @@ class ConditionMonitor:
     ) -> None:
         """Set the subjects of each condition; new ones begin in doubt.
 
-        Only subjects in ``counting`` mark numbers: not devices that read no joint.
+        Of devices only those in ``counting`` mark numbers, which read joints.
         """
         now_ns = self._clock.monotonic_ns()
         keys = {
@@ -92,7 +92,9 @@ class ConditionMonitor:
         self._sample_rows = [
             (row.name, int(row.flags))
             for row in CONDITIONS
-            if row.marks == "samples" and (row.name, ARM) in self._standings
+            if row.marks == "samples"
+            and row.subject == "arm"  # a device may have this name, too
+            and (row.name, ARM) in self._standings
         ]
         self._sample_bits = 0
         for _, bits in self._sample_rows:
@@ -109,9 +111,13 @@ class ConditionMonitor:
     @property
     def all_established(self) -> bool:
         return not any(
-            not standing.established and standing.subject in self._counting
+            not standing.established and self._counts(standing)
             for standing in self._standings.values()
         )
+
+    def _counts(self, standing: Standing) -> bool:
+        is_of_device = standing.condition.subject == "device"
+        return not is_of_device or standing.subject in self._counting
 
     @property
     def standings(self) -> tuple[Standing, ...]:
@@ -195,7 +201,7 @@ class ConditionMonitor:
         if any(
             not standing.established
             for standing in self._standings.values()
-            if standing.name == "present" and standing.subject in self._counting
+            if standing.name == "present" and self._counts(standing)
         ):
             return
         for key, standing in self._standings.items():
@@ -249,7 +255,7 @@ class ConditionMonitor:
         self.bits = 0
         for standing in in_doubt:
             row = standing.condition
-            if row.marks == "all" and standing.subject in self._counting:
+            if row.marks == "all" and self._counts(standing):
                 self.bits |= int(row.flags)
 
 

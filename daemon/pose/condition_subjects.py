@@ -33,10 +33,6 @@ def subjects_by_condition(
     }
 
 
-def counting_subjects(model: ArmModel) -> tuple[str, ...]:
-    return (*model.devices, ARM, HOST)
-
-
 def _subjects(
     row: Condition, model: ArmModel, devices: Mapping[str, Identity | None]
 ) -> tuple[str, ...]:

@@ -30,7 +30,7 @@ class Arm:
         self.clock, self.events = SetClock(), []
         log = EventLog(self.clock, self.events.append)
         self.conditions = ConditionMonitor(self.clock, log)
-        self.conditions.use({"channels": (ARM,)}, (ARM,))
+        self.conditions.use({"channels": (ARM,)}, ())
         self.conditions.establish("channels")
         self.monitor = self.new_monitor()
         self.n, self.points = 0, []
