@@ -24,6 +24,8 @@ from tests.mosquitto import Mosquitto
 GRACE_S = 2.0
 # Folders, and a file, that compute for many seconds.
 LONG = ("benchmarks/test_targets.py", "lab/diagnosis", "lab/identification")
+# Files of many tests that wait for real time, and share nothing.
+WAITING = ("drivers/text_line/test_driver.py", "drivers/microscribe/test_driver.py")
 LINKS = pytest.StashKey[Path]()
 SHARED = pytest.StashKey["TemporaryDirectory[str]"]()
 WORKERS = pytest.StashKey[ForkedWorkers]()
@@ -175,9 +177,15 @@ def pytest_xdist_make_scheduler(
 
 
 class FileScheduling(LoadFileScheduling):
-    """A worker's next tests: of a file, or of the folder `browser`."""
+    """A worker's next tests: of a file, or of the folder `browser`.
+
+    Of files that wait, one test: else a worker waits for all of them, when the others
+    have long ended.
+    """
 
     def _split_scope(self, nodeid: str) -> str:
+        if nodeid.partition("::")[0].endswith(WAITING):
+            return nodeid
         before, browser, _ = nodeid.partition("/browser/")
         return before if browser else super()._split_scope(nodeid)
 
