@@ -314,7 +314,7 @@ class ConfirmReference(OrderedCommand, recorded_name="reference"):
                     "point again, and confirm again",
                     REFERENCE_REFUSED,
                 )
-        accepted = measurement.quality.references.confirm()
+        accepted = measurement.references.confirm()
         _report_accepted(measurement, accepted)
         return accepted
 
@@ -342,7 +342,7 @@ class HomeJoints(OrderedCommand, recorded_name="home"):
                 "wait until the arm reports its position",
                 HOME_REFUSED,
             )
-        accepted = measurement.quality.references.home(offsets_rad)
+        accepted = measurement.references.home(offsets_rad)
         measurement.trajectory.forget()  # the readings are others from now on
         measurement.points.arm_changed()
         _report_accepted(measurement, accepted)
@@ -357,7 +357,7 @@ class HomeJoints(OrderedCommand, recorded_name="home"):
                 HOME_REFUSED,
             )
         known = dict(home.angles_rad)
-        incremental = measurement.quality.references.devices.incremental_joints
+        incremental = measurement.references.devices.incremental_joints
         joints = self.args.joints or tuple(j for j in known if j in incremental)
         for joint in joints:
             if joint not in known:

@@ -38,8 +38,6 @@ from traverse.daemon.pose.poses import ArmReadings, PoseBlock
 from traverse.daemon.pose.probe_library import LibraryProbe
 from traverse.daemon.pose.published import PublishedNumbers
 from traverse.daemon.pose.quality_monitor import QualityMonitor
-from traverse.daemon.pose.reference_memory import ReferenceMemory
-from traverse.daemon.pose.references import ReferenceMonitor
 from traverse.daemon.pose.rest import RestDetector
 from traverse.daemon.pose.trajectory import TrajectoryBuffer
 from traverse.daemon.pose.uncertainty import (
@@ -49,6 +47,8 @@ from traverse.daemon.pose.uncertainty import (
     SkewMonitor,
 )
 from traverse.daemon.readings.monitors import ReadingMonitors
+from traverse.daemon.references.memory import ReferenceMemory
+from traverse.daemon.references.monitor import ReferenceMonitor
 from traverse.daemon.scans.between import samples_between
 from traverse.daemon.scans.scanner import Scanner, ScanSink
 from traverse.daemon.step_listener import StepListener
@@ -158,7 +158,7 @@ class Measurement(MeasurementContext):
         self.skew = SkewMonitor(settings.skew_limit_mm)
         self.trajectory = TrajectoryBuffer()
         self._readings: list[ArmReadings] = []  # of which no pose is computed yet
-        references = ReferenceMonitor(
+        self.references = ReferenceMonitor(
             configuration.quality,
             model,
             clock,
@@ -169,7 +169,7 @@ class Measurement(MeasurementContext):
             use_offsets=self.pipeline.use_offsets,
         )
         self.quality = QualityMonitor(
-            configuration.quality, model, clock, events, references
+            configuration.quality, model, clock, events, self.conditions
         )
         self.uncertainty = CovarianceEvaluator(
             configuration.uncertainty, self.reading_monitors.count_steps
@@ -229,6 +229,7 @@ class Measurement(MeasurementContext):
         self.configuration, capture = configuration, configuration.capture
         self.set_model(model)
         self.quality.use(configuration.quality, model)
+        self.references.use(configuration.quality, model)
         self.uncertainty = CovarianceEvaluator(
             configuration.uncertainty, self.reading_monitors.count_steps
         )
@@ -257,6 +258,7 @@ class Measurement(MeasurementContext):
         self.pipeline.use_model(model)
         self._use_conditions()
         self.quality.use_model(model)
+        self.references.use(self.configuration.quality, model)
         self.trajectory.forget()  # it was that of another ball
         self.points.arm_changed()
 
@@ -307,7 +309,7 @@ class Measurement(MeasurementContext):
             "temperatures": self.quality.persistent.temperatures[-MAX_TEMPERATURES:],
             "pipeline": self.pipeline.state,
             **self.reading_monitors.state,
-            "references": self.quality.references.state,
+            "references": self.references.state,
             "conditions": self.conditions.state,
             "utc_doubt": [self.utc.doubt, self.utc.remedy],
         }
@@ -382,7 +384,7 @@ class Measurement(MeasurementContext):
                 self.inputs.on_up(delivery, device.up_ns)
                 self._use_conditions()
                 self.quality.persistent.on_device_up(device.section.id)
-                self.quality.references.on_up(delivery)
+                self.references.on_up(delivery)
                 self.reading_monitors.on_up(delivery)
                 if delivery.restarted:
                     self.trajectory.forget()
@@ -426,8 +428,7 @@ class Measurement(MeasurementContext):
             return
         moduli_counts = () if device.identity is None else device.identity.moduli_counts
         repeats = self.reading_monitors.add_samples(samples, moduli_counts)
-        references = self.quality.references
-        references.add(samples, device.max_speed_rad_s, repeats)
+        self.references.add(samples, device.max_speed_rad_s, repeats)
         self._note_device_clock(samples)
         waited_ns = self.clock.running.monotonic_ns() - samples.received_ns
         self.sinks.latencies["queue_wait"].add(waited_ns)

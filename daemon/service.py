@@ -35,9 +35,9 @@ from traverse.daemon.mqtt.second_daemon import SecondDaemonWatch
 from traverse.daemon.mqtt.subscriber import IncomingCommand
 from traverse.daemon.points.capture import ActiveSession
 from traverse.daemon.pose.arm_model import log_model
-from traverse.daemon.pose.reference_file import ReferenceFile
 from traverse.daemon.recorder.recorded_inputs import recorded_files
 from traverse.daemon.recorder.recorder import Recorder, StepRecorder
+from traverse.daemon.references.memory_file import ReferenceFile
 from traverse.daemon.reports import (
     HealthReporter,
     health_counters,

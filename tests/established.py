@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.reference_memory import (
+from traverse.daemon.references.memory import (
     ConfirmedDevice,
     ReferenceMemory,
     encoders_text,

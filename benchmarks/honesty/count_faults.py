@@ -13,7 +13,7 @@ from benchmarks.honesty.hub import Hub
 from benchmarks.honesty.judge import Judge
 from benchmarks.honesty.plan import FROZEN_KINDS, Plan, PlannedFault
 from benchmarks.honesty.unread import LOOK_S, UnreadWatch
-from traverse.daemon.pose.jumps import least_jump_rad
+from traverse.daemon.references.jumps import least_jump_rad
 
 COUNT_KINDS = (*FROZEN_KINDS, "preset", "unread")
 STEP_S, QUICK_STEPS = 0.01, 15  # of joints that are seen to freeze

@@ -27,9 +27,9 @@ from traverse.daemon.lifecycle import consume, process_timeouts
 from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog, Occurrence
 from traverse.daemon.pose.arm_model import read_model
-from traverse.daemon.pose.jumps import JumpMonitor
 from traverse.daemon.pose.probe_library import read_probe_in_use, read_probes
-from traverse.daemon.pose.reference_file import ReferenceFile
+from traverse.daemon.references.jumps import JumpMonitor
+from traverse.daemon.references.memory_file import ReferenceFile
 from traverse.daemon.startup_check import check_devices
 from traverse.daemon.state_dir import PROBE
 from traverse.daemon.step_listener import StateSource, StepListener
@@ -243,7 +243,7 @@ class DaemonRun:
             await asyncio.sleep(FLUSH_S)
 
     def jump_monitors(self) -> dict[str, JumpMonitor]:
-        monitors = self.measurement.quality.references._monitors
+        monitors = self.measurement.references._monitors
         return {device: of_device[1] for device, of_device in monitors.items()}
 
     def check(self) -> None:

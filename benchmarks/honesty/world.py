@@ -182,7 +182,7 @@ class World:
                     for name in SERIAL_DRIVERS
                 ),
                 (
-                    "traverse.daemon.pose.reference_file.ThreadPoolExecutor",
+                    "traverse.daemon.references.memory_file.ThreadPoolExecutor",
                     AtOnce,
                 ),
                 ("traverse.daemon.utc.ThreadPoolExecutor", AtOnce),

@@ -149,7 +149,7 @@ class PointCommands:
 
     async def _is_remembered(self) -> bool:
         """Wait for the write to the disk; return whether it succeeded."""
-        writing = self.measurement.quality.references.devices.memory.writing
+        writing = self.measurement.references.devices.memory.writing
         if writing is None:
             return False
         try:

@@ -8,6 +8,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.daemon.clock import STEP_NS, HostClock
+from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.config.filters import flag_bits
 from traverse.daemon.config.schema import QualitySection
 from traverse.daemon.errors import CaptureRefusedError
@@ -15,7 +16,6 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.limits import PoseLimits, SpeedTracker
 from traverse.daemon.pose.poses import LatchedPose, PoseBlock
-from traverse.daemon.pose.references import ReferenceMonitor
 from traverse.protocol.messages import FLAG_MEANINGS, QualityFlag
 from traverse.protocol.messages.quality import flag_names
 
@@ -169,11 +169,7 @@ class PersistentFlags:
 
 
 class QualityMonitor:
-    """Flags every pose.
-
-    Args:
-        references: feeds the conditions on positions, whose flags mark every pose.
-    """
+    """Flags every pose, also with the flags of all conditions."""
 
     def __init__(
         self,
@@ -181,22 +177,17 @@ class QualityMonitor:
         model: ArmModel,
         clock: HostClock,
         events: EventLog,
-        references: ReferenceMonitor,
+        conditions: ConditionMonitor,
     ) -> None:
         self._events = events
-        self._conditions = references.conditions
-        self.references = references
+        self._conditions = conditions
         self.persistent = PersistentFlags(section, model, clock)
         self._speeds = SpeedTracker()
         self._last_flags = 0
         self._last_limits: int | None = None
-        self._follow(section, model)
+        self.use(section, model)
 
     def use(self, section: QualitySection, model: ArmModel) -> None:
-        self._follow(section, model)
-        self.references.use(section, model)
-
-    def _follow(self, section: QualitySection, model: ArmModel) -> None:
         self._section, self._model = section, model
         self._last_limits = None
         self._limits = PoseLimits(section, model)

@@ -27,7 +27,7 @@ def restore(measurement: Measurement, state: Mapping[str, Any]) -> None:
     for delivery in map(delivery_from_map, state["devices"]):
         if delivery.device in measurement.devices:
             measurement.dispatch(measurement.devices[delivery.device], delivery)
-    measurement.quality.references.resume(state["references"])
+    measurement.references.resume(state["references"])
     if not state["fresh"]:
         measurement.pipeline.resume(state["pipeline"])
         measurement.reading_monitors.resume(state)

@@ -11,8 +11,8 @@ import traverse.cli
 from tests.end_to_end.programs import Program
 from tests.established import believe_utc, identify
 from traverse.daemon.pose.arm_model import read_model
-from traverse.daemon.pose.reference_file import ReferenceFile
-from traverse.daemon.pose.reference_memory import ConfirmedDevice, encoders_text
+from traverse.daemon.references.memory import ConfirmedDevice, encoders_text
+from traverse.daemon.references.memory_file import ReferenceFile
 from traverse.daemon.state_dir import REFERENCES
 
 DEMO_ARM = Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml"

@@ -10,7 +10,7 @@ from tests.daemon.values import ARM, arm_model, count_samples, latch
 from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.executor import HomeJoints
-from traverse.daemon.pose.reference_memory import ReferenceMemory
+from traverse.daemon.references.memory import ReferenceMemory
 from traverse.daemon.replay.restoring import restore
 from traverse.drivers.base.values import DeviceUp
 from traverse.protocol.messages import HomeArgs
@@ -32,7 +32,7 @@ class Arm:
     def __init__(self, folder, text=HOMED, memory=None):
         self.bench = Bench(arm_model(folder, text))
         self.memory = memory or ReferenceMemory()
-        self.bench.measurement.quality.references.devices.memory = self.memory
+        self.bench.measurement.references.devices.memory = self.memory
         self.commands = PointCommands(self.bench.measurement)
         self.offset_rad = np.array([0.7, 2.9, -1.1])
         self._n = 0

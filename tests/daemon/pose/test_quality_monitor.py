@@ -7,14 +7,13 @@ import pytest
 
 from tests.daemon.effect_entries import effect
 from tests.daemon.values import ARM as ARM_FILE
-from tests.daemon.values import NOTHING_PUBLISHED, PoseMaker, SetClock, arm_model
+from tests.daemon.values import PoseMaker, SetClock, arm_model
 from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.conditions.table import ARM
 from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.quality_monitor import QualityMonitor
-from traverse.daemon.pose.references import ReferenceMemory, ReferenceMonitor
 from traverse.kinematics.arm_file.arm import Identification
 from traverse.protocol.messages import QualityFlag
 
@@ -32,15 +31,7 @@ class Bench:
         conditions = ConditionMonitor(self.clock, events)
         limits = ("temperature_band", "identification_age")
         conditions.use(dict.fromkeys(limits, (ARM,)), ())
-        references = ReferenceMonitor(
-            section,
-            model,
-            self.clock,
-            conditions,
-            ReferenceMemory(),
-            NOTHING_PUBLISHED,
-        )
-        self.watch = QualityMonitor(section, model, self.clock, events, references)
+        self.watch = QualityMonitor(section, model, self.clock, events, conditions)
         self.poses = PoseMaker(model, 1_000_000)
 
     def block(self, first_rad=0.0, temperature_c=None):

@@ -8,9 +8,9 @@ from tests.daemon.values import SetClock, arm_model, count_samples
 from tests.protocol.message_examples import POINT
 from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.pose.jumps import JumpMonitor
 from traverse.daemon.pose.published import PublishedNumbers
 from traverse.daemon.readings.repeat_monitor import RepeatMonitor
+from traverse.daemon.references.jumps import JumpMonitor
 from traverse.drivers.base.values import DeviceUp
 
 CONDITION = "single_readings"
@@ -180,7 +180,7 @@ async def test_the_new_count_after_old_ones_is_no_jump(tmp_path):
 
     bench = Bench(arm_model(tmp_path))
     bench.take(DeviceUp("base", BOARD, restarted=False))
-    bench.measurement.quality.references.confirm()
+    bench.measurement.references.confirm()
     bench.take(samples)
     conditions = bench.measurement.conditions
     assert conditions.is_established("reference", "base")

@@ -155,7 +155,7 @@ class Daemon:
         self._device.driver = driver
         self._measurement.dispatch(self._device, delivery)
         if isinstance(delivery, DeviceUp):  # the turns are those of the base posture
-            self._measurement.quality.references.confirm()
+            self._measurement.references.confirm()
 
     def use_model(self, model: ArmModel) -> None:
         self._measurement.pipeline.use_model(model)

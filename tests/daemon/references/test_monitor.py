@@ -23,10 +23,10 @@ from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.executor import ConfirmReference
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.pose.joint_turns import turn_dependent_joints
-from traverse.daemon.pose.reference_file import ReferenceFile
-from traverse.daemon.pose.reference_memory import ConfirmedDevice, ReferenceMemory
-from traverse.daemon.pose.references import (
+from traverse.daemon.references.joint_turns import turn_dependent_joints
+from traverse.daemon.references.memory import ConfirmedDevice, ReferenceMemory
+from traverse.daemon.references.memory_file import ReferenceFile
+from traverse.daemon.references.monitor import (
     ReferenceMonitor,
 )
 from traverse.drivers.base.values import (
@@ -320,7 +320,7 @@ async def test_a_turn_that_may_be_lost_while_not_read(
     bench = Bench(arm_model(tmp_path, text), quality=QualitySection(end_stops=stops))
     try:
         bench.take(up(absolute=True))
-        bench.measurement.quality.references.confirm()
+        bench.measurement.references.confirm()
         blind(bench, speeds_rad_s, status, seconds, from_rad=2.6 if stops else 0.25)
         alarms = [e for e in bench.events if e.code == CODE and "not read" in e.text]
         assert len(alarms) == (named is not None)
@@ -329,7 +329,7 @@ async def test_a_turn_that_may_be_lost_while_not_read(
         assert ("turns_uncertain" in flags) == (named is not None)
         if named is not None:
             assert named in alarms[0].text
-            assert bench.measurement.quality.references.confirm().keys() == {"base"}
+            assert bench.measurement.references.confirm().keys() == {"base"}
     finally:
         bench.device.driver.close()
 
@@ -355,7 +355,7 @@ async def test_turns_that_are_known_are_right_after_an_outage(tmp_path, status):
 async def test_a_joint_on_a_line_that_was_silent(arm_bench, speed):
     """J3's readings are interpolated; they are missing for 0.8 s."""
     bench = arm_bench
-    bench.measurement.quality.references.confirm()
+    bench.measurement.references.confirm()
     bench.stream(0, 40, speed)
     for first in range(40, 120, 4):
         bench.take(base(speed=speed).samples(range(first, first + 4)))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from traverse.arrays import Floats, Indices, Integers
-from traverse.daemon.pose.outages import LONG_AGO_NS
+from traverse.daemon.references.outages import LONG_AGO_NS
 from traverse.drivers.base.values import (
     NOT_READ,
     STATUS_TIME_UNCERTAIN,

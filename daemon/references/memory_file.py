@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
-from traverse.daemon.pose.reference_memory import ConfirmedDevice, ReferenceMemory
+from traverse.daemon.references.memory import ConfirmedDevice, ReferenceMemory
 from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import reason_of
 from traverse.strict_toml.writing import write_atomically

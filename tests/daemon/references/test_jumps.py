@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.daemon.values import count_samples
-from traverse.daemon.pose.jumps import JumpMonitor, least_jump_rad
+from traverse.daemon.references.jumps import JumpMonitor, least_jump_rad
 from traverse.drivers.base.values import STATUS_MISSING
 
 TURN = 1 << 16

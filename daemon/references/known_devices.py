@@ -9,13 +9,13 @@ from functools import partial
 
 from traverse.daemon.config.schema import QualitySection
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.reference_memory import (
+from traverse.daemon.references.memory import (
     ConfirmedDevice,
     ReferenceMemory,
     arm_text,
     encoders_text,
 )
-from traverse.daemon.pose.serial_numbers import changed_serials, new_serials
+from traverse.daemon.references.serial_numbers import changed_serials, new_serials
 from traverse.drivers.base.values import DeviceUp, Identity
 
 

@@ -19,16 +19,19 @@ from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.conditions.table import CONFIRM, HOME
 from traverse.daemon.config.schema import QualitySection
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.joint_turns import one_turn_joints, turn_dependent_joints
-from traverse.daemon.pose.jumps import Jump, JumpMonitor
-from traverse.daemon.pose.known_devices import KnownDevices
-from traverse.daemon.pose.outages import Outage, OutageMonitor
 from traverse.daemon.pose.published import PublishedNumbers
-from traverse.daemon.pose.reference_memory import (
+from traverse.daemon.references.joint_turns import (
+    one_turn_joints,
+    turn_dependent_joints,
+)
+from traverse.daemon.references.jumps import Jump, JumpMonitor
+from traverse.daemon.references.known_devices import KnownDevices
+from traverse.daemon.references.memory import (
     ConfirmedDevice,
     ReferenceMemory,
     arm_text,
 )
+from traverse.daemon.references.outages import Outage, OutageMonitor
 from traverse.drivers.base.values import (
     CountSamples,
     DeviceUp,

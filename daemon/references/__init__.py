@@ -1,0 +1,1 @@
+"""References of devices: which were confirmed, and what puts them in doubt."""
