@@ -1,4 +1,4 @@
-"""Positions that are only assumed are flagged until the operator confirms them."""
+"""Monitor of references: positions that are assumed are flagged until confirmed."""
 
 import json
 from dataclasses import replace
