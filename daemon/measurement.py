@@ -481,9 +481,11 @@ class Measurement(MeasurementContext):
         """Pass readings of the whole arm down the pipeline."""
         model, temperature_c = self.pipeline.model, self.joint_devices.temperature_c
         samples = readings.samples
-        poses = self.pipeline.evaluate(readings, temperature_c)
         # The place is that of an instant, which the device's clock leaves open.
         bound_ns = max(samples.time_bound_ns, self.resampler.time_bound_ns)
+        poses = replace(
+            self.pipeline.evaluate(readings, temperature_c), time_bound_ns=bound_ns
+        )
         is_ok = not poses.quality[0] & ~np.uint32(REMARKS.value)
         if bound_ns and is_ok and self._begins(poses):
             poses.quality[0] |= np.uint32(QualityFlag.MOTION_UNKNOWN)
@@ -550,7 +552,7 @@ class Measurement(MeasurementContext):
             counts = self.inputs.take_edge(latch, device.debounce_key)
             self.points.take_edge(device, latch, counts=counts)
         elif (waiting := self.latches.pop(latch.token, None)) is not None:
-            self.points.add_latched(latch, *waiting)
+            self.points.add_latched(device, latch, *waiting)
 
     def _hold_scan(self, device: str, number: int, latch: LatchedCounts) -> None:
         key = device, number

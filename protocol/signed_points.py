@@ -1,6 +1,8 @@
 """Points in a signed chain: the signed bytes, and a reader's checks.
 
-The content of a point is its MessagePack form with `signature` null. Its link is the
+The content of a point is its MessagePack form with `signature` null, and without
+`time_bound_ns` where that is null: points from before there was one have the same
+content. Its link is the
 SHA-256 of that, in hexadecimal; `previous` is the link of the point before it in the
 session, of the first one the SHA-256 of the session's name. The signature is Ed25519
 (RFC 8032) over the content. So a point that was removed, altered, inserted or moved
@@ -13,7 +15,9 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
-from traverse.protocol.encoding import decode, encode
+import msgpack
+
+from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Point
 
@@ -28,7 +32,10 @@ def first_link(session: str) -> str:
 
 
 def content_of(point: Point) -> bytes:
-    return encode(point.model_copy(update={"signature": None}), "msgpack")
+    left_out = {"time_bound_ns"} if point.time_bound_ns is None else None
+    unsigned = point.model_copy(update={"signature": None})
+    content: bytes = msgpack.packb(unsigned.model_dump(exclude=left_out))
+    return content
 
 
 def link_to(content: bytes) -> str:

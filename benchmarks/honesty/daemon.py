@@ -32,12 +32,10 @@ from traverse.daemon.references.jumps import JumpMonitor
 from traverse.daemon.references.memory_file import ReferenceFile
 from traverse.daemon.startup_check import check_devices
 from traverse.daemon.state_dir import PROBE
-from traverse.daemon.step_listener import StateSource, StepListener
 from traverse.daemon.store.records import PendingPoint
 from traverse.daemon.utc_watch import UtcWatch
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.registry import driver_class
-from traverse.drivers.base.values import Delivery, LatchedCounts
 from traverse.drivers.io.ports import BytePort, PortAccess
 from traverse.drivers.polling.polled_driver import PolledDriver
 from traverse.protocol.messages import Live, Point, Scan
@@ -91,23 +89,11 @@ class WorldClock(HostClock):
         return round(1e9 * self._utc_s()) - self._hub.monotonic_ns()
 
 
-class EdgeListener(StepListener):
-    """Notes edges as their drivers deliver them."""
-
-    def __init__(self, take_edge: Callable[[LatchedCounts], object]) -> None:
-        self._take_edge = take_edge
-
-    def delivered(self, now_ns: int, delivery: Delivery, state: StateSource) -> None:
-        if isinstance(delivery, LatchedCounts):
-            self._take_edge(delivery)
-
-
 class DaemonRun:
     """One run of the daemon, from its start to its end.
 
     Args:
         take_point, take_scan, take_live: Called with each published message.
-        take_edge: Called with each edge that a driver delivers.
         is_synchronised: Whether the kernel says that a program keeps UTC.
     """
 
@@ -122,7 +108,6 @@ class DaemonRun:
         take_scan: Callable[["DaemonRun", Scan], object],
         take_live: Callable[["DaemonRun", Live], object],
         take_event: Callable[[Occurrence], None],
-        take_edge: Callable[[LatchedCounts], object],
         is_synchronised: Callable[[], bool],
     ) -> None:
         self._hub, self._configuration = hub, configuration
@@ -156,7 +141,6 @@ class DaemonRun:
             ),
             step_clock,
             devices=self._devices,
-            listener=EdgeListener(take_edge),
         )
         self._take_probe(folder)
         self.points = PointCommands(

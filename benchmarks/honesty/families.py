@@ -69,10 +69,13 @@ class Family:
         return len(self.devices)
 
     @property
-    def latches_presses(self) -> bool:
-        """Whether all counts are latched at the very edge of the button."""
-        drivers = [spec.section["driver"] for spec in self.devices]
-        return drivers == ["latch-board"]
+    def latches_edges(self) -> bool:
+        """Whether a board latches the very edge of the button."""
+        name = self.button.partition("/")[0]
+        return any(
+            spec.id == name and spec.section["driver"] == "latch-board"
+            for spec in self.devices
+        )
 
     @property
     def still_s(self) -> float:

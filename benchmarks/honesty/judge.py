@@ -1,14 +1,16 @@
 """Judge of the daemon's messages against the simulator's truth.
 
 A number is a lie if it is unmarked and farther off, at the instant that it claims, than
-four times its stated standard deviation plus `SLACK_MM`. The place of a press that a
-board latches at its edge is judged at the true instant of that press, and its time by
-itself: it must not be off by more than four standard deviations of an instant that the
-driver bounds, plus `SLACK_S`. A number is also a lie if it is unmarked and the
-computer's UTC is off by more than is stated: a second if the kernel's clock is
-synchronised; else it may be from just before the latest trusted time until 400 days
-after it. The stated standard deviation of a place is the root of the trace of its
-covariance; without one, as of the first pose, that of the last message.
+four times its stated standard deviation plus `SLACK_MM`. A press at whose edge one
+board latches all joints has to be there at the true instant of that press, and at the
+instant that it claims, where its standard deviation holds besides how far the ball gets
+in the stated bound of its time. The time of a press whose edge a board latches must not
+be off by more than that bound plus `SLACK_S`; a bound that is not stated is 0. A number
+is also a lie if it is unmarked and the computer's UTC is off by more than is stated: a
+second if the kernel's clock is synchronised; else it may be from just before the latest
+trusted time until 400 days after it. The stated standard deviation of a place is the
+root of the trace of its covariance; without one, as of the first pose, that of the last
+message.
 """
 
 from collections import Counter
@@ -21,13 +23,13 @@ import numpy as np
 from benchmarks.honesty.arm import ArmTruth
 from benchmarks.honesty.hub import Hub
 from traverse.arrays import Booleans, Floats, Integers
-from traverse.drivers.base.values import LatchedCounts
 from traverse.protocol.messages import REMARKS, Live, Point, Scan
 from traverse.protocol.messages.point import Covariance
 from traverse.protocol.messages.quality import flag_names
 
 SIGMAS, SLACK_MM = 4.0, 0.02
 SLACK_S = 2e-5  # the same for an arm that moves at 1 m/s
+SPEED_S = 1e-3  # before and after an instant, for its speed
 LEAST_UTC_S = 1.0  # that is shown as wrong
 SETTLED_S = 5.0
 LEAST_STD_MM = 0.01  # of the arms here, before any is stated
@@ -61,13 +63,18 @@ class Lie:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Claims:
-    """Claims of a message at n instants: times [UTC], places (n, 3), and doubt."""
+    """Claims of a message at n instants: times [UTC], places (n, 3), and doubt.
+
+    Attributes:
+        time_bound_s: How far the time may be off; 0 where nothing is stated.
+    """
 
     kind: str
     times_ns: Integers
     xyz_mm: Floats
     ok: Booleans
     flags: list[str]
+    time_bound_s: float = 0.0
 
     @classmethod
     def of(cls, kind: str, pose: Point | Live) -> "Claims":
@@ -77,6 +84,7 @@ class Claims:
             np.array([pose.xyz_mm]),
             np.array([pose.quality.ok]),
             [",".join(pose.quality.flags)],
+            1e-9 * (getattr(pose, "time_bound_ns", None) or 0),
         )
 
 
@@ -89,8 +97,8 @@ class Tally:
         worst: of unmarked numbers, the largest share of the permitted error.
         unseen: numbers that a jump of a count made wrong that is too small to be seen,
             or a failed read before any that could be.
-        press_off_s: of unmarked presses that were latched at their edge, the largest
-            error of the time.
+        press_off_s, press_share: of unmarked presses whose edge was latched, the
+            largest error of the time, and the largest share of the permitted one.
         jump_rad: that jump, and the least one that can be seen.
     """
 
@@ -103,6 +111,7 @@ class Tally:
     worst: float = 0.0
     unseen: Counter[str] = field(default_factory=Counter)
     press_off_s: float = 0.0
+    press_share: float = 0.0
     jump_rad: tuple[float, float] = 0.0, 0.0
 
 
@@ -113,8 +122,9 @@ class Judge:
         utc_s: True UTC at a true time.
         utc_tolerance_s: How far UTC may be back and ahead now.
         note: Called with each judged point, for people.
-        presses_s: True times of presses, in order, if their counts are latched at the
-            edge by one device; else none.
+        presses_s: True times of presses, in order, if a board latches their edges;
+            else none.
+        latches_places: Whether it latches all joints with them.
     """
 
     def __init__(
@@ -126,11 +136,12 @@ class Judge:
         note: Callable[[str], object] = lambda text: None,
         *,
         presses_s: Sequence[float] = (),
+        latches_places: bool = False,
     ) -> None:
         self._hub, self._truth, self._utc_s, self._note = hub, truth, utc_s, note
         self.tally = Tally()
         self._presses_s = np.array(presses_s)
-        self._press_bounds_s: dict[int, float] = {}
+        self._latches_places = latches_places
         self._utc_tolerance_s = utc_tolerance_s
         self._last_std_mm = LEAST_STD_MM
         self._offsets_ns: list[int] = []
@@ -186,10 +197,6 @@ class Judge:
             if self._is_named:
                 self._unnamed[point.id] = lie
 
-    def take_edge(self, edge: LatchedCounts) -> None:
-        """Note how far its driver says that the instant of an edge may be off."""
-        self._press_bounds_s[edge.sample_time_ns] = edge.time_bound_ns * 1e-9
-
     def live(self, live: Live, utc_offset_ns: int) -> None:
         std_mm = self._std_mm(live.covariance_mm2)
         self._judge(Claims.of("live", live), std_mm, utc_offset_ns)
@@ -223,25 +230,24 @@ class Judge:
         if utc_offset_ns not in offsets:
             offsets.insert(0, utc_offset_ns)
             del offsets[OFFSETS_KEPT:]
-        is_press = kind == "button" and len(self._presses_s) > 0
-        off_mm, at_s, utc_off_s = self._errors(times_ns, xyz_mm, is_press=is_press)
+        off_mm, at_s, utc_off_s = self._errors(times_ns, xyz_mm)
         for other_ns in offsets[1:]:  # a block may have begun before UTC was set
             if (np.abs(utc_off_s) > 60.0).any() or len(times_ns) > 1:
-                otherwise = self._errors(times_ns, xyz_mm, other_ns, is_press=is_press)
+                otherwise = self._errors(times_ns, xyz_mm, other_ns)
                 better = otherwise[0] < off_mm
                 off_mm = np.where(better, otherwise[0], off_mm)
                 at_s = np.where(better, otherwise[1], at_s)
         tally = self.tally
         allowed_mm = SLACK_MM + SIGMAS * std_mm
         back_s, ahead_s = self._utc_tolerance_s()
-        wrong = (off_mm > allowed_mm) | (utc_off_s < -back_s) | (utc_off_s > ahead_s)
+        wrong = (utc_off_s < -back_s) | (utc_off_s > ahead_s)
         press_off_s = 0.0
-        if is_press:
-            press_off_s = abs(float((at_s - self._nearest_presses_s(at_s))[0]))
-            bound_s = self._press_bounds_s[int(times_ns[0]) - utc_offset_ns]
-            wrong |= press_off_s > SLACK_S + SIGMAS * bound_s / np.sqrt(3.0)
-            if ok.any():
-                tally.press_off_s = max(tally.press_off_s, press_off_s)
+        if kind == "button" and len(self._presses_s):
+            is_lie, press_off_s = self._judge_press(claims, at_s, off_mm, std_mm)
+            wrong |= is_lie
+            if self._latches_places:
+                off_mm = self._off_mm(self._nearest_presses_s(at_s), xyz_mm)
+        wrong |= off_mm > allowed_mm
         from_s, until_s = self._pardoned_s
         pardoned = wrong & (at_s >= from_s) & (at_s <= until_s)
         wrong &= ~pardoned
@@ -271,6 +277,33 @@ class Judge:
             )
         return [lie_of(row) for row in np.flatnonzero(ok & pardoned).tolist()]
 
+    def _judge_press(
+        self, claims: Claims, at_s: Floats, off_mm: Floats, std_mm: Floats
+    ) -> tuple[bool, float]:
+        """Judge a press whose edge was latched by the bound of its time.
+
+        Args:
+            claims: Of one point.
+            at_s: (1,) true time that it claims.
+            off_mm: (1,) how far its place is off at that time.
+            std_mm: (1,) as it states.
+
+        Returns:
+            whether it is wrong, and the error of its time.
+        """
+        presses_s, bound_s = self._nearest_presses_s(at_s), claims.time_bound_s
+        press_off_s = float(np.abs(at_s - presses_s)[0])
+        share = press_off_s / (SLACK_S + bound_s)
+        if claims.ok.all():
+            self.tally.press_off_s = max(self.tally.press_off_s, press_off_s)
+            self.tally.press_share = max(self.tally.press_share, share)
+        if share > 1.0 or not self._latches_places:
+            return share > 1.0, press_off_s
+        speeds_mm_s = self._speeds_mm_s(np.concatenate([presses_s, at_s]))
+        way_mm = float(speeds_mm_s.max()) * bound_s
+        allowed_mm = SLACK_MM + SIGMAS * np.hypot(std_mm, way_mm / np.sqrt(3.0))
+        return bool((off_mm > allowed_mm).any()), press_off_s
+
     def _add_lie(self, lie: Lie) -> None:
         from_s, until_s = self._unseen_s
         if from_s <= lie.at_s <= until_s:
@@ -285,15 +318,12 @@ class Judge:
         times_ns: Integers,
         xyz_mm: Floats,
         offset_ns: int | None = None,
-        *,
-        is_press: bool = False,
     ) -> tuple[Floats, Floats, Floats]:
         """Return errors of places (n, 3), their true times, and the error of UTC."""
         hub = self._hub
         offset_ns = self._offsets_ns[0] if offset_ns is None else offset_ns
         at_s = np.array([hub.true_s(int(t) - offset_ns) for t in times_ns.tolist()])
-        place_s = self._nearest_presses_s(at_s) if is_press else at_s
-        off_mm = np.linalg.norm(xyz_mm - self._truth.centres_mm(place_s), axis=1)
+        off_mm = self._off_mm(at_s, xyz_mm)
         utc_off_s = np.array(
             [
                 (int(t) - round(1e9 * self._utc_s(float(instant_s)))) * 1e-9
@@ -301,6 +331,19 @@ class Judge:
             ]
         )
         return off_mm, at_s, utc_off_s
+
+    def _off_mm(self, at_s: Floats, xyz_mm: Floats) -> Floats:
+        """Return how far places (n, 3) are off at true times (n,)."""
+        off_mm: Floats = np.linalg.norm(xyz_mm - self._truth.centres_mm(at_s), axis=1)
+        return off_mm
+
+    def _speeds_mm_s(self, at_s: Floats) -> Floats:
+        """Return how fast the ball is at true times (n,)."""
+        before_mm, after_mm = (
+            self._truth.centres_mm(at_s + half_s) for half_s in (-SPEED_S, SPEED_S)
+        )
+        way_mm: Floats = np.linalg.norm(after_mm - before_mm, axis=1)
+        return way_mm / (2.0 * SPEED_S)
 
     def _nearest_presses_s(self, at_s: Floats) -> Floats:
         away_s = np.abs(self._presses_s - at_s[:, np.newaxis])

@@ -109,8 +109,9 @@ class World:
             lambda: SYNCHRONISED_S if self._is_synchronised() else ALONE_S,
             self._note,
             presses_s=[event.time_s for event in script.events if event.level]
-            if self._family.latches_presses
+            if self._family.latches_edges
             else (),
+            latches_places=self._family.n_devices == 1,
         )
         # The arm was measured with yesterday.
         good_ns = round(1e9 * (UTC_S - DAY_S))
@@ -431,7 +432,6 @@ class World:
             take_scan=lambda run, scan: judge.scan(scan, offset_ns(run)),
             take_live=lambda run, live: judge.live(live, offset_ns(run)),
             take_event=take_event,
-            take_edge=judge.take_edge,
             is_synchronised=self._is_synchronised,
         )
         self._daemon = daemon
@@ -535,6 +535,7 @@ def world_line(seed: int) -> Line:
         "lies": dict(tally.lies),
         "unseen": dict(tally.unseen),
         "press_off_s": tally.press_off_s,
+        "press_share": tally.press_share,
         "jump_rad": list(tally.jump_rad),
         "flags": dict(tally.doubts),
         "examples": [str(lie) for lie in tally.examples[:3]],

@@ -143,6 +143,7 @@ class Parquet(Sink):
                 *((axis, number) for axis in "ijk"),
                 *((f"std_{axis}_mm", number) for axis in "xyz"),
                 *((f"covariance_{axes}_mm2", number) for axes in TENSOR),
+                ("time_bound_ns", pyarrow.int64()),
                 ("quality", pyarrow.uint32()),
                 ("ok", pyarrow.bool_()),
                 *((name, pyarrow.string()) for name in WORDS),
@@ -169,6 +170,9 @@ class Parquet(Sink):
             *(
                 self._arrow.array(table.covariance_mm2[:, i], from_pandas=True)
                 for i in range(6)
+            ),
+            self._arrow.array(table.time_bound_ns, from_pandas=True).cast(
+                self._arrow.int64()
             ),
             self._arrow.array(table.quality),
             self._arrow.array(table.ok),

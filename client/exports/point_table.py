@@ -35,6 +35,7 @@ class PointTable:
         ok: whether each is not in doubt, (n,).
         flags: names of the quality flags, with spaces between, (n,).
         covariance_mm2: of xyz_mm: xx, xy, xz, yy, yz, zz, (n, 6); NaN if unknown.
+        time_bound_ns: how far time_ns may be off, (n,); NaN where not stated.
         session, scan, id, artefact, feature: texts, (n,); empty where there is none.
     """
 
@@ -47,6 +48,7 @@ class PointTable:
     ok: NDArray[np.bool_]
     flags: NDArray[np.str_]
     covariance_mm2: Floats
+    time_bound_ns: Floats
     session: NDArray[np.str_]
     scan: NDArray[np.str_]
     id: NDArray[np.str_]
@@ -87,6 +89,7 @@ def scan_table(
             dtype=np.str_,
         ),
         covariance_mm2,
+        np.full(n, np.nan),
         session=np.full(n, session),
         scan=np.full(n, scan),
         id=none,
@@ -147,6 +150,7 @@ def table_of(points: Sequence[Point], coordinates: Coordinates) -> PointTable:
         np.array([p.quality.ok for p in points], dtype=np.bool_),
         _texts(" ".join(p.quality.flags) for p in points),
         covariance_mm2,
+        np.array([p.time_bound_ns for p in points], dtype=np.float64),
         session=_texts(p.session for p in points),
         scan=np.full(n, ""),
         id=_texts(p.id for p in points),

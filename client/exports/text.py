@@ -27,6 +27,7 @@ COLUMNS = (
     *(f"covariance_{axes}_mm2" for axes in TENSOR),
     *("temperature_c", "probe_radius_mm", "samples", "spread_mm"),
     *("artefact", "feature", "ok", "flags", "model", "angles_rad", "counts"),
+    "time_bound_ns",
 )
 """Columns of a point in CSV, and the names of a template."""
 SCAN_COLUMNS = (
@@ -51,7 +52,7 @@ WORDS = {
     *("session", "id", "retracts", "time_utc", "trigger", "compensation"),
     *("artefact", "feature", "flags", "model", "angles_rad", "counts"),
 }
-NUMBERS = {"seq", "time_ns", "samples", "ok"}
+NUMBERS = {"seq", "time_ns", "samples", "ok", "time_bound_ns"}
 SPECIMEN: dict[str, Any] = {
     name: "a" if name in WORDS else 1 if name in NUMBERS else 1.0
     for name in (*"xyz", *COLUMNS)
@@ -76,6 +77,7 @@ def row_of(point: Point) -> list[Any]:
         *(" ".join(point.quality.flags), point.model),
         " ".join(map(repr, point.angles_rad)),
         " ".join(map(str, point.counts)),
+        point.time_bound_ns,
     ]
 
 

@@ -52,6 +52,7 @@ class SampleAverage:
     Attributes:
         n: number of samples so far.
         last_ns: time of the last; ``begin_ns`` before the first.
+        time_bound_ns: how far the time of any of them may be off.
         is_complete: no further sample is needed.
         is_mixed: some samples are from before a change of probe.
         begin_speed_mm_s: speed of the ball at the beginning; None: not known.
@@ -71,7 +72,7 @@ class SampleAverage:
         self.begin_speed_mm_s: float | None = None
         self.is_mixed = False
         self.before_mm: Floats | None = None
-        self.n = 0
+        self.n = self.time_bound_ns = 0
         self.is_complete = False
         self._quality = 0
         # Of times in s and distances in mm from the first sample.
@@ -118,6 +119,7 @@ class SampleAverage:
         self._sums_ijk, self._sums_rad = self._sums[9:12], self._sums[12:]
         self._quality |= int(np.bitwise_or.reduce(poses.quality))
         self.n += len(poses.seq)
+        self.time_bound_ns = max(self.time_bound_ns, poses.time_bound_ns)
         self.last_ns = int(poses.sample_time_ns[-1])
         self._counts = poses.counts[-1]
 

@@ -112,6 +112,7 @@ class PointMeasurement:
         pose: pose of one latch, or the mean of several samples.
         temperature_c: temperature of the arm; None without a sensor.
         covariance_mm2: covariance of the ball's centre.
+        time_bound_ns: how far the instant may be off; None: nothing states it.
         shared_mm: part that points share by the arm's parameters, (3, rank).
         samples, spread_mm: number of averaged samples, and their spread.
         before_mm: earlier place of the probe, (3,); None where it does not matter.
@@ -122,6 +123,7 @@ class PointMeasurement:
     pose: LatchedPose
     temperature_c: float | None
     covariance_mm2: Covariance | None = None
+    time_bound_ns: int | None = None
     shared_mm: Floats | None = None
     samples: int = 1
     spread_mm: float | None = None
@@ -196,6 +198,7 @@ class Capture:
             model=measured.model.digest,
             trigger=trigger,
             time_ns=self._clock.to_utc_ns(pose.sample_time_ns),
+            time_bound_ns=measured.time_bound_ns,
             xyz_mm=tuple(pose.xyz_mm.tolist()),
             ijk=tuple(pose.ijk.tolist()),
             surface_mm=None if surface_mm is None else tuple(surface_mm.tolist()),

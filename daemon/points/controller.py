@@ -121,15 +121,12 @@ class PointController:
         trigger = self.triggers.get((name, number)) if counts else None
         request = EdgeRequest(device, latch, trigger, self._deadline_ns())
         if trigger is not None and latch.active:
-            identity = device.identity
             request.observation = Observation(
                 latch.sample_time_ns,
                 request.deadline_ns,
                 latch=latch,
                 is_edge=True,
-                time_bound_ns=0
-                if identity is None
-                else latch.time_bound_ns or identity.jitter_ns,
+                time_bound_ns=_bound_ns(device, latch),
             )
         if trigger == "button" and number is not None:
             which, time_ns = (name, number), latch.sample_time_ns
@@ -143,10 +140,19 @@ class PointController:
         return self._take_from_now(None)
 
     def add_latched(
-        self, latch: LatchedCounts, answer: PointFuture, requested_by: str | None
+        self,
+        device: Device,
+        latch: LatchedCounts,
+        answer: PointFuture,
+        requested_by: str | None,
     ) -> None:
         deadline_ns = self._deadline_ns()
-        seen = Observation(latch.sample_time_ns, deadline_ns, latch=latch)
+        seen = Observation(
+            latch.sample_time_ns,
+            deadline_ns,
+            latch=latch,
+            time_bound_ns=_bound_ns(device, latch),
+        )
         self._add(
             PointRequest(
                 latch.received_ns, deadline_ns, answer, seen, requested_by=requested_by
@@ -309,3 +315,9 @@ class PointController:
 
     def _now_ns(self) -> int:
         return self._stage.clock.monotonic_ns()
+
+
+def _bound_ns(device: Device, latch: LatchedCounts) -> int:
+    """Return how far the instant of a latch may be off; 0: nothing states it."""
+    stated_ns = 0 if device.identity is None else device.identity.jitter_ns
+    return latch.time_bound_ns or stated_ns

@@ -225,13 +225,12 @@ class PointEvaluator:
         pose = self._pose(observation, temperature_c)
         if pose is None:
             return None
-        latch = observation.latch
-        bound_ns = 0 if latch is None else latch.time_bound_ns
+        latch, bound_ns = observation.latch, observation.time_bound_ns
         if pose.error_bounds_counts is not None:
             # An instant by another clock than that of the readings: what both leave
             # open moves all joints together.
             clocks_ns = stage.resampler.time_bound_at_ns(pose.sample_time_ns)
-            bound_ns = max(clocks_ns, observation.time_bound_ns)
+            bound_ns = max(clocks_ns, bound_ns)
         speeds_rad_s = stage.trajectory.speeds_rad_s(
             pose.sample_time_ns, pose.angles_rad
         )
@@ -243,7 +242,7 @@ class PointEvaluator:
         if bound_ns >= MOST_JITTER_NS or self._is_denied(latch, pose):
             unknown = int(QualityFlag.TIME_UNCERTAIN)
             pose = replace(pose, quality=pose.quality | unknown)
-        return self._measured(
+        measured = self._measured(
             pose,
             CovarianceInput(
                 pose.block,
@@ -257,6 +256,7 @@ class PointEvaluator:
             ),
             temperature_c,
         )
+        return replace(measured, time_bound_ns=bound_ns or None)
 
     def _jitter_ns(self, observation: Observation, bound_ns: int) -> int:
         """Return for how long the ball may have moved between an instant and counts.
@@ -317,6 +317,7 @@ class PointEvaluator:
         spread_mm = None if average.n == 1 else average.spread_mm
         return replace(
             measured,
+            time_bound_ns=average.time_bound_ns or None,
             samples=average.n,
             spread_mm=spread_mm,
             before_mm=average.before_mm,

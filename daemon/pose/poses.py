@@ -74,6 +74,7 @@ class PoseBlock:
         counts: (n, n_joints) unwrapped. angles_rad: (n, n_joints) readings.
         xyz_mm: (n, 3) ball centre. ijk: (n, 3) shank, from wrist to ball.
         quality: (n,) bits of `traverse.protocol.messages.QualityFlag`.
+        time_bound_ns: how far the times may be off.
     """
 
     stream: int
@@ -86,6 +87,7 @@ class PoseBlock:
     xyz_mm: Floats
     ijk: Floats
     quality: NDArray[np.uint32]
+    time_bound_ns: int = 0
 
     def rows(self, which: Booleans | slice) -> "PoseBlock":
         return replace(self, **{name: getattr(self, name)[which] for name in _ARRAYS})

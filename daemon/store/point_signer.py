@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from traverse.installation import missing
-from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point
-from traverse.protocol.signed_points import first_link, link_to
+from traverse.protocol.signed_points import content_of, first_link, link_to
 from traverse.strict_toml.files import bytes_of
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ class PointSigner:
         if point.session != self._session:
             self._session, self._link = point.session, first_link(point.session)
         update: dict[str, str | None] = {"previous": self._link, "signature": None}
-        content = encode(point.model_copy(update=update), "msgpack")
+        content = content_of(point.model_copy(update=update))
         update["signature"] = b64encode(self._key.sign(content)).decode()
         signed = point.model_copy(update=update)
         self._link = link_to(content)

@@ -62,6 +62,9 @@ class Point(Message):
     """What requested this point."""
     time_ns: TimeNs
     """Instant of the measurement; of the undo in a retraction. [UTC]"""
+    time_bound_ns: Count | None = None
+    """How far `time_ns` may be off by the clocks of devices, beside UTC itself; null:
+    not stated."""
     xyz_mm: Vector
     """Ball centre in the arm's system."""
     ijk: Vector

@@ -133,8 +133,10 @@ def test_a_latched_press_is_judged_by_its_edge_and_its_time_by_itself(
     plan = quiet_plan("latch", pace="fast", duration_s=20.0)
     world = World(replace(plan, delays_s=((8e-3, 4e-3, 0.0),)), tmp_path)
     if not is_bounded:
-        take = world.judge.take_edge
-        world.judge.take_edge = lambda edge: take(replace(edge, time_bound_ns=0))
+        honest, unbounded = world.judge.point, {"time_bound_ns": None}
+        world.judge.point = lambda point, utc_offset_ns: honest(
+            point.model_copy(update=unbounded), utc_offset_ns
+        )
     tally = world.run().tally
     assert tally.ok["button"] >= 5
     assert tally.press_off_s > 1e-3

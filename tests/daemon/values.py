@@ -171,6 +171,6 @@ def joined_poses(blocks: list[PoseBlock]) -> PoseBlock:
     columns = {
         field.name: np.concatenate([getattr(block, field.name) for block in blocks])
         for field in fields(PoseBlock)
-        if field.name not in ("stream", "received_ns")
+        if field.name not in ("stream", "received_ns", "time_bound_ns")
     }
     return replace(blocks[-1], **columns)

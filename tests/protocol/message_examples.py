@@ -137,6 +137,7 @@ POINT = Point(
     model=MODEL,
     trigger="button",
     time_ns=TIME_NS,
+    time_bound_ns=412_000,
     xyz_mm=(612.25, -80.5, 301.125),
     ijk=(0.6, 0.0, -0.8),
     surface_mm=(614.05, -80.5, 298.725),

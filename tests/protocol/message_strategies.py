@@ -60,6 +60,7 @@ def points(draw) -> Point:
         model=draw(names),
         trigger=draw(st.sampled_from(["button", "switch", "timer", "command"])),
         time_ns=draw(times),
+        time_bound_ns=draw(st.none() | natural),
         xyz_mm=draw(vectors),
         ijk=draw(vectors),
         surface_mm=None if side == "none" else draw(vectors),

@@ -46,6 +46,33 @@ def signed(
 CHAIN = tuple(signed(12))
 OTHER = tuple(signed(12, signer=PointSigner(Ed25519PrivateKey.generate())))
 
+# Signed by a version whose points had no `time_bound_ns`.
+BEFORE = (
+    b'{"schema":"traverse/point/1","session":"s","seq":0,"id":"s-0","retracts":null,"ar'
+    b'm":"bench-7","model":"sha256:9f86d081884c7d659f86d081884c7d659f86d081884c7d659f86'
+    b'd081884c7d65","trigger":"button","time_ns":"1795251247123456789","xyz_mm":[612.25'
+    b',-80.5,301.125],"ijk":[0.6,0.0,-0.8],"surface_mm":[614.05,-80.5,298.725],"compens'
+    b'ation":"shank","part_xyz_mm":null,"covariance_mm2":[0.0001,0.0,0.00002,0.00015,0.'
+    b'0,0.000225],"angles_rad":[0.1,-0.5,1.25,0.0,2.5,-1.75,3.0],"counts":[133502,-6675'
+    b'10,1668776,0,3337552,-2336286,4005062],"temperature_c":20.5,"probe_radius_mm":3.0'
+    b',"samples":25,"spread_mm":0.0042,"label":{"artefact":"bar","feature":"1"},"qualit'
+    b'y":{"ok":false,"flags":["overspeed","empirical"]},"previous":"043a718774c572bd8a2'
+    b'5adbeb1bfcd5c0256ae11cecf9f9c3f925d0e52beaf89","signature":"GcNtMEwvI0EDvafnDnyIZ'
+    b'CmPtBV51GIvWRMom9kE7Rn2Q/CyJe/CyprMEMiWinahtx1dZhcUGf8c9ddDH35TBg=="}'
+    b"\n"
+    b'{"schema":"traverse/point/1","session":"s","seq":1,"id":"s-1","retracts":null,"ar'
+    b'm":"bench-7","model":"sha256:9f86d081884c7d659f86d081884c7d659f86d081884c7d659f86'
+    b'd081884c7d65","trigger":"button","time_ns":"1795251247123456789","xyz_mm":[612.25'
+    b',-80.5,301.125],"ijk":[0.6,0.0,-0.8],"surface_mm":[614.05,-80.5,298.725],"compens'
+    b'ation":"shank","part_xyz_mm":null,"covariance_mm2":[0.0001,0.0,0.00002,0.00015,0.'
+    b'0,0.000225],"angles_rad":[0.1,-0.5,1.25,0.0,2.5,-1.75,3.0],"counts":[133502,-6675'
+    b'10,1668776,0,3337552,-2336286,4005062],"temperature_c":20.5,"probe_radius_mm":3.0'
+    b',"samples":25,"spread_mm":0.0042,"label":{"artefact":"bar","feature":"1"},"qualit'
+    b'y":{"ok":false,"flags":["overspeed","empirical"]},"previous":"85bed1741bce3fb3094'
+    b'24bb90e7e0f3754d1540d403a5770e5540a3de06b9db4","signature":"y7ImeBh/+ZfnhwEmmg12z'
+    b'N0PUg23klHaZexUUO2WhQdUcVaBV4mp8VYOrvE54tEwlrutBBiT6kHXgKVL4YL3BQ=="}'
+)
+
 
 def problems(points: list[Point]) -> list[str]:
     return checked_points(points, PUBLIC).problems
@@ -63,21 +90,48 @@ def test_a_whole_chain_whatever_way_it_went(encoding) -> None:
 
 def test_bytes_that_are_signed_are_those_of_the_documentation() -> None:
     """Without the product's code: another program needs the page alone."""
+    signer = PointSigner(KEY)
+    unstated = [signer.signed(point(seq, time_bound_ns=None)) for seq in range(3)]
+    for whole in (CHAIN, unstated):
+        check_by_the_page(whole)
+
+
+def check_by_the_page(points) -> None:
     before = hashlib.sha256(b"s").hexdigest()
     key = Ed25519PublicKey.from_public_bytes(PUBLIC)
-    for point in CHAIN:
+    for point in points:
         fields = json.loads(encode(point, "json"))
         values = msgpack.unpackb(encode(point, "msgpack"))
         assert list(values) == list(fields)
         signature = values["signature"]
         assert values["previous"] == before
         values["signature"] = None
+        if values["time_bound_ns"] is None:
+            del values["time_bound_ns"]
         content = msgpack.packb(values)
         before = hashlib.sha256(content).hexdigest()
         padded = signature.encode()
         import base64  # noqa: PLC0415
 
         key.verify(base64.b64decode(padded), content)
+
+
+def test_points_that_were_signed_before_they_stated_the_bound_of_their_time() -> None:
+    points = [decode(Point, line) for line in BEFORE.splitlines()]
+    assert len(points) == 2
+    assert problems(points) == []
+    for encoding in ("json", "msgpack"):
+        again = [decode(Point, encode(point, encoding)) for point in points]
+        assert problems(again) == []
+    bounded = points[0].model_copy(update={"time_bound_ns": 0})
+    assert problems([bounded]) == [
+        "point 0 of session s was altered, or signed by another key"
+    ]
+    # The chain goes on from points of before.
+    signer = PointSigner(KEY)
+    unstated = [signer.signed(point(seq, time_bound_ns=None)) for seq in range(2)]
+    assert unstated == points
+    assert problems([*points, signer.signed(point(2))]) == []
 
 
 @dataclass

@@ -20,11 +20,13 @@ from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Label, Point, Quality
 
 PLACES = [(1.25, -2.5, 3.0), (0.1, 0.2, 0.3), (1234.56789, -9.0, 1e-4)]
+BOUNDS_NS = [None, 412_345, 0]
 POINTS = [
     point(
         seq,
         xyz_mm=list(place),
         time_ns=str(1_795_251_247_000_000_000 + seq),
+        time_bound_ns=BOUNDS_NS[seq],
         covariance_mm2=[4e-6, 0, 0, 9e-6, 0, 1.6e-5] if seq else None,
         quality={"ok": seq != 1, "flags": ["end_stop"] if seq == 1 else []},
     )
@@ -83,6 +85,23 @@ def test_csv_in_pandas(tmp_path: Path) -> None:
         ns = moments.astype("datetime64[ns]").astype("int64")
         assert ns.tolist() == frame["time_ns"].tolist()
         assert frame["time_utc"].str.endswith("Z").all()
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "npz", "jsonl", "text"])
+def test_how_far_the_time_may_be_off_goes_along(kind: str, tmp_path: Path) -> None:
+    options = {"template": "{seq};{time_bound_ns}\n"} if kind == "text" else {}
+    path = written(kind, tmp_path, **options)
+    if kind == "text":
+        assert path.read_text().split() == ["0;", "1;412345", "2;0"]
+        return
+    table = {
+        "csv": pandas.read_csv,
+        "parquet": pandas.read_parquet,
+        "npz": np.load,
+        "jsonl": lambda path: pandas.read_json(path, lines=True),
+    }[kind](path)
+    stated_ns = np.array(BOUNDS_NS, dtype=np.float64)
+    np.testing.assert_array_equal(np.array(table["time_bound_ns"]), stated_ns)
 
 
 def test_tables_for_spreadsheets_with_a_decimal_comma(tmp_path: Path) -> None:
