@@ -30,6 +30,7 @@ from traverse.protocol.messages.quality import flag_names
 SIGMAS, SLACK_MM = 4.0, 0.02
 SLACK_S = 2e-5  # the same for an arm that moves at 1 m/s
 SPEED_S = 1e-3  # before and after an instant, for its speed
+ASKED_S = 2.0  # after which a quiet board has been asked for its time
 LEAST_UTC_S = 1.0  # that is shown as wrong
 SETTLED_S = 5.0
 LEAST_STD_MM = 0.01  # of the arms here, before any is stated
@@ -125,6 +126,8 @@ class Judge:
         presses_s: True times of presses, in order, if a board latches their edges;
             else none.
         latches_places: Whether it latches all joints with them.
+        freezes_s: True times and lengths for which the computer's own clock stood
+            still, (n, 2): no bound of another clock is about that, until it is asked.
     """
 
     def __init__(
@@ -137,11 +140,13 @@ class Judge:
         *,
         presses_s: Sequence[float] = (),
         latches_places: bool = False,
+        freezes_s: Sequence[tuple[float, float]] = (),
     ) -> None:
         self._hub, self._truth, self._utc_s, self._note = hub, truth, utc_s, note
         self.tally = Tally()
         self._presses_s = np.array(presses_s)
         self._latches_places = latches_places
+        self._freezes_s = np.array(freezes_s).reshape(-1, 2)
         self._utc_tolerance_s = utc_tolerance_s
         self._last_std_mm = LEAST_STD_MM
         self._offsets_ns: list[int] = []
@@ -293,7 +298,10 @@ class Judge:
         """
         presses_s, bound_s = self._nearest_presses_s(at_s), claims.time_bound_s
         press_off_s = float(np.abs(at_s - presses_s)[0])
-        share = press_off_s / (SLACK_S + bound_s)
+        since_s = presses_s - self._freezes_s[:, 0]
+        is_unasked = (since_s >= 0.0) & (since_s < ASKED_S)
+        lost_s = float(self._freezes_s[is_unasked, 1].sum())
+        share = press_off_s / (SLACK_S + bound_s + lost_s)
         if claims.ok.all():
             self.tally.press_off_s = max(self.tally.press_off_s, press_off_s)
             self.tally.press_share = max(self.tally.press_share, share)

@@ -112,6 +112,11 @@ class World:
             if self._family.latches_edges
             else (),
             latches_places=self._family.n_devices == 1,
+            freezes_s=[
+                (fault.at_s, fault.lasts_s)
+                for fault in plan.faults
+                if fault.kind == "host_freeze"
+            ],
         )
         # The arm was measured with yesterday.
         good_ns = round(1e9 * (UTC_S - DAY_S))

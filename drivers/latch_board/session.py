@@ -15,13 +15,14 @@ from traverse.drivers.base.values import (
 )
 from traverse.drivers.latch_board.line import PartialReads
 from traverse.drivers.latch_board.sequences import EdgeSequencer, StreamSequence
-from traverse.drivers.timing.device_clock import DeviceClock
+from traverse.drivers.timing.device_clock import UNKNOWN_NS, DeviceClock
 from traverse.plurals import counted
 from traverse.protocol.latch_board import messages as wire
 
 WRAP = 1 << 32
 NUMBERED_NS = 20_000_000  # from a level that has held to the number of its edge
 LATCHED_AHEAD_NS = 1_000_000  # of its own arrival: by another counter
+NOTICED_NS = 20_000_000  # in which a board that stood still notices what was meanwhile
 MAX_EARLY = 16  # edges, as many as a board repeats
 MAX_HELD = 64  # blocks that wait for an answer
 WAITING_NS = 3_000_000_000  # longer than a quiet line takes to tie a clock
@@ -341,11 +342,15 @@ class LatchBoardSession:
         ticks = clock.unwrap_one(latch.ticks)
         bound_ns = clock.error_bound_ns
         is_ahead = clock.to_ns(ticks) - received_ns > max(bound_ns, LATCHED_AHEAD_NS)
-        time_status = int(self._time_status(clock.is_before_step(ticks) or is_ahead))
+        margin_ns = 0 if number is None else NOTICED_NS
+        is_unknown = clock.is_before_step(ticks, margin_ns) or is_ahead
+        time_status = int(self._time_status(is_unknown))
         if number is not None and clock.is_newer(ticks):
             # No reading since then denies that the counter stood still meanwhile.
             late_ns = received_ns - self._debounce_ns - clock.to_ns(ticks)
             bound_ns = max(bound_ns, late_ns)
+        if time_status:  # which a board without joints has no place for
+            bound_ns = max(bound_ns, round(UNKNOWN_NS))
         return self._put(
             LatchedCounts(
                 self._device,

@@ -243,9 +243,14 @@ class DeviceClock:
             slope_bound = abs(line.slope - self._slope) + open_ns / line.span_ns
             self._rate_bound = min(self._rate_bound, slope_bound)
 
-    def is_before_step(self, ticks: int) -> bool:
-        """Return whether a latch precedes the last step: no line holds there now."""
-        return self._stepped_ticks is not None and ticks < self._stepped_ticks
+    def is_before_step(self, ticks: int, margin_ns: int = 0) -> bool:
+        """Return whether a latch precedes the last step: no line holds there now.
+
+        With a margin also one that is later by no more than that.
+        """
+        if self._stepped_ticks is None:
+            return False
+        return ticks - margin_ns / self._ns_per_tick < self._stepped_ticks
 
     def is_newer(self, ticks: int) -> bool:
         """Return whether a latch, unwrapped, is later than all before."""

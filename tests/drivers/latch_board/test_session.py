@@ -238,6 +238,25 @@ def test_a_press_of_before_a_step_is_in_doubt_when_the_clock_is_known_again(
     before, after = delivered
     assert set(before.status) == {STATUS_TIME_UNCERTAIN}
     assert set(after.status) == {0}
+    assert before.time_bound_ns >= 1_000_000_000 > after.time_bound_ns
+
+
+def test_the_time_of_a_press_that_a_board_without_joints_noticed_late_has_no_bound(
+    session, delivered, known
+):
+    """It has no joints whose status could say so."""
+    session._n_channels = 0
+    lost_ns = 900_000_000
+    stopped, now = known + 13_000, known + 20_000 * 500
+    for ticks in range(known + 20_000, now, 20_000):
+        beat_at(session, ticks, lost_ns, n_edges=3)
+    assert session.clock.steps == 1
+    began = session.clock._stepped_ticks
+    for seq, ticks in enumerate((stopped, began + 10_000, now - DEBOUNCE_TICKS)):
+        press = Edge(0, 1, 1, seq, ticks, (), ())
+        session.take(press, received_at_ns(now) + lost_ns)
+    is_known = [latch.time_bound_ns < 1_000_000_000 for latch in delivered]
+    assert is_known == [False, False, True]
 
 
 def test_a_latch_of_a_counter_that_stands_has_the_time_of_its_request(
