@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from statistics import median_high
 
 from pydantic import Field
 
@@ -52,6 +53,7 @@ QUICK_ANSWER_NS = 500_000
 FRAME_BYTES = 60  # of a latch; what a board that is never asked takes at least
 TIES, TIE_NS = 8, 200_000_000
 TIE_AGAIN_NS, MEASURE_DELAY_NS = 100_000_000, 1_000_000_000
+ROUND_TRIPS = 3  # of which the middle one counts
 # The board sends an edge again after 50 ms. So it is acknowledged a little later, not
 # while its point is on its way, and several are at once.
 AGAIN_NS = 70_000_000
@@ -77,7 +79,9 @@ class LatchBoardDriver(Driver):
         self._clock_before: DeviceClock | None = None  # of the last connection
         self._session: LatchBoardSession | None = None  # until the board is known
         self._clock_reporter = ClockReporter(self.device, self._delivery_queue.put)
-        self._can_latch = False
+        self._can_latch = self._is_echoing = False
+        self._round_trips_ns: deque[int] = deque(maxlen=ROUND_TRIPS)
+        self._round_trips_after = 0  # steps of the clock
         self._exchanged_ns = self._acknowledged_ns = 0
         self._taken_ns = 0  # until when received messages have been processed
         self._frames_before = 0
@@ -161,6 +165,10 @@ class LatchBoardDriver(Driver):
         clock = DeviceClock(hello.tick_rate_hz, latency_ns=latency_ns)
         until_ns = self._now_ns() + TIE_NS
         self._can_latch = bool(hello.channels)
+        self._is_echoing = not hello.channels
+        self._port_latency_ns = latency_ns
+        if self._is_echoing:
+            self._measure_round_trip(line, clock)
         for _ in range(TIES if self._can_latch else 0):
             taken_ns = self._exchange_times(line, clock)
             if taken_ns < QUICK_ANSWER_NS or self._now_ns() >= until_ns:
@@ -188,6 +196,25 @@ class LatchBoardDriver(Driver):
         clock.update(clock.unwrap_one(answer.ticks), received_ns, sent_ns)
         return received_ns - sent_ns
 
+    def _measure_round_trip(self, line: LatchBoardLine, clock: DeviceClock) -> None:
+        """Bound the smallest delay of a board without joints, which cannot latch.
+
+        What it sends is under way for no longer than a request and its answer are. Of
+        the latest three the middle one counts: a busy host makes single ones longer,
+        and before a line became slower they were shorter.
+        """
+        self._exchanged_ns = sent_ns = self._now_ns()
+        if self._request_or_fault(line, "STOP", wire.stop_request) is None:
+            self._is_echoing = False
+            return
+        if clock.steps != self._round_trips_after:
+            self._round_trips_after = clock.steps
+            self._round_trips_ns.clear()
+        self._round_trips_ns.append(line.last_message_ns - sent_ns)
+        clock.state_latency(
+            max(self._port_latency_ns, median_high(self._round_trips_ns))
+        )
+
     def _measure_clock(self, line: LatchBoardLine, session: LatchBoardSession) -> None:
         """Measure the board's clock if a reading makes it doubtful, or periodically.
 
@@ -199,6 +226,11 @@ class LatchBoardDriver(Driver):
             pause_ns = MEASURE_DELAY_NS if clock.is_well_known else TIE_AGAIN_NS
             if session.holds or now_ns - self._exchanged_ns > pause_ns:
                 self._exchange_times(line, clock)
+        elif self._is_echoing and (
+            clock.steps != self._round_trips_after
+            or now_ns - self._exchanged_ns > MEASURE_DELAY_NS
+        ):
+            self._measure_round_trip(line, clock)
         session.release()
         self._clock_reporter.report(clock, now_ns)
 

@@ -144,6 +144,22 @@ def test_a_latched_press_is_judged_by_its_edge_and_its_time_by_itself(
     assert is_bounded or "ms beside" in str(tally.examples[0])
 
 
+@pytest.mark.parametrize(
+    ("kind", "at_s", "lasts_s", "size"),
+    [("device_stall", 3.5, 0.9, 0.9), ("delays", 1.0, 40.0, 0.015)],
+)
+def test_a_press_on_a_board_without_joints_is_as_late_as_it_may_be(
+    tmp_path, kind, at_s, lasts_s, size
+):
+    """Its counter stands still, or its bytes are under way for 15 ms from then on."""
+    fault = PlannedFault(kind, at_s, lasts_s, size, device=1)
+    changes = {"duration_s": 14.0, "pace": "slow", "actions": (Action(0.5, "confirm"),)}
+    plan = quiet_plan("latch+handle", faults=(fault,), **changes)
+    tally = World(plan, tmp_path).run().tally
+    assert tally.ok["button"] >= 3
+    assert not tally.lies, tally.examples
+
+
 def test_a_probe_whose_library_vanishes_stays_on_and_a_change_is_refused(tmp_path):
     actions = [Action(2.5, "confirm")]
     actions += [Action(at_s, "probe", at_s % 2) for at_s in (3.0, 4.0, 5.0, 7.0)]
