@@ -234,12 +234,14 @@ class PointEvaluator:
         speeds_rad_s = stage.trajectory.speeds_rad_s(
             pose.sample_time_ns, pose.angles_rad
         )
+        # Before a step of the host's time is flagged, which is no fault of the device.
+        is_denied = self._is_denied(latch, pose)
         pose = stage.quality.with_flags(pose, speeds_rad_s, temperature_c)
         if speeds_rad_s is None and bound_ns:
             # How far a motion in that time leads cannot be stated.
             unknown = int(QualityFlag.MOTION_UNKNOWN)
             pose = replace(pose, quality=pose.quality | unknown)
-        if bound_ns >= MOST_JITTER_NS or self._is_denied(latch, pose):
+        if bound_ns >= MOST_JITTER_NS or is_denied:
             unknown = int(QualityFlag.TIME_UNCERTAIN)
             pose = replace(pose, quality=pose.quality | unknown)
         measured = self._measured(

@@ -14,7 +14,11 @@ from tests.daemon.effect_entries import effect
 from tests.daemon.two_devices import BEGIN_NS, Reader, base, true_counts
 from tests.daemon.values import ARM, arm_model
 from traverse.daemon.config.schema import UncertaintySection
-from traverse.drivers.base.values import DeviceUp, StreamStarted
+from traverse.drivers.base.values import (
+    STATUS_TIME_UNCERTAIN,
+    DeviceUp,
+    StreamStarted,
+)
 
 EDGE_NS = BEGIN_NS + 123_456_789
 CHANNEL_JOINTS = 1, 2, 0
@@ -104,3 +108,25 @@ async def test_counts_of_another_instant_are_denied_however_busy_the_computer_is
     early = point_of(tmp_path, time_bound_ns, counts_ns=EDGE_NS - 25_000_000)
     assert early.quality.flags == ("time_uncertain",)
     assert point_of(tmp_path, time_bound_ns).quality.ok
+
+
+@pytest.mark.parametrize(
+    ("status", "bound_ns", "step_s", "is_the_boards"),
+    [(0, QUIET_NS, 3600, False), (STATUS_TIME_UNCERTAIN, 1_000_000_000, 0, True)],
+)
+async def test_the_board_is_named_where_its_time_is_in_doubt_not_where_utc_was_set(
+    tmp_path, status, bound_ns, step_s, is_the_boards
+):
+    bench = ArmBench(tmp_path, arm_model(tmp_path, ARM), uncertainty=NOTHING)
+    board = replace(IDENTITIES["base"], jitter_ns=LATCH_NS)
+    bench.take(DeviceUp("base", board, False), StreamStarted("base", 1, 100.0))
+    whole: Reader = base(channels=CHANNEL_JOINTS)
+    bench.take(whole.samples(range(14)))
+    bench.clock.offset_ns += step_s * 10**9
+    counts = latched_counts(EDGE_NS)
+    press = edge("base", EDGE_NS, counts=counts, time_bound_ns=bound_ns)
+    bench.take(replace(press, status=(status,) * len(counts)))
+    bench.close()
+    (point,) = bench.points
+    assert "time_uncertain" in point.quality.flags
+    assert ("condition.device_clock" in bench.codes()) == is_the_boards
