@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Iterable
 from importlib import import_module
+from importlib.metadata import version
 from typing import Annotated, Any
 
 import typer
@@ -90,8 +91,6 @@ class Commands(TyperGroup):
 
 def _show_version(is_asked: bool) -> None:
     if is_asked:
-        from importlib.metadata import version  # takes 20 ms
-
         from traverse.kinematics.model.kernel_choice import KERNEL
 
         typer.echo(f"traverse {version('traverse-cmm')} (kernel: {KERNEL})")

@@ -30,7 +30,7 @@ from traverse.protocol.messages.quality import flag_names
 SIGMAS, SLACK_MM = 4.0, 0.02
 SLACK_S = 2e-5  # the same for an arm that moves at 1 m/s
 SPEED_S = 1e-3  # before and after an instant, for its speed
-ASKED_S = 2.0  # after which a quiet board has been asked for its time
+FREEZE_SHOWN_S = 2.0  # in which each device has sent its counter
 LEAST_UTC_S = 1.0  # that is shown as wrong
 SETTLED_S = 5.0
 LEAST_STD_MM = 0.01  # of the arms here, before any is stated
@@ -127,7 +127,7 @@ class Judge:
             else none.
         latches_places: Whether it latches all joints with them.
         freezes_s: True times and lengths for which the computer's own clock stood
-            still, (n, 2): no bound of another clock is about that, until it is asked.
+            still, (n, 2): no bound of another clock holds that until its next message.
     """
 
     def __init__(
@@ -299,8 +299,8 @@ class Judge:
         presses_s, bound_s = self._nearest_presses_s(at_s), claims.time_bound_s
         press_off_s = float(np.abs(at_s - presses_s)[0])
         since_s = presses_s - self._freezes_s[:, 0]
-        is_unasked = (since_s >= 0.0) & (since_s < ASKED_S)
-        lost_s = float(self._freezes_s[is_unasked, 1].sum())
+        is_unshown = (since_s >= 0.0) & (since_s < FREEZE_SHOWN_S)
+        lost_s = float(self._freezes_s[is_unshown, 1].sum())
         share = press_off_s / (SLACK_S + bound_s + lost_s)
         if claims.ok.all():
             self.tally.press_off_s = max(self.tally.press_off_s, press_off_s)

@@ -79,7 +79,7 @@ class LatchBoardDriver(Driver):
         self._clock_before: DeviceClock | None = None  # of the last connection
         self._session: LatchBoardSession | None = None  # until the board is known
         self._clock_reporter = ClockReporter(self.device, self._delivery_queue.put)
-        self._can_latch = self._is_echoing = False
+        self._can_latch = self._answers_stop = False
         self._round_trips_ns: deque[int] = deque(maxlen=ROUND_TRIPS)
         self._round_trips_after = 0  # steps of the clock
         self._exchanged_ns = self._acknowledged_ns = 0
@@ -165,9 +165,9 @@ class LatchBoardDriver(Driver):
         clock = DeviceClock(hello.tick_rate_hz, latency_ns=latency_ns)
         until_ns = self._now_ns() + TIE_NS
         self._can_latch = bool(hello.channels)
-        self._is_echoing = not hello.channels
+        self._answers_stop = not hello.channels
         self._port_latency_ns = latency_ns
-        if self._is_echoing:
+        if self._answers_stop:
             self._measure_round_trip(line, clock)
         for _ in range(TIES if self._can_latch else 0):
             taken_ns = self._exchange_times(line, clock)
@@ -199,13 +199,13 @@ class LatchBoardDriver(Driver):
     def _measure_round_trip(self, line: LatchBoardLine, clock: DeviceClock) -> None:
         """Bound the smallest delay of a board without joints, which cannot latch.
 
-        What it sends is under way for no longer than a request and its answer are. Of
-        the latest three the middle one counts: a busy host makes single ones longer,
-        and before a line became slower they were shorter.
+        Its messages take no longer than a request and its answer. Of the latest three
+        the middle one counts: a busy host makes single ones longer, and before a line
+        became slower they were shorter.
         """
         self._exchanged_ns = sent_ns = self._now_ns()
         if self._request_or_fault(line, "STOP", wire.stop_request) is None:
-            self._is_echoing = False
+            self._answers_stop = False
             return
         if clock.steps != self._round_trips_after:
             self._round_trips_after = clock.steps
@@ -226,7 +226,7 @@ class LatchBoardDriver(Driver):
             pause_ns = MEASURE_DELAY_NS if clock.is_well_known else TIE_AGAIN_NS
             if session.holds or now_ns - self._exchanged_ns > pause_ns:
                 self._exchange_times(line, clock)
-        elif self._is_echoing and (
+        elif self._answers_stop and (
             clock.steps != self._round_trips_after
             or now_ns - self._exchanged_ns > MEASURE_DELAY_NS
         ):

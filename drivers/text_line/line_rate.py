@@ -62,7 +62,7 @@ class LineRateMonitor:
             passed_ns: since the last one, by the board's time; None without one.
         """
         self._n_lines += n_lines
-        if passed_ns:  # else its timer stands still
+        if passed_ns:  # 0: its timer has stopped
             self._passed_ns.append(passed_ns / n_lines)
 
     def has_changed(self, received_ns: int) -> bool:

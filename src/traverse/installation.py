@@ -4,6 +4,7 @@ An extra is a group of them, as pyproject.toml lists it.
 """
 
 import sys
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -58,8 +59,6 @@ def remedy(extra: str) -> str:
     if sys.prefix.endswith(PACKAGED):
         if extra in _NOT_IN_DEBIAN:
             return f"the Debian packages do not have it: {_NOT_IN_DEBIAN[extra]}"
-        from importlib.metadata import version  # noqa: PLC0415 - takes 20 ms
-
         package = _OTHER_PACKAGES.get(extra, "traverse")
         return (
             f"install the Debian package {package}, of the same version as traverse: "

@@ -151,7 +151,7 @@ def test_a_latched_press_is_judged_by_its_edge_and_its_time_by_itself(
 def test_a_press_on_a_board_without_joints_is_as_late_as_it_may_be(
     tmp_path, kind, at_s, lasts_s, size
 ):
-    """Its counter stands still, or its bytes are under way for 15 ms from then on."""
+    """Its counter stops for a while, or its messages take 15 ms from then on."""
     fault = PlannedFault(kind, at_s, lasts_s, size, device=1)
     changes = {"duration_s": 14.0, "pace": "slow", "actions": (Action(0.5, "confirm"),)}
     plan = quiet_plan("latch+handle", faults=(fault,), **changes)

@@ -46,31 +46,38 @@ def signed(
 CHAIN = tuple(signed(12))
 OTHER = tuple(signed(12, signer=PointSigner(Ed25519PrivateKey.generate())))
 
-# Signed by a version whose points had no `time_bound_ns`.
-BEFORE = (
-    b'{"schema":"traverse/point/1","session":"s","seq":0,"id":"s-0","retracts":null,"ar'
-    b'm":"bench-7","model":"sha256:9f86d081884c7d659f86d081884c7d659f86d081884c7d659f86'
-    b'd081884c7d65","trigger":"button","time_ns":"1795251247123456789","xyz_mm":[612.25'
-    b',-80.5,301.125],"ijk":[0.6,0.0,-0.8],"surface_mm":[614.05,-80.5,298.725],"compens'
-    b'ation":"shank","part_xyz_mm":null,"covariance_mm2":[0.0001,0.0,0.00002,0.00015,0.'
-    b'0,0.000225],"angles_rad":[0.1,-0.5,1.25,0.0,2.5,-1.75,3.0],"counts":[133502,-6675'
-    b'10,1668776,0,3337552,-2336286,4005062],"temperature_c":20.5,"probe_radius_mm":3.0'
-    b',"samples":25,"spread_mm":0.0042,"label":{"artefact":"bar","feature":"1"},"qualit'
-    b'y":{"ok":false,"flags":["overspeed","empirical"]},"previous":"043a718774c572bd8a2'
-    b'5adbeb1bfcd5c0256ae11cecf9f9c3f925d0e52beaf89","signature":"GcNtMEwvI0EDvafnDnyIZ'
-    b'CmPtBV51GIvWRMom9kE7Rn2Q/CyJe/CyprMEMiWinahtx1dZhcUGf8c9ddDH35TBg=="}'
-    b"\n"
-    b'{"schema":"traverse/point/1","session":"s","seq":1,"id":"s-1","retracts":null,"ar'
-    b'm":"bench-7","model":"sha256:9f86d081884c7d659f86d081884c7d659f86d081884c7d659f86'
-    b'd081884c7d65","trigger":"button","time_ns":"1795251247123456789","xyz_mm":[612.25'
-    b',-80.5,301.125],"ijk":[0.6,0.0,-0.8],"surface_mm":[614.05,-80.5,298.725],"compens'
-    b'ation":"shank","part_xyz_mm":null,"covariance_mm2":[0.0001,0.0,0.00002,0.00015,0.'
-    b'0,0.000225],"angles_rad":[0.1,-0.5,1.25,0.0,2.5,-1.75,3.0],"counts":[133502,-6675'
-    b'10,1668776,0,3337552,-2336286,4005062],"temperature_c":20.5,"probe_radius_mm":3.0'
-    b',"samples":25,"spread_mm":0.0042,"label":{"artefact":"bar","feature":"1"},"qualit'
-    b'y":{"ok":false,"flags":["overspeed","empirical"]},"previous":"85bed1741bce3fb3094'
-    b'24bb90e7e0f3754d1540d403a5770e5540a3de06b9db4","signature":"y7ImeBh/+ZfnhwEmmg12z'
-    b'N0PUg23klHaZexUUO2WhQdUcVaBV4mp8VYOrvE54tEwlrutBBiT6kHXgKVL4YL3BQ=="}'
+# Two points, signed by a version whose points had no `time_bound_ns`.
+OLD_POINT = (
+    '{"schema":"traverse/point/1","session":"s","seq":SEQ,"id":"s-SEQ","retracts":nul'
+    'l,"arm":"bench-7","model":"sha256:9f86d081884c7d659f86d081884c7d659f86d081884c7d'
+    '659f86d081884c7d65","trigger":"button","time_ns":"1795251247123456789","xyz_mm":'
+    '[612.25,-80.5,301.125],"ijk":[0.6,0.0,-0.8],"surface_mm":[614.05,-80.5,298.725],'
+    '"compensation":"shank","part_xyz_mm":null,"covariance_mm2":[0.0001,0.0,0.00002,0'
+    '.00015,0.0,0.000225],"angles_rad":[0.1,-0.5,1.25,0.0,2.5,-1.75,3.0],"counts":[13'
+    '3502,-667510,1668776,0,3337552,-2336286,4005062],"temperature_c":20.5,"probe_rad'
+    'ius_mm":3.0,"samples":25,"spread_mm":0.0042,"label":{"artefact":"bar","feature":'
+    '"1"},"quality":{"ok":false,"flags":["overspeed","empirical"]},"previous":"PREVIO'
+    'US","signature":"SIGNATURE"}'
+)
+BEFORE = tuple(
+    OLD_POINT.replace("SEQ", seq)
+    .replace("PREVIOUS", previous)
+    .replace("SIGNATURE", signature)
+    .encode()
+    for seq, previous, signature in (
+        (
+            "0",
+            "043a718774c572bd8a25adbeb1bfcd5c0256ae11cecf9f9c3f925d0e52beaf89",
+            "GcNtMEwvI0EDvafnDnyIZCmPtBV51GIvWRMom9kE7Rn2"
+            "Q/CyJe/CyprMEMiWinahtx1dZhcUGf8c9ddDH35TBg==",
+        ),
+        (
+            "1",
+            "85bed1741bce3fb309424bb90e7e0f3754d1540d403a5770e5540a3de06b9db4",
+            "y7ImeBh/+ZfnhwEmmg12zN0PUg23klHaZexUUO2WhQdU"
+            "cVaBV4mp8VYOrvE54tEwlrutBBiT6kHXgKVL4YL3BQ==",
+        ),
+    )
 )
 
 
@@ -117,7 +124,7 @@ def check_by_the_page(points) -> None:
 
 
 def test_points_that_were_signed_before_they_stated_the_bound_of_their_time() -> None:
-    points = [decode(Point, line) for line in BEFORE.splitlines()]
+    points = [decode(Point, line) for line in BEFORE]
     assert len(points) == 2
     assert problems(points) == []
     for encoding in ("json", "msgpack"):

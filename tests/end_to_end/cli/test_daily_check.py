@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+from typing import IO
 
 import pytest
 
@@ -37,6 +38,19 @@ WITHOUT_SCIPY = (
 )
 
 
+def without_scipy(
+    bench: Workbench, words: list[str], out: IO[str]
+) -> subprocess.Popen[bytes]:
+    """Start a command of Traverse where scipy is not installed."""
+    return subprocess.Popen(
+        [sys.executable, "-u", "-c", WITHOUT_SCIPY, *words],
+        cwd=bench.folder,
+        stdin=subprocess.DEVNULL,
+        stdout=out,
+        stderr=out,
+    )
+
+
 @pytest.mark.slow
 async def test_without_scipy_it_says_so_first_and_computes_later(
     bench: Workbench,
@@ -52,13 +66,7 @@ async def test_without_scipy_it_says_so_first_and_computes_later(
     for _ in range(TRIES):
         with (
             (bench.folder / "out").open("w+") as out,
-            subprocess.Popen(  # noqa: ASYNC220 - it returns at once
-                [sys.executable, "-u", "-c", WITHOUT_SCIPY, *words, *where],
-                cwd=bench.folder,
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=out,
-            ) as process,
+            without_scipy(bench, [*words, *where], out) as process,
         ):
             await until(lambda: "following" in output(), "it follows")
             before = output()
