@@ -20,7 +20,7 @@ WORLDS = 1000
 FOLDERS = ("benchmarks", "daemon", "drivers", "kinematics", "protocol", "simulator")
 
 
-def series(_asked: argparse.Namespace | None = None) -> list[Series[int]]:
+def series(_options: argparse.Namespace | None = None) -> list[Series[int]]:
     return [
         Series(name, partial(world_number, index), world_line, WORLDS // len(FAMILIES))
         for index, name in enumerate(FAMILIES)

@@ -35,7 +35,7 @@ class PublishLoop:
 
     A message is written in the call that offers it. Several may be on their way, so
     none waits for the answer to another. What is sent at QoS 0 a broker refuses without
-    a word; so the first message of each kind on a connection asks for an answer, and
+    a word; so the first message of each kind on a connection requests an answer, and
     after a refusal now and then another.
 
     Args:
@@ -58,7 +58,7 @@ class PublishLoop:
         self._in_flight: dict[int, tuple[str, OutgoingMessage, float]] = {}
         self._is_sending = self._is_full = False
         self._refused: set[str] = set()
-        self._asks_from_s: dict[str, float] = {}  # by kind of QoS 0
+        self._request_from_s: dict[str, float] = {}  # by kind of QoS 0
         self._points_resume_s = 0.0
         self._failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
@@ -69,7 +69,7 @@ class PublishLoop:
             MqttError: it failed, or the broker does not answer.
         """
         self._client, queue = client, self.queue
-        self._asks_from_s.clear()
+        self._request_from_s.clear()
         for kind in LIMITS:
             self.limit_exceeded(kind, "")
         try:
@@ -120,8 +120,8 @@ class PublishLoop:
             )
         ):
             kind, message = next_message
-            asks = self._asks_for_answer(client, kind, message)
-            number = client.next_number() if asks else 0
+            requests_answer = self._requests_answer(client, kind, message)
+            number = client.next_number() if requests_answer else 0
             packet = self._packet(client, kind, message, number)
             if packet is None:
                 continue
@@ -133,15 +133,16 @@ class PublishLoop:
                 self.queue.done(kind, message)
         return packets
 
-    def _asks_for_answer(
+    def _requests_answer(
         self, client: MqttClient, kind: str, message: OutgoingMessage
     ) -> bool:
         if message.qos:
             return True
         now_s = time.monotonic()
-        if client.version is not Version.V5 or now_s < self._asks_from_s.get(kind, 0.0):
+        begin_s = self._request_from_s.get(kind, 0.0)
+        if client.version is not Version.V5 or now_s < begin_s:
             return False  # before MQTT 5 an answer is always yes
-        self._asks_from_s[kind] = now_s + REFUSED_S
+        self._request_from_s[kind] = now_s + REFUSED_S
         return True
 
     def _packet(
@@ -192,7 +193,7 @@ class PublishLoop:
         if refusal is None:
             self.queue.done(kind, message)
             if not message.qos:
-                self._asks_from_s[kind] = math.inf
+                self._request_from_s[kind] = math.inf
             if kind in self._refused - {REPLY}:
                 self._refused.remove(kind)
                 if self._refused <= {REPLY}:
